@@ -1,0 +1,108 @@
+"""Errors that a user can do something about, and the exit codes of the command line.
+
+Every error carries a hint (what to do next) and the exit code it ends the command with.
+Nothing here is a bug of avrare: a bug is any other exception and exits with ``ExitCode.BUG``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """What the command line tells its caller (DESIGN section 5)."""
+
+    PASS = 0
+    """The run finished; for ``check``: every threshold holds."""
+    FAIL = 1
+    """A threshold or a regression failed."""
+    INTERRUPTED = 2
+    """Stopped by the user; the checkpoint is kept."""
+    INCONCLUSIVE = 3
+    """The interval does not decide the threshold."""
+    USAGE = 4
+    """The scenario or the command is wrong."""
+    PLUGIN = 5
+    """A plugin is missing, broken or incompatible."""
+    ROLLOUT_ERRORS = 6
+    """More rollouts ended in an error than the scenario allows."""
+    BUG = 70
+    """A bug of avrare itself."""
+
+
+class AvrareError(Exception):
+    """Base of all errors that are shown without a traceback.
+
+    Args:
+        message: What is wrong and where.
+        hint: What to do next, if there is something.
+    """
+
+    exit_code = ExitCode.USAGE
+
+    def __init__(self, message: str, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.message, self.hint)
+
+    def lines(self) -> list[str]:
+        """The error as it is printed on stderr."""
+        return [self.message] + ([f"hint: {self.hint}"] if self.hint else [])
+
+
+class UsageError(AvrareError):
+    """A wrong argument, option or call."""
+
+
+class ScenarioError(AvrareError):
+    """A scenario file that cannot be used: one or more problems, each with its place.
+
+    Args:
+        problems: (message, hint) pairs; the message starts with ``file:line:column: path:``.
+    """
+
+    def __init__(self, problems: list[tuple[str, str | None]]) -> None:
+        super().__init__("\n".join(message for message, _ in problems))
+        self.problems = problems
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.problems,)
+
+    def lines(self) -> list[str]:
+        """Every problem, each followed by its hint."""
+        return [
+            line
+            for message, hint in self.problems
+            for line in ([message] + ([f"hint: {hint}"] if hint else []))
+        ]
+
+
+class FormulaError(UsageError):
+    """A formula that cannot be read or does not fit the signals."""
+
+
+class PluginError(AvrareError):
+    """A plugin that is missing, broken, or lacks a dependency."""
+
+    exit_code = ExitCode.PLUGIN
+
+
+def did_you_mean(word: str, candidates: Iterable[str]) -> str | None:
+    """A hint naming the closest candidate, or all of them when few, or None.
+
+    Args:
+        word: What the user wrote.
+        candidates: What would have been right.
+    """
+    known = sorted(set(candidates))
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    if known and len(known) <= 12:
+        return "known: " + ", ".join(known)
+    return None

@@ -1,0 +1,60 @@
+"""A component as a plugin describes it: names and import strings, no classes.
+
+Listing and validating therefore import nothing heavy: ``config`` is imported to check a scenario,
+``factory`` only where the part is built.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+KINDS = (
+    "simulator",
+    "perception",
+    "tracker",
+    "controller",
+    "specification",
+    "estimator",
+    "executor",
+)
+
+
+@dataclass(frozen=True)
+class Component:
+    """One part that a scenario may name with ``plugin:``.
+
+    Attributes:
+        kind: One of ``KINDS``.
+        name: What a scenario writes after ``plugin:``.
+        config: ``"package.module:Class"`` of a pydantic model; must import nothing heavy.
+        factory: ``"package.module:function"``, called as ``factory(config, scene)`` where ``scene`` is the
+            simulator's ``Scene`` (None for simulators, estimators and where there is none).
+        summary: One line for ``avrare plugins``.
+        needs: Modules that the factory imports beyond NumPy.
+        api: Version of the plugin interface it was written for.
+    """
+
+    kind: str
+    name: str
+    config: str
+    factory: str
+    summary: str
+    needs: tuple[str, ...] = ()
+    api: int = 1
+
+    def load_config(self) -> type[Any]:
+        """The pydantic model of the part's options."""
+        return resolve(self.config)  # type: ignore[no-any-return]
+
+    def load_factory(self) -> Callable[..., Any]:
+        """The function that builds the part; may import heavy packages."""
+        return resolve(self.factory)  # type: ignore[no-any-return]
+
+
+def resolve(reference: str) -> Any:
+    """Import ``"package.module:attribute"``."""
+    module, _, attribute = reference.partition(":")
+    return getattr(importlib.import_module(module), attribute)

@@ -1,0 +1,1 @@
+"""Interacting-multiple-model tracker for highway traffic, batched over particles and vehicles."""

@@ -1,0 +1,1 @@
+"""Lane-change model-predictive controller and trajectory planner in CasADi."""

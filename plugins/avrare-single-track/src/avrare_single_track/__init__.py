@@ -1,0 +1,1 @@
+"""Kinematic single-track driving simulator on a straight multi-lane road."""
