@@ -1,0 +1,114 @@
+"""The estimation loop: ask, run, tell. The core owns the clock, the executor and the progress line."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic import ValidationError
+
+from avrare.errors import UsageError, did_you_mean
+from avrare.estimate.budget import Budget
+from avrare.estimate.plan import Estimator, Info, Plan
+from avrare.estimate.result import Result
+from avrare.execute.work import Executor, Work
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request, Rollouts
+
+Progress = Callable[[Info], None]
+DEFAULT_MAX_ERROR_RATE = 0.01
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What every estimator has in common."""
+
+    seed: int = 0
+    confidence: float = 0.95
+    budget: Budget | None = None
+    max_error_rate: float = DEFAULT_MAX_ERROR_RATE
+
+
+def run(
+    problem: Problem, estimator: Estimator, executor: Executor, settings: Settings,
+    progress: Progress | None = None,
+) -> list[Result]:  # fmt: skip
+    """Estimate the failure probability of every specification of ``problem``.
+
+    Raises:
+        UsageError: The estimator takes one specification and the problem has several.
+    """
+    if not 0.0 < settings.confidence < 1.0:
+        raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
+    if estimator.single and len(problem.names) > 1:
+        raise UsageError(f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}")
+    noise = NoiseSource(settings.seed, problem.noise_size)
+    plan = Plan(
+        problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
+        settings.max_error_rate,
+    )  # fmt: skip
+    began = time.perf_counter()
+    executor.open(Work(problem, noise, scored=estimator.single))
+    with closing(executor):
+        state = _drive(estimator, plan, executor, progress or (lambda info: None), began)
+    seconds = time.perf_counter() - began
+    return [replace(result, seconds=seconds) for result in estimator.estimate(state)]
+
+
+def _drive(estimator: Estimator, plan: Plan, executor: Executor, progress: Progress, began: float) -> Any:
+    state = estimator.init(plan)
+    info = Info()
+    while not _out_of_time(plan, began, info) and (request := estimator.ask(state)) is not None:
+        parts = []
+        for part in _chunks(executor, request, plan.chunk):
+            parts.append(part)
+            progress(_during(info, parts))
+        state, info = estimator.tell(state, Rollouts.join(parts))
+        progress(info)
+    return state
+
+
+def _chunks(executor: Executor, request: Request, size: int) -> Iterator[Rollouts]:
+    return executor.map([request.slice(at, at + size) for at in range(0, request.rows, size)])
+
+
+def _during(info: Info, parts: list[Rollouts]) -> Info:
+    """The last info, with the chunks that have come in since."""
+    return replace(
+        info,
+        rollouts=info.rollouts + sum(len(part.error) for part in parts),
+        failures=info.failures + sum(int(part.violated.any(axis=1).sum()) for part in parts),
+        errors=info.errors + sum(int(part.error.sum()) for part in parts),
+    )
+
+
+def _out_of_time(plan: Plan, began: float, info: Info) -> bool:
+    """Whether a budget of seconds (Monte Carlo only) is spent; never before the first rollouts are in."""
+    budget = plan.budget
+    if budget is None or budget.kind != "seconds" or not info.rollouts:
+        return False
+    return time.perf_counter() - began >= budget.amount
+
+
+def checked_options(config: type[Any], name: str, options: dict[str, Any]) -> Any:
+    """Options of an estimator called from Python.
+
+    Raises:
+        UsageError: Unknown or invalid options, all of them named.
+    """
+    try:
+        return config(**options)
+    except ValidationError as error:
+        problems, hints = [], []
+        for entry in error.errors():
+            option = ".".join(str(part) for part in entry["loc"]) or "options"
+            if entry["type"] == "extra_forbidden":
+                problems.append(f"unknown option {option!r} of estimator {name!r}")
+                hints.append(did_you_mean(option, config.model_fields))
+            else:
+                problems.append(f"option {option!r} of estimator {name!r}: {entry['msg']}, found {entry['input']!r}")
+        raise UsageError("; ".join(problems), "; ".join(filter(None, hints)) or None) from None

@@ -1,0 +1,158 @@
+"""Monte Carlo: the reference that every other estimator is measured against."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.errors import UsageError
+from avrare.estimate import health, intervals
+from avrare.estimate.config import McConfig
+from avrare.estimate.plan import Info, Plan
+from avrare.estimate.result import Failures, Result, Worst
+from avrare.rollout.request import Request, Rollouts
+
+FAILURE_LIMIT = 100
+"""Failing tapes that a result keeps."""
+_WAVE = 8
+"""Chunks in flight between two looks at the clock."""
+_UNLIMITED = 2**40
+"""Rollouts of a run that ends by the clock."""
+
+
+def build(config: McConfig, scene: object | None = None) -> MonteCarlo:
+    """The estimator of a scenario or a call."""
+    return MonteCarlo(config)
+
+
+@dataclass(frozen=True)
+class McState:
+    """Outcomes so far, in order.
+
+    Attributes:
+        plan: The task.
+        total: Rollouts to do, over all runs.
+        per_run: Rollouts of one run.
+        parts: Outcomes of the waves so far.
+        done: Rollouts done.
+    """
+
+    plan: Plan
+    total: int
+    per_run: int
+    parts: tuple[Rollouts, ...] = ()
+    done: int = 0
+
+
+class MonteCarlo:
+    """Binomial estimate with the exact interval of Clopper and Pearson."""
+
+    name = "mc"
+    single = False
+
+    def __init__(self, config: McConfig) -> None:
+        self.config = config
+
+    def init(self, plan: Plan) -> McState:
+        """State before the first rollout."""
+        per_run = self.config.rollouts
+        if plan.budget is not None:
+            per_run = _affordable(plan, self.config)
+        return McState(plan, per_run * self.config.runs, per_run)
+
+    def ask(self, state: McState) -> Request | None:
+        """The next wave of fresh rollouts."""
+        if state.done >= state.total:
+            return None
+        end = min(state.done + _WAVE * state.plan.chunk, state.total)
+        index = np.arange(state.done, end)
+        return Request.from_start(index // state.per_run, index % state.per_run)
+
+    def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
+        """Store the wave; only the outcome is kept, not the score's course."""
+        slim = replace(rollouts, scores=np.empty((len(rollouts.error), 0)))
+        state = replace(state, parts=(*state.parts, slim), done=state.done + len(rollouts.error))
+        failures = sum(int(part.violated.any(axis=1).sum()) for part in state.parts)
+        errors = sum(int(part.error.sum()) for part in state.parts)
+        goal = None if state.per_run == _UNLIMITED else state.total
+        return state, Info(rollouts=state.done, failures=failures, errors=errors, goal=goal)
+
+    def estimate(self, state: McState) -> list[Result]:
+        """One result per specification, all from the same rollouts."""
+        if not state.parts:
+            raise UsageError("the budget does not pay for one rollout", "raise --budget")
+        outcome = Rollouts.join(list(state.parts))
+        return [self._result(state, outcome, column) for column in range(len(state.plan.names))]
+
+    def _result(self, state: McState, outcome: Rollouts, column: int) -> Result:
+        plan, trials = state.plan, len(outcome.error)
+        violated = outcome.violated[:, column]
+        failures, errors = int(violated.sum()), int(outcome.error.sum())
+        runs = np.arange(trials) // state.per_run
+        values = np.bincount(runs, weights=violated) / np.bincount(runs)
+        probability = failures / trials
+        robustness = np.where(outcome.error, np.nan, outcome.robustness[:, column])
+        warnings = health.of_errors(errors, trials, plan.max_error_rate, outcome.messages)
+        if failures == trials:
+            warnings |= health.warn("all_failed")
+        return Result(
+            specification=plan.names[column],
+            estimator=self.name,
+            probability=probability,
+            interval=intervals.clopper_pearson(failures, trials, plan.confidence, errors),
+            confidence=plan.confidence,
+            run_probabilities=values,
+            relative_error=math.sqrt((1 - probability) / (probability * trials)) if failures else math.nan,
+            rollouts=trials,
+            simulated_steps=outcome.simulated_steps,
+            errors=errors,
+            health=warnings,
+            failures=self._failures(state, violated, robustness),
+            worst=self._worst(state, robustness),
+            robustness=robustness,
+            counts=total_counts([outcome]),
+        )
+
+    def _failures(self, state: McState, violated: Any, robustness: Any) -> Failures:
+        index = np.flatnonzero(violated)
+        kept = index[:FAILURE_LIMIT]
+        return Failures(self._tapes(state, kept), robustness[kept], len(index))
+
+    def _worst(self, state: McState, robustness: Any) -> Worst:
+        if np.isnan(robustness).all():
+            return Worst(np.zeros((state.plan.steps + 1, state.plan.noise.noise_size)), math.nan)
+        index = int(np.nanargmin(robustness))
+        return Worst(self._tapes(state, np.array([index]))[0], float(robustness[index]))
+
+    def _tapes(self, state: McState, index: Any) -> Any:
+        """Noise (F, steps + 1, noise_size) of rollouts, drawn again from their addresses."""
+        plan, steps = state.plan, state.plan.steps + 1
+        run, particle = np.repeat(index // state.per_run, steps), np.repeat(index % state.per_run, steps)
+        step = np.tile(np.arange(steps), len(index))
+        return plan.noise.normals(run, 0, particle, step).reshape(len(index), steps, plan.noise.noise_size)
+
+
+def total_counts(outcomes: Sequence[Rollouts]) -> dict[str, int]:
+    """The systems' counters summed over all rollouts."""
+    names = sorted({name for outcome in outcomes for name in outcome.counts})
+    return {name: sum(int(o.counts[name].sum()) for o in outcomes if name in o.counts) for name in names}
+
+
+def _affordable(plan: Plan, config: McConfig) -> int:
+    """Rollouts of each run that the budget pays for; for seconds the loop watches the clock."""
+    budget = plan.budget
+    assert budget is not None
+    if budget.kind == "seconds":
+        return _UNLIMITED
+    cost = max(plan.steps, 1) if budget.kind == "steps" else 1
+    rollouts = int(budget.amount // (cost * config.runs))
+    if rollouts < 1:
+        raise UsageError(
+            f"a budget of {budget.kind}={budget.amount:g} does not pay for {config.runs} run(s) of one rollout",
+            f"one rollout costs {cost} {budget.kind}",
+        )
+    return rollouts

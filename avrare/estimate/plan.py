@@ -1,0 +1,83 @@
+"""What the estimation loop and an estimator tell each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from avrare.estimate.budget import Budget
+from avrare.estimate.result import Result
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request, Rollouts
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The task of an estimator.
+
+    Attributes:
+        names: Names of the problem's specifications.
+        steps: Steps of a rollout.
+        chunk: Rollouts per unit of work.
+        noise: Where the tapes come from.
+        confidence: Of the interval.
+        budget: Upper bound on cost, or None for the estimator's own options.
+        max_error_rate: Share of broken rollouts above which the result is unhealthy.
+    """
+
+    names: tuple[str, ...]
+    steps: int
+    chunk: int
+    noise: NoiseSource
+    confidence: float
+    budget: Budget | None
+    max_error_rate: float
+
+
+@dataclass(frozen=True)
+class Info:
+    """What a reader wants to see while it runs; any field may be None.
+
+    Attributes:
+        stage: Stages done.
+        level: Current level of the score.
+        probability: Estimate so far.
+        survivors: Particles that outlived the last level.
+        particles: Particles in all.
+        rollouts: Rollouts done.
+        failures: Failing rollouts seen.
+        errors: Rollouts that broke down.
+        goal: Rollouts planned, where known.
+    """
+
+    stage: int = 0
+    level: float | None = None
+    probability: float | None = None
+    survivors: int | None = None
+    particles: int | None = None
+    rollouts: int = 0
+    failures: int = 0
+    errors: int = 0
+    goal: int | None = None
+
+
+class Estimator(Protocol):
+    """An estimator owns no loop: it asks for rollouts and is told their outcome.
+
+    ``single`` is True when it estimates one specification at a time.
+    """
+
+    name: str
+    single: bool
+
+    def init(self, plan: Plan) -> Any:
+        """State before the first rollout."""
+
+    def ask(self, state: Any) -> Request | None:
+        """The next rollouts, or None when done."""
+
+    def tell(self, state: Any, rollouts: Rollouts) -> tuple[Any, Info]:
+        """State after the rollouts asked for, and what to show."""
+
+    def estimate(self, state: Any) -> list[Result]:
+        """One result per specification."""

@@ -1,0 +1,102 @@
+"""The noise tape: standard normals addressed by (seed, run, stage, particle, step).
+
+Philox-4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011) is a function from a
+counter and a key to random bits. The key holds seed and run; the counter holds stage, particle, step and the
+channel. Any number of any tape can therefore be drawn alone, in any order, by any worker.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avrare.errors import UsageError
+
+Floats = NDArray[np.float64]
+Words = NDArray[np.uint64]
+
+_MULTIPLIER_0, _MULTIPLIER_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_WEYL_0, _WEYL_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+_LOW, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
+_CHOICE_STEP = 0xFFFFFFFF
+"""The "step" of uniforms that are choices of an estimator, out of reach of any tape."""
+
+
+def philox(counter: tuple[Words, Words, Words, Words], key: tuple[Words, Words]) -> tuple[Words, ...]:
+    """Four 32-bit words (in uint64 arrays) for each counter, ten rounds."""
+    c0, c1, c2, c3 = counter
+    k0, k1 = key
+    for _ in range(10):
+        product_0, product_1 = c0 * _MULTIPLIER_0, c2 * _MULTIPLIER_1
+        c0, c1, c2, c3 = (
+            (product_1 >> _SHIFT) ^ c1 ^ k0,
+            product_1 & _LOW,
+            (product_0 >> _SHIFT) ^ c3 ^ k1,
+            product_0 & _LOW,
+        )
+        k0, k1 = (k0 + _WEYL_0) & _LOW, (k1 + _WEYL_1) & _LOW
+    return c0, c1, c2, c3
+
+
+@lru_cache(maxsize=65536)
+def _run_key(seed: int, run: int) -> tuple[int, int]:
+    words = np.random.SeedSequence([seed, run]).generate_state(2, np.uint32)
+    return int(words[0]), int(words[1])
+
+
+class NoiseSource:
+    """All tapes of one estimate.
+
+    Args:
+        seed: Non-negative integer.
+        noise_size: Numbers per step and particle.
+
+    Raises:
+        UsageError: The seed is negative or no integer.
+    """
+
+    def __init__(self, seed: int, noise_size: int) -> None:
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise UsageError(f"seed must be an integer of at least 0, not {seed!r}")
+        self.seed = int(seed)
+        self.noise_size = noise_size
+
+    def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
+        """Standard normals (M, noise_size) of M addresses (arrays or scalars that broadcast to (M,))."""
+        run, stage, particle, step = np.broadcast_arrays(*np.atleast_1d(run, stage, particle, step))
+        if self.noise_size == 0:
+            return np.zeros((run.size, 0))
+        pairs = np.arange((self.noise_size + 1) // 2, dtype=np.uint64)
+        first, second = self._uniforms(run, stage, particle, step, pairs)
+        radius = np.sqrt(-2.0 * np.log(first))
+        angle = (2.0 * np.pi) * second
+        both = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+        return np.ascontiguousarray(both.reshape(run.size, -1)[:, : self.noise_size])
+
+    def choices(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike) -> Floats:
+        """Uniforms in (0, 1), one for each address: an estimator's own choices."""
+        run, stage, particle = np.broadcast_arrays(*np.atleast_1d(run, stage, particle))
+        step = np.full(run.shape, _CHOICE_STEP)
+        return self._uniforms(run, stage, particle, step, np.zeros(1, dtype=np.uint64))[0][:, 0]
+
+    def _uniforms(
+        self, run: NDArray[np.int64], stage: NDArray[np.int64], particle: NDArray[np.int64],
+        step: NDArray[np.int64], pairs: Words,
+    ) -> tuple[Floats, Floats]:  # fmt: skip
+        """Two arrays (M, P) of uniforms in the open interval (0, 1), 53 bits each."""
+        runs, inverse = np.unique(run, return_inverse=True)
+        keys = np.array([_run_key(self.seed, int(r)) for r in runs], dtype=np.uint64).reshape(-1, 2)[inverse]
+        shape = (run.size, pairs.size)
+        column = [np.asarray(a, dtype=np.uint64)[:, None] for a in (step, particle, stage)]
+        counter = [np.ascontiguousarray(np.broadcast_to(c, shape)) for c in (pairs[None, :], *column)]
+        words = philox(
+            (counter[0], counter[1], counter[2], counter[3]), (keys[:, :1], keys[:, 1:])
+        )
+        return _unit(words[0], words[1]), _unit(words[2], words[3])
+
+
+def _unit(high: Words, low: Words) -> Floats:
+    bits = ((high << _SHIFT) | low) >> np.uint64(11)
+    return np.asarray((bits.astype(np.float64) + 0.5) * 2.0**-53, dtype=np.float64)

@@ -1,0 +1,141 @@
+"""A system, what it must do, and for how long: everything an estimator needs to know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from avrare.errors import UsageError, did_you_mean
+from avrare.protocols import Floats, Specification, System
+from avrare.rollout.engine import simulate
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.score import FunctionScored, MarginScored, ScoreFunction
+
+SCORES = ("robustness", "margin")
+DEFAULT_CHUNK = 4096
+_DEFAULT_NAME = "specification"
+
+
+class Problem:
+    """A system with one specification (or several that are scored in one pass).
+
+    Args:
+        system: See ``avrare.protocols.System``; the closed loop built from a scenario is one too.
+        specification: A formula from ``avrare.stl``, any ``Specification``, or a mapping of names to them.
+        steps: States t = 0..steps are simulated; 0 is a static problem.
+        score: Importance score for splitting: ``function(signals so far, t) -> (N,)`` or a name:
+            "robustness" (the formula's own, the default) or "margin" (see ``avrare.rollout.score``).
+        chunk: Rollouts per unit of work; never changes a result of a system whose rows are independent.
+
+    Raises:
+        UsageError: An argument does not fit.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        specification: Any,
+        steps: int,
+        score: ScoreFunction | str | None = None,
+        *,
+        chunk: int = DEFAULT_CHUNK,
+    ) -> None:
+        if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
+            raise UsageError(f"steps must be an integer of at least 0, not {steps!r}")
+        missing = [
+            name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)
+        ]
+        if missing:
+            raise UsageError(
+                f"{type(system).__name__} is no system: it lacks {', '.join(missing)}",
+                "a system has noise_size, initial(noise), step(state, noise) and signals(state)",
+            )
+        self.system = system
+        self.steps = int(steps)
+        self.score = score
+        self.chunk = chunk
+        named = specification if isinstance(specification, Mapping) else {_DEFAULT_NAME: specification}
+        if not named:
+            raise UsageError("a problem needs at least one specification")
+        self.names = tuple(named)
+        self._plain = tuple(_monitor(spec) for spec in named.values())
+        self._scored: tuple[Specification, ...] | None = None
+
+    @property
+    def noise_size(self) -> int:
+        """Standard normal numbers per step and particle."""
+        return int(self.system.noise_size)
+
+    @property
+    def specifications(self) -> tuple[Specification, ...]:
+        """The monitors, with the chosen score."""
+        if self._scored is None:
+            self._scored = self._with_score()
+        return self._scored
+
+    def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
+        """Run a request; ``scored=False`` skips the importance score."""
+        specifications = self.specifications if scored else self._plain
+        return simulate(self.system, specifications, self.steps, noise, request)
+
+    def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
+        """Run given noise (N, steps + 1, noise_size).
+
+        Raises:
+            UsageError: The tape has another shape.
+        """
+        tape = np.asarray(tape, dtype=np.float64)
+        expected = (self.steps + 1, self.noise_size)
+        if tape.ndim != 3 or tape.shape[1:] != expected:
+            raise UsageError(f"noise has shape {tape.shape}, but this problem needs (N, {expected[0]}, {expected[1]})")
+        request = Request.replay(tape, keep_carries=keep_carries)
+        return self.simulate(NoiseSource(0, self.noise_size), request, scored=False)
+
+    def robustness(self, noise: Floats) -> Floats:
+        """Robustness (N,) of the first specification under noise (N, steps + 1, noise_size); NaN on errors."""
+        outcome = self.replay(noise)
+        return np.where(outcome.error, np.nan, outcome.robustness[:, 0])
+
+    def nominal(self, *, keep_carries: bool = False) -> Rollouts:
+        """The noise-free run, one row."""
+        return self.replay(np.zeros((1, self.steps + 1, self.noise_size)), keep_carries=keep_carries)
+
+    def _with_score(self) -> tuple[Specification, ...]:
+        if self.score is None or self.score == "robustness":
+            return self._plain
+        if self.score == "margin":
+            return self._with_margin()
+        if callable(self.score):
+            return tuple(FunctionScored(spec, self.score) for spec in self._plain)
+        raise UsageError(f"unknown score {self.score!r}", did_you_mean(str(self.score), SCORES))
+
+    def _with_margin(self) -> tuple[Specification, ...]:
+        carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
+        scored: list[Specification] = []
+        for index, spec in enumerate(self._plain):
+            margin = getattr(spec, "margin", None)
+            along = [margin(carry.monitors[index]) for carry in carries] if margin else [None]
+            if any(value is None for value in along) or len(along) != self.steps + 1:
+                raise UsageError(
+                    f"score 'margin' does not fit {self.names[index]}",
+                    "it needs a formula of the shape `always ...` and a noise-free run without errors",
+                )
+            nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
+            # A rule that the noise-free run breaks has no margin to lose: its own robustness is the score.
+            scored.append(spec if nominal.min() <= 0 else MarginScored(spec, nominal))  # type: ignore[arg-type]
+        return tuple(scored)
+
+
+def _monitor(specification: Any) -> Specification:
+    """A formula becomes its monitor; a specification stays what it is."""
+    monitor = getattr(specification, "monitor", None)
+    candidate = monitor() if callable(monitor) else specification
+    if not (hasattr(candidate, "start") and hasattr(candidate, "update")):
+        raise UsageError(
+            f"{specification!r} is no specification",
+            'write avrare.stl("always (x < 4)") or give an object with start and update',
+        )
+    return candidate  # type: ignore[no-any-return]

@@ -1,0 +1,140 @@
+"""What an estimator asks of the rollout engine, and what it gets back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare import batch
+from avrare.protocols import Bools, Floats, Verdict
+
+Integers = NDArray[np.int64]
+FROM_START = -1
+
+
+@dataclass(frozen=True)
+class Carry:
+    """All that a particle needs to go on: what splitting copies.
+
+    Attributes:
+        system: State of the system.
+        monitors: Monitor state of every specification.
+        verdicts: Verdict of every specification on the newest sample.
+    """
+
+    system: Any
+    monitors: tuple[Any, ...]
+    verdicts: tuple[Verdict, ...]
+
+
+@dataclass(frozen=True)
+class Request:
+    """M rollouts, sorted by ``start``.
+
+    Attributes:
+        run: (M,) address of the fresh noise.
+        stage: (M,) address of the fresh noise.
+        particle: (M,) address of the fresh noise.
+        start: (M,) step at which the row starts: -1 from the beginning, s >= 0 from a carry at step s.
+        carries: (s, carry) pairs in ascending s; together they hold the rows with start >= 0 in order.
+        tape: (M, steps + 1, noise_size) explicit noise in place of addressed noise, or None.
+        keep_carries: Return the carry of every step.
+    """
+
+    run: Integers
+    stage: Integers
+    particle: Integers
+    start: Integers
+    carries: tuple[tuple[int, Carry], ...] = ()
+    tape: Floats | None = None
+    keep_carries: bool = False
+
+    @property
+    def rows(self) -> int:
+        """M, the number of rollouts."""
+        return len(self.start)
+
+    @staticmethod
+    def from_start(run: Integers, particle: Integers, *, keep_carries: bool = False) -> Request:
+        """Fresh rollouts of stage 0."""
+        start = np.full(len(run), FROM_START)
+        return Request(run, np.zeros_like(run), particle, start, keep_carries=keep_carries)
+
+    @staticmethod
+    def replay(tape: Floats, *, keep_carries: bool = False) -> Request:
+        """Rollouts of given noise (M, steps + 1, noise_size)."""
+        zeros = np.zeros(len(tape), dtype=np.int64)
+        start = np.full(len(tape), FROM_START)
+        return Request(zeros, zeros, zeros, start, tape=tape, keep_carries=keep_carries)
+
+    def slice(self, begin: int, end: int) -> Request:
+        """Rows begin..end as a request of their own: one chunk of work."""
+        part = slice(begin, end)
+        first_carried = int(np.searchsorted(self.start, 0))
+        carries, position = [], first_carried
+        for step, carry in self.carries:
+            rows = batch.size(carry)
+            low, high = max(begin - position, 0), min(end - position, rows)
+            if low < high:
+                carries.append((step, batch.take(carry, slice(low, high))))
+            position += rows
+        return replace(
+            self,
+            run=self.run[part], stage=self.stage[part], particle=self.particle[part], start=self.start[part],
+            carries=tuple(carries), tape=None if self.tape is None else self.tape[part],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Outcome of a request; rows in the request's order, S specifications.
+
+    Attributes:
+        robustness: (M, S) of the whole trace; of the samples before the error for errored rows.
+        violated: (M, S) False for errored rows.
+        error: (M,) the row broke down.
+        scores: (M, steps + 1) running score of the first specification; -inf before a row's start.
+        simulated_steps: Rows passed to ``System.step``.
+        counts: The system's own counters at the end of each row, (M,) each.
+        messages: What broke down, the first few.
+        carries: (t, row indices, carry) of every step when they were asked for.
+    """
+
+    robustness: Floats
+    violated: Bools
+    error: Bools
+    scores: Floats
+    simulated_steps: int
+    counts: dict[str, Integers] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+    carries: tuple[tuple[int, Integers, Carry], ...] = ()
+
+    @staticmethod
+    def join(parts: list[Rollouts]) -> Rollouts:
+        """Outcomes of consecutive chunks as one."""
+        if len(parts) == 1:
+            return parts[0]
+        offsets = np.cumsum([0] + [len(part.error) for part in parts])
+        names = {name for part in parts for name in part.counts}
+        return Rollouts(
+            robustness=np.concatenate([part.robustness for part in parts]),
+            violated=np.concatenate([part.violated for part in parts]),
+            error=np.concatenate([part.error for part in parts]),
+            scores=np.concatenate([part.scores for part in parts]),
+            simulated_steps=sum(part.simulated_steps for part in parts),
+            counts={
+                name: np.concatenate(
+                    [part.counts.get(name, np.zeros(len(part.error), np.int64)) for part in parts]
+                )
+                for name in sorted(names)
+            },
+            messages=tuple(dict.fromkeys(m for part in parts for m in part.messages))[:5],
+            carries=tuple(
+                (step, rows + offset, carry)
+                for part, offset in zip(parts, offsets, strict=False)
+                for step, rows, carry in part.carries
+            ),
+        )

@@ -1,0 +1,96 @@
+"""The particles of R independent splitting runs, advanced together: R x N slots in one set of arrays.
+
+The arrays are the estimator's own and are written in place: a stage touches only the rows it replaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from avrare import batch
+from avrare.protocols import Bools, Floats
+from avrare.rollout.request import Carry, Integers, Rollouts
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Population:
+    """Slots of all runs; slot r * N + i is particle i of run r, T is the number of steps.
+
+    Attributes:
+        scores: (R N, T + 1) running score.
+        violated: (R N,) the rollout breaks the specification.
+        error: (R N,) the rollout broke down.
+        robustness: (R N,).
+        root: (R N,) slot of the first ancestor.
+        stage: (R N, T + 1) stage that drew the noise of each step.
+        particle: (R N, T + 1) particle that it was drawn for.
+        history: Carry of every slot at each step t, once it is known.
+    """
+
+    scores: Floats
+    violated: Bools
+    error: Bools
+    robustness: Floats
+    root: Integers
+    stage: NDArray[np.int32]
+    particle: NDArray[np.int32]
+    history: dict[int, Carry] = field(default_factory=dict)
+
+    @staticmethod
+    def empty(slots: int, particles: int, steps: int) -> Population:
+        """Slots before the first rollout."""
+        shape = (slots, steps + 1)
+        own = np.arange(slots) % particles
+        return Population(
+            scores=np.full(shape, -np.inf),
+            violated=np.zeros(slots, dtype=bool),
+            error=np.zeros(slots, dtype=bool),
+            robustness=np.full(slots, np.inf),
+            root=np.arange(slots),
+            stage=np.zeros(shape, dtype=np.int32),
+            particle=np.repeat(own[:, None], steps + 1, axis=1).astype(np.int32),
+        )
+
+    @property
+    def final(self) -> Floats:
+        """(R N,) score of the whole trace."""
+        return self.scores[:, -1]
+
+    def store(self, slots: Integers, start: Integers, outcome: Rollouts) -> None:
+        """Write the rollouts of ``slots``, which were started at ``start`` (-1: from the beginning)."""
+        fresh = np.arange(self.scores.shape[1]) > start[:, None]
+        self.scores[slots] = np.where(fresh, outcome.scores, self.scores[slots])
+        self.violated[slots] = outcome.violated[:, 0]
+        self.error[slots] = outcome.error
+        self.robustness[slots] = outcome.robustness[:, 0]
+        for t, rows, carry in outcome.carries:
+            self.remember(t, slots[rows], carry)
+
+    def inherit(self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers) -> None:
+        """Give ``children`` the past of ``parents`` up to and including step ``start``, new noise after it."""
+        past = np.arange(self.scores.shape[1]) <= start[:, None]
+        self.root[children] = self.root[parents]
+        for table, fresh in ((self.stage, stage), (self.particle, own)):
+            table[children] = np.where(past, table[parents], fresh[:, None])
+        self.scores[children] = np.where(past, self.scores[parents], -np.inf)
+
+    def branch(self, parents: Integers, start: Integers) -> tuple[tuple[int, Carry], ...]:
+        """Carries of ``parents`` at their steps ``start``, which ascend."""
+        steps = np.unique(start)
+        return tuple((int(t), batch.take(self.history[int(t)], parents[start == t])) for t in steps)
+
+    def remember(self, t: int, slots: Integers, carry: Carry) -> None:
+        """Write the carries of ``slots`` at step ``t``."""
+        if t not in self.history:
+            total = len(self.root)
+            self.history[t] = batch.map_leaves(
+                lambda leaf: np.zeros((total, *leaf.shape[1:]), leaf.dtype), carry
+            )
+
+        def write(whole: NDArray[np.generic], rows: NDArray[np.generic]) -> NDArray[np.generic]:
+            whole[slots] = rows
+            return whole
+
+        batch.map_leaves(write, self.history[t], carry)
