@@ -13,6 +13,8 @@ from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.score import FunctionScored, MarginScored, ScoreFunction
+from avrare.stl.api import Formula
+from avrare.stl.online import FormulaMonitor
 
 SCORES = ("robustness", "margin")
 DEFAULT_CHUNK = 4096
@@ -131,11 +133,11 @@ class Problem:
 
 def _monitor(specification: Any) -> Specification:
     """A formula becomes its monitor; a specification stays what it is."""
-    monitor = getattr(specification, "monitor", None)
-    candidate = monitor() if callable(monitor) else specification
-    if not (hasattr(candidate, "start") and hasattr(candidate, "update")):
+    if isinstance(specification, Formula):
+        return FormulaMonitor(specification)
+    if not (hasattr(specification, "start") and hasattr(specification, "update")):
         raise UsageError(
             f"{specification!r} is no specification",
             'write avrare.stl("always (x < 4)") or give an object with start and update',
         )
-    return candidate  # type: ignore[no-any-return]
+    return specification  # type: ignore[no-any-return]

@@ -1,0 +1,108 @@
+"""The closed loop: simulator -> perception -> tracker -> controller -> simulator, as one system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.driving import Observation
+from avrare.protocols import Bools, Controller, Floats, PerceptionErrorModel, Signals, Simulator, Tracker
+
+
+@dataclass(frozen=True)
+class LoopState:
+    """Everything a particle carries from one step to the next.
+
+    Attributes:
+        world: State of the simulator.
+        observation: What was perceived of it; None at the start and without perception.
+        track: State of the tracker, or None.
+        memory: State of the controller, or None.
+    """
+
+    world: Any
+    observation: Observation | None
+    track: Any
+    memory: Any
+
+
+class ClosedLoop:
+    """A system whose noise is the simulator's followed by the perception error model's.
+
+    Each step: predict the others, act, advance the world, observe it, update the track. At t = 0 the tracker
+    knows the world exactly. Without perception the tracker sees the truth.
+
+    Args:
+        simulator: The world.
+        perception: Perception error model, or None.
+        tracker: Tracker, or None.
+        controller: Controller, or None.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        perception: PerceptionErrorModel | None = None,
+        tracker: Tracker | None = None,
+        controller: Controller | None = None,
+    ) -> None:
+        self.simulator = simulator
+        self.perception = perception
+        self.tracker = tracker
+        self.controller = controller
+        perceived = perception.noise_size if perception is not None else 0
+        self.noise_size = simulator.noise_size + perceived
+
+    def initial(self, noise: Floats) -> LoopState:
+        """State at t = 0 from noise (N, noise_size)."""
+        world = self.simulator.reset(noise[:, : self.simulator.noise_size])
+        track = self.tracker.start(world) if self.tracker is not None else None
+        memory = self.controller.start(len(noise)) if self.controller is not None else None
+        return LoopState(world, None, track, memory)
+
+    def step(self, state: LoopState, noise: Floats) -> LoopState:
+        """State one step later."""
+        action, memory = self._act(state)
+        own = self.simulator.noise_size
+        world = self.simulator.step(state.world, action, noise[:, :own])
+        observation = self._observe(world, noise[:, own:])
+        track = state.track
+        if self.tracker is not None:
+            track = self.tracker.update(track, observation)
+        return LoopState(world, observation, track, memory)
+
+    def signals(self, state: LoopState) -> Signals:
+        """The simulator's signals."""
+        return self.simulator.signals(state.world)
+
+    def faults(self, state: LoopState) -> Bools:
+        """(N,) rows that the simulator reports as broken down."""
+        faults = getattr(self.simulator, "faults", None)
+        if faults is None:
+            return np.zeros(len(next(iter(self.signals(state).values()))), dtype=bool)
+        return np.asarray(faults(state.world), dtype=bool)
+
+    def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:
+        """The controller's counters (N,), such as solver fallbacks."""
+        counts = getattr(self.controller, "counts", None)
+        return dict(counts(state.memory)) if counts is not None else {}
+
+    def _act(self, state: LoopState) -> tuple[Any, Any]:
+        if self.controller is None:
+            return None, None
+        prediction = None
+        if self.tracker is not None:
+            prediction = self.tracker.predict(state.track, self.controller.horizon)
+        return self.controller.act(state.memory, state.world.ego, prediction)
+
+    def _observe(self, world: Any, noise: Floats) -> Observation | None:
+        if self.perception is not None:
+            return self.perception.observe(world, noise)
+        if self.tracker is None:
+            return None
+        others = world.others
+        seen = np.ones(others.x.shape, dtype=bool)
+        return Observation(seen, others.x, others.y, others.speed * np.cos(others.heading))

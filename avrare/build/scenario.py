@@ -1,0 +1,100 @@
+"""A loaded scenario with its stack: builds problems for Python callers, the command line and the workers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+from avrare.build.stack import Stack, build_stack, check_start
+from avrare.driving import Scene
+from avrare.errors import UsageError, did_you_mean
+from avrare.estimate.plan import Estimator
+from avrare.rollout.problem import Problem
+from avrare.scenario.schema import Formula, Scenario
+
+
+class BuildableScenario:
+    """What ``avrare.load`` returns.
+
+    Attributes:
+        definition: The checked scenario.
+    """
+
+    def __init__(self, definition: Scenario) -> None:
+        self.definition = definition
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        return self.definition.name
+
+    @property
+    def steps(self) -> int:
+        """Steps of a rollout."""
+        return self.definition.steps
+
+    @property
+    def specifications(self) -> tuple[str, ...]:
+        """Names of the specifications."""
+        return tuple(self.definition.specifications)
+
+    @cached_property
+    def stack(self) -> Stack:
+        """The built parts; checked once that the start breaks no rule."""
+        stack = build_stack(self.definition)
+        check_start(self.definition, stack)
+        return stack
+
+    @property
+    def scene(self) -> Scene | None:
+        """Road, sizes and names, if the simulator is a driving simulator."""
+        return self.stack.scene
+
+    def problem(self, specification: str | Sequence[str]) -> Problem:
+        """The problem of one specification, or of several that are scored in one pass.
+
+        Raises:
+            UsageError: There is no such specification.
+        """
+        names = (specification,) if isinstance(specification, str) else tuple(specification)
+        for name in names:
+            if name not in self.definition.specifications:
+                raise UsageError(
+                    f"scenario {self.name!r} has no specification {name!r}",
+                    did_you_mean(name, self.definition.specifications),
+                )
+        return ScenarioProblem(self, names)
+
+    def estimator(self) -> Estimator:
+        """The scenario's estimator."""
+        block = self.definition.estimator
+        return block.component.load_factory()(block.config, self.scene)  # type: ignore[no-any-return]
+
+
+class ScenarioProblem(Problem):
+    """A problem that travels to a worker as its scenario and is built anew there."""
+
+    def __init__(self, scenario: BuildableScenario, names: tuple[str, ...]) -> None:
+        self.scenario = scenario
+        stack, definition = scenario.stack, scenario.definition
+        specifications = {name: stack.specifications[name] for name in names}
+        super().__init__(
+            stack.loop, specifications, definition.steps, _score(scenario, names[0]), chunk=definition.chunk
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild, (self.scenario.definition, self.names)
+
+
+def _rebuild(definition: Scenario, names: tuple[str, ...]) -> ScenarioProblem:
+    return ScenarioProblem(BuildableScenario(definition), names)
+
+
+def _score(scenario: BuildableScenario, name: str) -> str | None:
+    """The score that orders particles: as written, else by what the specification can tell."""
+    part = scenario.definition.specifications[name]
+    if isinstance(part, Formula):
+        return part.score
+    own = getattr(part.config, "score", None)
+    return own if own is not None else getattr(scenario.stack.specifications[name], "score", None)

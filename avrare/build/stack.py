@@ -1,0 +1,118 @@
+"""From a checked scenario to the parts that run: the only place where plugins' factories are called."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.build.closed_loop import ClosedLoop
+from avrare.driving import Scene
+from avrare.errors import PluginError, ScenarioError, UsageError
+from avrare.protocols import Specification
+from avrare.scenario.schema import Block, Formula, Scenario
+from avrare.stl.api import stl
+from avrare.stl.online import FormulaMonitor
+
+
+@dataclass(frozen=True)
+class Stack:
+    """The built parts of a scenario.
+
+    Attributes:
+        loop: Simulator, perception, tracker and controller as one system.
+        scene: What does not change, None where the simulator is no driving simulator.
+        specifications: Monitor of every specification, by name.
+    """
+
+    loop: ClosedLoop
+    scene: Scene | None
+    specifications: dict[str, Specification]
+
+
+def build_stack(scenario: Scenario) -> Stack:
+    """Build every part of ``scenario``.
+
+    Raises:
+        PluginError: A part needs a package that is not installed.
+        UsageError: The parts do not fit each other.
+    """
+    _check_parts(scenario)
+    simulator = _build(scenario.simulator, None)
+    scene = getattr(simulator, "scene", None)
+    parts = [
+        _build(block, scene) if block is not None else None
+        for block in (scenario.perception, scenario.tracker, scenario.controller)
+    ]
+    loop = ClosedLoop(simulator, *parts)
+    specifications = {
+        name: _specification(part, scene, simulator.dt) for name, part in scenario.specifications.items()
+    }
+    return Stack(loop, scene, specifications)
+
+
+def check_start(scenario: Scenario, stack: Stack) -> None:
+    """Refuse a scenario whose noise-free start already breaks a rule: its probability is 1 by construction.
+
+    Raises:
+        ScenarioError: Naming the rules and, where they can tell, the vehicles.
+    """
+    state = stack.loop.initial(np.zeros((1, stack.loop.noise_size)))
+    signals = stack.loop.signals(state)
+    problems: list[tuple[str, str | None]] = []
+    for name, spec in stack.specifications.items():
+        monitor, verdict = spec.update(spec.start(1), signals)
+        margin = getattr(spec, "margin", None)
+        settled = margin is not None and margin(monitor) is not None
+        if settled and verdict.violated[0]:
+            explain = getattr(spec, "explain", None)
+            culprit = f": {explain(signals)}" if explain is not None else ""
+            problems.append(
+                (
+                    f"{scenario.path}: specifications.{name}: violated at sample 0 by the noise-free start{culprit}",
+                    "its probability would be 1; move the vehicles, change the rule's parameters, or leave it out",
+                )
+            )
+    if problems:
+        raise ScenarioError(problems)
+
+
+def build_and_try(scenario: Scenario, steps: int = 3) -> None:
+    """Build the stack and run a few noise-free steps: what ``validate --build`` does."""
+    stack = build_stack(scenario)
+    check_start(scenario, stack)
+    noise = np.zeros((1, stack.loop.noise_size))
+    state = stack.loop.initial(noise)
+    monitors = {name: spec.start(1) for name, spec in stack.specifications.items()}
+    for step in range(min(steps, scenario.steps) + 1):
+        state = stack.loop.step(state, noise) if step else state
+        signals = stack.loop.signals(state)
+        for name, spec in stack.specifications.items():
+            monitors[name], _ = spec.update(monitors[name], signals)
+
+
+def _check_parts(scenario: Scenario) -> None:
+    if scenario.perception is not None and scenario.tracker is None:
+        raise UsageError(
+            f"{scenario.path}: perception: there is no tracker to hand the observations to",
+            "add a `tracker:` block, or leave the perception out",
+        )
+
+
+def _build(block: Block, scene: Scene | None) -> Any:
+    try:
+        factory = block.component.load_factory()
+    except ImportError as error:
+        package = block.distribution or block.component.name
+        raise PluginError(
+            f"{block.component.kind} {block.plugin!r} cannot be loaded: {error}",
+            f"pip install --upgrade {package}",
+        ) from error
+    return factory(block.config, scene)
+
+
+def _specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:
+    if isinstance(part, Block):
+        return _build(part, scene)  # type: ignore[no-any-return]
+    return FormulaMonitor(stl(part.stl, dt=dt, until=part.until))

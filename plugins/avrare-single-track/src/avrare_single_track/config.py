@@ -1,0 +1,83 @@
+"""What a scenario says about road, ego and traffic. SI units; y is positive to the left."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from avrare_mpc.config import TrajectoryPlan
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class RoadConfig(BaseModel):
+    """Straight parallel lanes along x."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    lane_centres: tuple[float, ...] = Field(
+        default=(-1.75, 1.75, 5.25), min_length=1, description="y of the lane centres, from right to left [m]"
+    )
+    lane_width: float = Field(default=3.5, gt=0.0, description="width of every lane [m]")
+    access_ramp: tuple[int, ...] = Field(default=(0,), description="indices of the lanes of an access ramp")
+    begin: float = Field(default=0.0, description="first x that is drawn [m]")
+    end: float = Field(default=160.0, description="last x that is drawn [m]")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if list(self.lane_centres) != sorted(set(self.lane_centres)):
+            raise ValueError("lane_centres must ascend: the rightmost lane first")
+        if any(not 0 <= lane < len(self.lane_centres) for lane in self.access_ramp):
+            raise ValueError(f"access_ramp must name lanes 0..{len(self.lane_centres) - 1}")
+        return self
+
+
+class EgoConfig(BaseModel):
+    """Start and body of the ego; the defaults are a mid-size car (CommonRoad vehicle 1)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    x: float = Field(description="centre at the start [m]")
+    y: float = Field(description="centre at the start [m]")
+    speed: float = Field(ge=0.0, description="at the start [m/s]")
+    heading: float = Field(default=0.0, description="at the start [rad]")
+    length: float = Field(default=4.298, gt=0.0, description="[m]")
+    width: float = Field(default=1.674, gt=0.0, description="[m]")
+    wheelbase: float = Field(default=2.391, gt=0.0, description="distance of the axles [m]")
+    steering_max: float = Field(default=0.91, gt=0.0, lt=1.5, description="bound of |steering angle| [rad]")
+    steering_rate_max: float = Field(default=0.4, gt=0.0, description="bound of its rate [rad/s]")
+    acceleration_max: float = Field(default=11.5, gt=0.0, description="bound of |acceleration| [m/s^2]")
+    speed_max: float = Field(default=45.8, gt=0.0, description="top speed [m/s]; the plant never reverses")
+
+
+class VehicleConfig(BaseModel):
+    """Another vehicle: parked, at constant velocity, or driven by a plan made before the run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(min_length=1, description="as it is called in messages and pictures")
+    x: float = Field(description="centre at the start [m]")
+    y: float = Field(description="centre at the start [m]")
+    speed: float = Field(default=0.0, ge=0.0, description="at the start [m/s]")
+    heading: float = Field(default=0.0, description="at the start [rad]")
+    length: float = Field(default=4.298, gt=0.0, description="[m]")
+    width: float = Field(default=1.674, gt=0.0, description="[m]")
+    drive: TrajectoryPlan | None = Field(
+        default=None, description="goals of the planner that scripts it; without: constant velocity"
+    )
+
+
+class SingleTrackConfig(BaseModel):
+    """Options of the simulator ``single_track``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
+    road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")
+    ego: EgoConfig = Field(description="the vehicle under test")
+    vehicles: tuple[VehicleConfig, ...] = Field(default=(), description="the other vehicles")
+
+    @model_validator(mode="after")
+    def _distinct_names(self) -> Self:
+        names = [vehicle.name for vehicle in self.vehicles]
+        if len(set(names)) != len(names):
+            raise ValueError("every vehicle needs a name of its own")
+        return self
