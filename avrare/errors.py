@@ -64,14 +64,16 @@ class ScenarioError(AvrareError):
 
     Args:
         problems: (message, hint) pairs; the message starts with ``file:line:column: path:``.
+        exit_code: ``ExitCode.PLUGIN`` where missing plugins are all that is wrong.
     """
 
-    def __init__(self, problems: list[tuple[str, str | None]]) -> None:
+    def __init__(self, problems: list[tuple[str, str | None]], exit_code: ExitCode = ExitCode.USAGE) -> None:
         super().__init__("\n".join(message for message, _ in problems))
         self.problems = problems
+        self.exit_code = exit_code
 
     def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.problems,)
+        return type(self), (self.problems, self.exit_code)
 
     def lines(self) -> list[str]:
         """Every problem, each followed by its hint."""

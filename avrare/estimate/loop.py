@@ -17,7 +17,7 @@ from avrare.estimate.result import Result
 from avrare.execute.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.request import Request, Rollouts, total_counts
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
@@ -78,8 +78,12 @@ def _chunks(executor: Executor, request: Request, size: int) -> Iterator[Rollout
 
 def _during(info: Info, parts: list[Rollouts]) -> Info:
     """The last info, with the chunks that have come in since."""
+    counts = total_counts(parts)
     return replace(
         info,
+        counts={
+            name: info.counts.get(name, 0) + counts.get(name, 0) for name in sorted({*info.counts, *counts})
+        },
         rollouts=info.rollouts + sum(len(part.error) for part in parts),
         failures=info.failures + sum(int(part.violated.any(axis=1).sum()) for part in parts),
         errors=info.errors + sum(int(part.error.sum()) for part in parts),

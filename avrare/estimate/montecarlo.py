@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +13,7 @@ from avrare.estimate import health, intervals
 from avrare.estimate.config import McConfig
 from avrare.estimate.plan import Info, Plan
 from avrare.estimate.result import Failures, Result, Worst
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.request import Request, Rollouts, total_counts
 
 FAILURE_LIMIT = 100
 """Failing tapes that a result keeps."""
@@ -79,7 +78,9 @@ class MonteCarlo:
         failures = sum(int(part.violated.any(axis=1).sum()) for part in state.parts)
         errors = sum(int(part.error.sum()) for part in state.parts)
         goal = None if state.per_run == _UNLIMITED else state.total
-        return state, Info(rollouts=state.done, failures=failures, errors=errors, goal=goal)
+        return state, Info(
+            rollouts=state.done, failures=failures, errors=errors, goal=goal, counts=total_counts(state.parts)
+        )
 
     def estimate(self, state: McState) -> list[Result]:
         """One result per specification, all from the same rollouts."""
@@ -134,12 +135,6 @@ class MonteCarlo:
         run, particle = np.repeat(index // state.per_run, steps), np.repeat(index % state.per_run, steps)
         step = np.tile(np.arange(steps), len(index))
         return plan.noise.normals(run, 0, particle, step).reshape(len(index), steps, plan.noise.noise_size)
-
-
-def total_counts(outcomes: Sequence[Rollouts]) -> dict[str, int]:
-    """The systems' counters summed over all rollouts."""
-    names = sorted({name for outcome in outcomes for name in outcome.counts})
-    return {name: sum(int(o.counts[name].sum()) for o in outcomes if name in o.counts) for name in names}
 
 
 def _affordable(plan: Plan, config: McConfig) -> int:

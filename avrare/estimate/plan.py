@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from avrare.estimate.budget import Budget
@@ -48,6 +49,7 @@ class Info:
         failures: Failing rollouts seen.
         errors: Rollouts that broke down.
         goal: Rollouts planned, where known.
+        counts: The system's counters, summed.
     """
 
     stage: int = 0
@@ -59,6 +61,7 @@ class Info:
     failures: int = 0
     errors: int = 0
     goal: int | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 class Estimator(Protocol):

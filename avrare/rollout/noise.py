@@ -73,7 +73,7 @@ class NoiseSource:
         radius = np.sqrt(-2.0 * np.log(first))
         angle = (2.0 * np.pi) * second
         both = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-        return np.ascontiguousarray(both.reshape(run.size, -1)[:, : self.noise_size])
+        return np.ascontiguousarray(both.reshape(run.size, 2 * len(pairs))[:, : self.noise_size])
 
     def choices(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike) -> Floats:
         """Uniforms in (0, 1), one for each address: an estimator's own choices."""

@@ -78,6 +78,10 @@ class Problem:
             self._scored = self._with_score()
         return self._scored
 
+    def gamma(self, level: float) -> float:
+        """The robustness threshold of a score's level: 0 at failure, as the papers count."""
+        return 1.0 - level if self.score == "margin" else -level
+
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
         specifications = self.specifications if scored else self._plain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -138,3 +139,12 @@ class Rollouts:
                 for step, rows, carry in part.carries
             ),
         )
+
+
+def total_counts(outcomes: Iterable[Rollouts]) -> dict[str, int]:
+    """The systems' counters, summed over all rollouts."""
+    total: dict[str, int] = {}
+    for outcome in outcomes:
+        for name, values in outcome.counts.items():
+            total[name] = total.get(name, 0) + int(values.sum())
+    return dict(sorted(total.items()))

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from avrare.errors import UsageError
-from avrare.estimate.montecarlo import total_counts
 from avrare.estimate.plan import Info, Plan
 from avrare.estimate.result import Result
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import Integers, Request, Rollouts
+from avrare.rollout.request import Integers, Request, Rollouts, total_counts
 
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.levels import choose_parents, first_above, next_level
@@ -171,7 +170,7 @@ class Splitting:
             probability=float((state.weight * share).mean()),
             survivors=survivors if latest else None,
             particles=int(state.active.sum()) * self.config.particles if latest else None,
-            rollouts=tally.rollouts, failures=tally.failures, errors=tally.errors,
+            rollouts=tally.rollouts, failures=tally.failures, errors=tally.errors, counts=dict(tally.counts),
         )  # fmt: skip
 
     def _runs(self, plan: Plan) -> int:

@@ -1,1 +1,24 @@
 """Perception error models: Gaussian processes fitted to a lidar detector, and a parametric one."""
+
+from avrare.plugin import Component, hookimpl
+
+
+@hookimpl
+def avrare_components() -> list[Component]:
+    """The two perception error models of this plugin."""
+    return [
+        Component(
+            kind="perception",
+            name="gp_pem",
+            config="avrare_gp_pem.config:GpPemConfig",
+            factory="avrare_gp_pem.model:build_gp",
+            summary="Gaussian processes fitted to a lidar detector (shipped model: non-commercial licence)",
+        ),
+        Component(
+            kind="perception",
+            name="parametric",
+            config="avrare_gp_pem.config:ParametricPemConfig",
+            factory="avrare_gp_pem.parametric:build_parametric",
+            summary="detection falling with range, Student-t position errors; free of licensed data",
+        ),
+    ]

@@ -1,0 +1,43 @@
+"""Argparse in the house style: its errors are ours, with a hint and exit code 4."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from typing import NoReturn
+
+from avrare.errors import UsageError, did_you_mean
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that raises ``UsageError`` instead of printing and exiting."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what argparse would print, with the nearest option or the usage as hint."""
+        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
+        near = did_you_mean(unknown[1], self._option_string_actions) if unknown else None
+        usage = " ".join(self.format_usage().split())
+        raise UsageError(f"{self.prog}: {message}", near if near and near.startswith("did") else usage)
+
+
+def command_parser(name: str, summary: str) -> Parser:
+    """The parser of one subcommand, with the options that all of them share."""
+    parser = Parser(prog=f"avrare {name}", description=summary, allow_abbrev=False)
+    parser.add_argument("--traceback", action="store_true", help="show the traceback of a bug")
+    return parser
+
+
+def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
+    """``SCENARIO... --set KEY=VALUE --estimator NAME``, for every command that loads scenarios.
+
+    They arrive as ``args.scenarios``, ``args.set`` and ``args.estimator``, ready for ``load``.
+    """
+    parser.add_argument("scenarios", nargs="+", metavar="SCENARIO", help="scenario file")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override one value, e.g. estimator.rollouts=1000; may be repeated",
+    )
+    parser.add_argument("--estimator", metavar="NAME", help="replace the estimator block by NAME's defaults")

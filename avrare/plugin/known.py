@@ -1,0 +1,29 @@
+"""Names that we know of even where nothing is installed, so that a message can give the pip line."""
+
+from __future__ import annotations
+
+FIRST_PARTY: dict[tuple[str, str], str] = {
+    ("simulator", "single_track"): "avrare-single-track",
+    ("perception", "gp_pem"): "avrare-gp-pem",
+    ("perception", "parametric"): "avrare-gp-pem",
+    ("tracker", "imm"): "avrare-imm",
+    ("controller", "mpc"): "avrare-mpc",
+    ("specification", "traffic_rules"): "avrare-traffic-rules",
+    ("estimator", "ams"): "avrare-estimators",
+}
+"""(kind, name) of a component -> the distribution of this project that provides it."""
+
+PACKAGES = {
+    "PIL": "pillow",
+    "cv2": "opencv-python",
+    "pyro": "pyro-ppl",
+    "sklearn": "scikit-learn",
+    "yaml": "pyyaml",
+}
+"""Top-level module -> the package that provides it, where the names differ."""
+
+
+def pip_line(*modules: str) -> str:
+    """The command that installs the packages of these modules."""
+    packages = sorted({PACKAGES.get(top, top) for top in (module.split(".")[0] for module in modules)})
+    return "pip install " + " ".join(packages)

@@ -1,0 +1,74 @@
+"""The run folder: what a run leaves behind, each file written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from avrare.errors import UsageError
+from avrare.estimate.result import Result
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.schema import Scenario
+from avrare.scenario.yaml import dump
+
+SCHEMA = 1
+
+
+def choose(out: str | None, name: str, several: bool) -> Path:
+    """The folder of a run: ``out`` (a folder inside it when there are several scenarios), or a new one.
+
+    Raises:
+        UsageError: It cannot be made.
+    """
+    if out is None:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+        folder = Path("runs") / f"{name}-{stamp}"
+    else:
+        folder = Path(out) / name if several else Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot make this folder: {error.strerror}", "choose another --out") from error
+    return folder
+
+
+def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
+    """The content of result.json."""
+    return {
+        "schema": SCHEMA,
+        "scenario": scenario.name,
+        "fingerprint": fingerprint(scenario),
+        "seed": scenario.seed,
+        "versions": scenario.versions,
+        "estimates": [result.to_dict() for result in results],
+    }
+
+
+def write(folder: Path, scenario: Scenario, content: dict[str, Any]) -> None:
+    """Write result.json and the resolved scenario.
+
+    Raises:
+        UsageError: The folder cannot be written to.
+    """
+    try:
+        _write_text(folder / "scenario.yaml", dump(scenario.resolved))
+        _write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot write the result: {error.strerror}", "choose another --out") from error
+
+
+def _write_text(path: Path, text: str) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise

@@ -1,0 +1,230 @@
+"""YAML text to nodes with places, with the plain scalars of YAML 1.2.
+
+``1e-3`` and ``.5`` are numbers, only ``true`` and ``false`` are booleans, a date is a string. Duplicate
+keys, keys that are not strings, tags and merge keys are errors. Size, depth and aliases are bounded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import yaml
+
+from avrare.errors import ScenarioError
+from avrare.scenario.source import Mark, Node, Scalar
+
+MAX_BYTES = 1_000_000
+MAX_NODES = 20_000
+MAX_DEPTH = 50
+
+_TAG = "tag:yaml.org,2002:"
+_INT = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
+_FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+_PLAIN = (
+    ("null", r"~|null|Null|NULL|"),
+    ("bool", r"true|True|TRUE|false|False|FALSE"),
+    ("int", _INT),
+    ("float", _FLOAT),
+)
+_PATTERNS = {_TAG + name: re.compile(rf"(?:{pattern})\Z") for name, pattern in _PLAIN}
+
+_HINTS = (
+    ("'\\t'", "indent with spaces, not tabs"),
+    ("mapping values are not allowed", "quote a value that contains ': '"),
+    ("could not find expected ':'", "write 'key: value', with a space after the colon"),
+    ("expected <block end>", "check the indentation: keys of one mapping start in one column"),
+    ("undefined alias", "quote a value that starts with '*'"),
+    ("cannot start any token", "quote a value that starts with a special character"),
+)
+
+
+class _Problem(Exception):
+    def __init__(self, mark: yaml.Mark | None, text: str, hint: str | None = None) -> None:
+        super().__init__(text)
+        self.mark, self.text, self.hint = mark, text, hint
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's composer with the plain scalars of YAML 1.2 and a bound on depth."""
+
+    yaml_implicit_resolvers = {None: list(_PATTERNS.items())}  # noqa: RUF012  (PyYAML's own attribute)
+    depth = 0
+    count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
+        mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+        self.depth += 1
+        self.count += 1
+        _check_size(mark, self.depth, self.count)
+        node: yaml.Node | None = super().compose_node(parent, index)  # type: ignore[arg-type]
+        self.depth -= 1
+        return node
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes every string that would read as something else, here or in a reader of YAML 1.1."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012  (PyYAML's own attribute)
+        **yaml.SafeDumper.yaml_implicit_resolvers,
+        None: list(_PATTERNS.items()),
+    }
+
+
+class _Converter:
+    """Turns composed nodes, whose aliases are still shared, into a tree of marked values."""
+
+    def __init__(self, place: Callable[[yaml.Mark | None], Mark]) -> None:
+        self.place = place
+        self.count = 0
+
+    def convert(self, node: yaml.Node, key: Mark | None = None, depth: int = 1) -> Node:
+        self.count += 1
+        _check_size(node.start_mark, depth, self.count)
+        mark = self.place(node.start_mark)
+        if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
+            return Node(self._mapping(node, depth), mark, key)
+        if isinstance(node, yaml.SequenceNode) and node.tag == _TAG + "seq":
+            return Node([self.convert(item, None, depth + 1) for item in node.value], mark, key)
+        if isinstance(node, yaml.ScalarNode):
+            return Node(_scalar(node), mark, key)
+        raise _Problem(node.start_mark, f"the tag {_short(node.tag)} is not allowed", "remove the tag")
+
+    def _mapping(self, node: yaml.MappingNode, depth: int) -> dict[str, Node]:
+        entries: dict[str, Node] = {}
+        for key_node, value_node in node.value:
+            key, start = _key(key_node), key_node.start_mark
+            if key in entries:
+                first = entries[key].name_mark
+                raise _Problem(
+                    start, f"duplicate key {key!r}", f"it is already set at {first}; keep one of them"
+                )
+            entries[key] = self.convert(value_node, self.place(start), depth + 1)
+        return entries
+
+
+def _check_size(mark: yaml.Mark | None, depth: int, count: int) -> None:
+    if depth > MAX_DEPTH:
+        raise _Problem(mark, f"nested more than {MAX_DEPTH} deep")
+    if count > MAX_NODES:
+        raise _Problem(mark, f"more than {MAX_NODES} values, aliases expanded", "use fewer aliases")
+
+
+def _key(node: yaml.Node) -> str:
+    if not isinstance(node, yaml.ScalarNode):
+        raise _Problem(node.start_mark, "a key must be a string, not a list or a mapping")
+    value = _scalar(node)
+    if value == "<<" and node.style is None:
+        raise _Problem(
+            node.start_mark, "merge keys (<<) are not supported", "use 'extends', or repeat the keys"
+        )
+    if not isinstance(value, str):
+        raise _Problem(node.start_mark, f"the key {node.value} is not a string", f'quote it: "{node.value}"')
+    return value
+
+
+def _scalar(node: yaml.ScalarNode) -> Scalar:
+    text: str = node.value
+    if re.search("[\0\ud800-\udfff]", text):
+        raise _Problem(node.start_mark, "a string may not hold NUL or half a surrogate pair")
+    if node.tag == _TAG + "str":
+        return text
+    pattern = _PATTERNS.get(node.tag)
+    if pattern is None or not pattern.match(text):
+        raise _Problem(node.start_mark, f"the tag {_short(node.tag)} is not allowed here", "remove the tag")
+    if node.tag == _TAG + "int":
+        return _integer(node)
+    if node.tag == _TAG + "float":
+        return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
+    return None if node.tag == _TAG + "null" else text.lower() == "true"
+
+
+def _short(tag: str) -> str:
+    return repr(tag.replace(_TAG, "!!"))
+
+
+def _integer(node: yaml.ScalarNode) -> int:
+    text: str = node.value
+    if len(text) > 400:
+        raise _Problem(node.start_mark, f"a number of {len(text)} digits is too long")
+    return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+
+
+def parse(data: bytes, file: str) -> Node:
+    """The single mapping that a scenario file holds.
+
+    Args:
+        data: The content of the file.
+        file: Its path as the user wrote it, for messages.
+
+    Raises:
+        ScenarioError: It is not UTF-8, not YAML, empty, too large, or not one mapping with string keys.
+    """
+    if len(data) > MAX_BYTES:
+        raise _error(Mark(file), f"larger than {MAX_BYTES:,} bytes, too large for a scenario", None)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        mark = Mark(file, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
+        raise _error(mark, "not UTF-8 text", "save the file in UTF-8") from None
+    node = _read(text, lambda mark: _place(file, mark))
+    if node is None:
+        raise _error(
+            Mark(file, 1, 1), "the file is empty", "a scenario needs name, steps, simulator, specifications"
+        )
+    if not isinstance(node.value, dict):
+        raise _error(node.mark, "a scenario is a mapping of keys to values", "write 'key: value' lines")
+    return node
+
+
+def parse_value(text: str, mark: Mark) -> Node:
+    """A single value, as after ``--set KEY=``; every part of it is placed at ``mark``.
+
+    Raises:
+        ScenarioError: The text is not one YAML value.
+    """
+    node = _read(text, lambda _: mark)
+    return Node(None, mark, mark) if node is None else Node(node.value, mark, mark)
+
+
+def dump(data: Mapping[str, Any]) -> str:
+    """Plain data as YAML text that ``parse`` reads back to the same values."""
+    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _place(file: str, mark: yaml.Mark | None) -> Mark:
+    return Mark(file, mark.line + 1, mark.column + 1) if mark else Mark(file, 1, 1)
+
+
+def _read(text: str, place: Callable[[yaml.Mark | None], Mark]) -> Node | None:
+    try:
+        node = _Loader(text).get_single_node()
+        return None if node is None else _Converter(place).convert(node)
+    except _Problem as problem:
+        raise _error(place(problem.mark), problem.text, problem.hint) from None
+    except yaml.reader.ReaderError as error:
+        position = int(error.position)
+        before = text[:position]
+        mark = yaml.Mark("", position, before.count("\n"), position - before.rfind("\n") - 1, None, 0)
+        raise _error(place(mark), f"the character {text[position]!r} is not allowed in YAML", None) from None
+    except yaml.MarkedYAMLError as error:
+        what, hint = _syntax(error)
+        raise _error(place(error.problem_mark or error.context_mark), what, hint) from None
+    except (ValueError, OverflowError) as error:  # PyYAML lets chr() fail on "\U00110000"
+        raise _error(place(None), f"not YAML: {error}", "check the escapes in quoted strings") from None
+
+
+def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str | None]:
+    """What a syntax error says in one line, and a hint for the usual mistakes."""
+    problem = " ".join((error.problem or "cannot be read").split())
+    if "another document" in problem:
+        return "more than one document", "keep one scenario in a file; remove the second '---'"
+    context = f" ({' '.join(error.context.split())})" if error.context else ""
+    hint = next((hint for sign, hint in _HINTS if sign in problem), None)
+    return f"not YAML: {problem}{context}", hint
+
+
+def _error(mark: Mark, text: str, hint: str | None) -> ScenarioError:
+    return ScenarioError([(f"{mark}: {text}", hint)])

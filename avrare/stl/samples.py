@@ -1,0 +1,101 @@
+"""Signals as users hand them over, checked and laid out for evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.errors import FormulaError, did_you_mean
+
+Array = NDArray[Any]
+
+_SHAPE_HINT = "give arrays (N, T), or (T,) for one trace"
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Signals over time.
+
+    Attributes:
+        samples: name -> (T, N, ...).
+        steps: T.
+        rows: N.
+        single: The user gave (T,) arrays, one trace without a batch axis.
+    """
+
+    samples: dict[str, Array]
+    steps: int
+    rows: int
+    single: bool
+
+
+def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
+    """The signals ``names`` of whole traces, (N, T, ...) each or (T,) each.
+
+    Raises:
+        FormulaError: A signal is missing, is no array of numbers, contains NaN, or the shapes disagree.
+    """
+    arrays = _select(signals, names)
+    for name, array in arrays.items():
+        if array.ndim == 0:
+            raise FormulaError(f"signal {name!r} is a single number", _SHAPE_HINT)
+    single = any(array.ndim == 1 for array in arrays.values())
+    shapes = {array.shape[: 1 if single else 2] for array in arrays.values()}
+    if len(shapes) > 1 or (single and any(array.ndim > 1 for array in arrays.values())):
+        raise FormulaError(f"signals of different shapes: {_shapes(arrays)}", _SHAPE_HINT)
+    for name, array in arrays.items():
+        _reject_nan(name, array)
+    if single:
+        arrays = {name: array[None] for name, array in arrays.items()}
+    rows, steps = next(iter(arrays.values())).shape[:2]
+    if steps == 0:
+        raise FormulaError("the signals have no samples", "a trace has at least one sample")
+    samples = {name: np.ascontiguousarray(np.moveaxis(array, 1, 0)) for name, array in arrays.items()}
+    return Trace(samples, steps, rows, single)
+
+
+def read_sample(signals: Mapping[str, Any], names: Sequence[str], rows: int) -> dict[str, Array]:
+    """The signals ``names`` at one sample, (N, ...) each; NaN is let through.
+
+    Raises:
+        FormulaError: A signal is missing, is no array of numbers, or has not N rows.
+    """
+    arrays = _select(signals, names) if names else {}
+    for name, array in arrays.items():
+        if array.ndim == 0 or len(array) != rows:
+            raise FormulaError(f"signal {name!r} has shape {array.shape}, expected ({rows},) or ({rows}, V)")
+    return arrays
+
+
+def _select(signals: Mapping[str, Any], names: Sequence[str]) -> dict[str, Array]:
+    if not isinstance(signals, Mapping):
+        raise FormulaError(f"signals must be a mapping from names to arrays, not {type(signals).__name__}")
+    for name in names:
+        if name not in signals:
+            raise FormulaError(f"signal {name!r} is missing", did_you_mean(name, map(str, signals)))
+    if not names and not signals:
+        raise FormulaError("no signals are given", "a formula without signals needs one to know its samples")
+    return {name: _floats(name, signals[name]) for name in (names or list(signals)[:1])}
+
+
+def _floats(name: str, values: Any) -> Array:
+    if not isinstance(values, np.ndarray):
+        raise FormulaError(f"signal {name!r} is not a NumPy array but {type(values).__name__}")
+    if values.dtype.kind not in "biuf":
+        raise FormulaError(f"signal {name!r} holds {values.dtype} values, not real numbers")
+    return values.astype(np.float64, copy=False)
+
+
+def _reject_nan(name: str, array: Array) -> None:
+    missing = np.isnan(array)
+    if missing.any():
+        place = tuple(int(i) for i in np.argwhere(missing)[0])
+        raise FormulaError(f"signal {name!r} is NaN at index {place}", "infinity is a value, NaN is not")
+
+
+def _shapes(arrays: Mapping[str, Array]) -> str:
+    return ", ".join(f"{name} {array.shape}" for name, array in arrays.items())

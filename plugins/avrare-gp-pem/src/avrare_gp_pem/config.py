@@ -1,0 +1,47 @@
+"""Options of the two perception error models."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+_Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
+
+
+class _PemConfig(BaseModel):
+    """What both models share."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    speed_sd: float = Field(
+        0.3, ge=0, description="standard deviation of the observed speed along the road [m/s]; 0: exact"
+    )
+    rays: int = Field(24, ge=1, le=1000, description="rays cast at each vehicle to see how much is hidden")
+
+
+class GpPemConfig(_PemConfig):
+    """Gaussian-process model learnt from a real detector."""
+
+    model: str = Field("pointpillars", description="name of a shipped model, or path of an .npz file")
+    height: float = Field(1.7, gt=0, description="height of every other vehicle, an input of the model [m]")
+
+
+class ParametricPemConfig(_PemConfig):
+    """Closed-form model: its coefficients are facts about a detector, not its data."""
+
+    detection_plateau: float = Field(0.986, ge=0, le=1, description="detection probability at no range")
+    detection_range: float = Field(51.6, description="range at which detection falls to half [m]")
+    detection_width: float = Field(7.6, gt=0, description="how slowly it falls: logistic scale [m]")
+    full_visibility: float = Field(
+        0.4, gt=0, le=1, description="fraction in view above which occlusion no longer matters"
+    )
+    longitudinal_scale: _Scale = Field(
+        (0.047, 0.0060), description="Student-t scale along the vehicle: at range 0 [m], per metre of range"
+    )
+    lateral_scale: _Scale = Field(
+        (0.024, 0.0039), description="Student-t scale across the vehicle: at range 0 [m], per metre of range"
+    )
+    longitudinal_dof: float = Field(2.4, ge=1, le=30, description="degrees of freedom of the error along")
+    lateral_dof: float = Field(2.2, ge=1, le=30, description="degrees of freedom of the error across")
+    error_limit: float = Field(8.0, gt=0, description="errors are truncated at this size along each axis [m]")

@@ -1,0 +1,92 @@
+"""Sparse variational Gaussian processes: prediction in NumPy from exported arrays.
+
+With whitened q(u) = N(m, S S^T) and w = L^-1 k(Z, x), where L L^T = k(Z, Z), the latent functions at x have
+mean prior(x) + w^T m and variance k(x, x) - |w|^2 + |S^T w|^2. All matrices that meet x are multiplied out
+once, so that a prediction is one matrix product.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+_BLOCK = 64  # rows per product: a fixed shape keeps a row's last bits the same in any batch
+
+
+@dataclass(frozen=True)
+class SparseGp:
+    """L latent functions of D inputs that share a kernel and M inducing points. All arrays are read-only.
+
+    Attributes:
+        inducing: (M, D) inducing points Z, in normalised inputs.
+        lengthscale: (D,) of the squared-exponential kernel.
+        variance: () of the kernel.
+        location: (L, M) whitened variational mean m.
+        factor: (L, M, M) whitened variational factor S, lower triangular.
+        prior: (L, 2) prior mean: constant and slope over the first input.
+        jitter: () added to the diagonal of k(Z, Z).
+        projection: (M, L + M + L M) what k(Z, x) is multiplied by; see ``sparse_gp``.
+    """
+
+    inducing: Floats
+    lengthscale: Floats
+    variance: Floats
+    location: Floats
+    factor: Floats
+    prior: Floats
+    jitter: Floats
+    projection: Floats
+
+    def predict(self, x: Floats) -> tuple[Floats, Floats]:
+        """Mean and variance of the latent functions.
+
+        Args:
+            x: (n, D) normalised inputs.
+
+        Returns:
+            (n, L) means and (n, L) variances; a row depends on its own input only, to the last bit.
+        """
+        count = len(x)
+        padded = np.zeros((-(-count // _BLOCK) * _BLOCK, x.shape[1]))
+        padded[:count] = x
+        blocks = [self._block(padded[i : i + _BLOCK]) for i in range(0, len(padded), _BLOCK)]
+        if not blocks:
+            return np.empty((0, len(self.prior))), np.empty((0, len(self.prior)))
+        means, variances = (np.concatenate(parts)[:count] for parts in zip(*blocks, strict=True))
+        return means, variances
+
+    def _block(self, x: Floats) -> tuple[Floats, Floats]:
+        latents, points = self.location.shape
+        product = self._kernel(x) @ self.projection
+        mean = product[:, :latents] + self.prior[:, 0] + x[:, :1] * self.prior[:, 1]
+        squares = product[:, latents:].reshape(len(x), latents + 1, points) ** 2
+        explained = squares.sum(axis=-1)
+        return mean, np.maximum(self.variance - explained[:, :1] + explained[:, 1:], 0.0)
+
+    def _kernel(self, x: Floats) -> Floats:
+        distance = np.zeros((len(x), len(self.inducing)))
+        for column, scale in enumerate(self.lengthscale):
+            difference = (x[:, column, None] - self.inducing[:, column]) / scale
+            distance += difference * difference
+        return self.variance * np.exp(-0.5 * distance)
+
+
+def sparse_gp(
+    inducing: Floats,
+    lengthscale: Floats,
+    variance: Floats,
+    location: Floats,
+    factor: Floats,
+    prior: Floats,
+    jitter: Floats,
+) -> SparseGp:
+    """The process of these parameters (see ``SparseGp``); works out its projection [A, L^-T, L^-T S]."""
+    scaled = inducing / lengthscale
+    squared = ((scaled[:, None, :] - scaled[None, :, :]) ** 2).sum(axis=-1)
+    covariance = variance * np.exp(-0.5 * squared) + jitter * np.eye(len(inducing))
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance)).T  # L^-T
+    projection = np.concatenate([whiten @ location.T, whiten, *(whiten @ part for part in factor)], axis=1)
+    return SparseGp(inducing, lengthscale, variance, location, factor, prior, jitter, projection)

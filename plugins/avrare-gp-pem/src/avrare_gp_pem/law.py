@@ -1,0 +1,98 @@
+"""The law of one observation, shared by both models: how it is drawn from noise and how likely it is.
+
+Per vehicle: seen or missed, then an error along and across its body (that is where a detector's errors are
+independent), each Student-t with its own location and scale, then a normal error of its speed. Errors are
+truth minus estimate, as in the training data, so an observation is truth minus error.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.driving import Observation, World
+from avrare_gp_pem import normal
+from avrare_gp_pem.student import student
+
+Floats = NDArray[np.float64]
+NOISE_PER_VEHICLE = 4
+"""Detection, error along, error across, speed."""
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """The distribution of the observation of N worlds.
+
+    Attributes:
+        detect: (N, V) probability of a detection.
+        miss: (N, V) probability of none; given too, because 1 - detect loses a small one.
+        location: (N, V, 2) centre of the error along and across the vehicle [m].
+        scale: (N, V, 2) its Student-t scale [m].
+        dof: Degrees of freedom along and across.
+        limit: Errors end this far from their centre [m].
+        speed_sd: Standard deviation of the observed speed [m/s].
+    """
+
+    detect: Floats
+    miss: Floats
+    location: Floats
+    scale: Floats
+    dof: tuple[float, float]
+    limit: float
+    speed_sd: float
+
+    def draw(self, world: World, noise: Floats) -> Observation:
+        """The observation that standard normal numbers (N, 4 V) stand for.
+
+        A vehicle is detected where the first number has a rank below the probability of detection.
+        """
+        particles, vehicles = self.detect.shape
+        if noise.shape != (particles, NOISE_PER_VEHICLE * vehicles):
+            raise ValueError(f"noise is {noise.shape}, not {(particles, NOISE_PER_VEHICLE * vehicles)}")
+        parts = noise.reshape(particles, vehicles, NOISE_PER_VEHICLE)
+        detected = normal.cdf(parts[..., 0]) < self.detect
+        along, across = (self._error(axis, parts[..., 1 + axis]) for axis in (0, 1))
+        others = world.others
+        cos, sin = np.cos(others.heading), np.sin(others.heading)
+        missing = np.where(detected, 0.0, np.nan)
+        return Observation(
+            detected=detected,
+            x=others.x - (cos * along - sin * across) + missing,
+            y=others.y - (sin * along + cos * across) + missing,
+            speed_x=others.speed * cos + self.speed_sd * parts[..., 3] + missing,
+        )
+
+    def log_prob(self, world: World, observation: Observation) -> Floats:
+        """(N,) log density of an observation: of detected, x, y and speed_x of all vehicles together."""
+        others = world.others
+        cos, sin = np.cos(others.heading), np.sin(others.heading)
+        dx = np.where(observation.detected, others.x - observation.x, 0.0)
+        dy = np.where(observation.detected, others.y - observation.y, 0.0)
+        speed = np.where(observation.detected, observation.speed_x - others.speed * cos, 0.0)
+        with np.errstate(divide="ignore"):  # an impossible outcome has log probability -inf
+            seen = np.log(self.detect) + self._speed_log_density(speed)
+            missed = np.log(self.miss)
+        errors = (cos * dx + sin * dy, cos * dy - sin * dx)
+        for axis, error in enumerate(errors):
+            seen = seen + self._error_log_density(axis, error)
+        return np.where(observation.detected, seen, missed).sum(axis=-1)  # type: ignore[no-any-return]
+
+    def _error(self, axis: int, noise: Floats) -> Floats:
+        scale = self.scale[..., axis]
+        standard = student(self.dof[axis]).truncated(noise, self.limit / scale)
+        return self.location[..., axis] + scale * standard
+
+    def _error_log_density(self, axis: int, error: Floats) -> Floats:
+        scale = self.scale[..., axis]
+        standard = (error - self.location[..., axis]) / scale
+        density = student(self.dof[axis]).truncated_log_density(standard, self.limit / scale)
+        return density - np.log(scale)
+
+    def _speed_log_density(self, error: Floats) -> Floats:
+        if self.speed_sd == 0:
+            return np.where(error == 0, 0.0, -np.inf)
+        standard = error / self.speed_sd
+        return -0.5 * standard * standard - math.log(self.speed_sd * math.sqrt(2 * math.pi))

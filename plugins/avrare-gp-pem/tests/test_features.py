@@ -1,0 +1,80 @@
+"""Frames: what the model reads of a world, and where its errors go."""
+
+import numpy as np
+import pytest
+from avrare_gp_pem.features import NAMES, Box, box_of, features
+from avrare_gp_pem.law import ErrorLaw
+from avrare_gp_pem.relative import relative
+
+
+def read(world, scene):
+    return box_of(relative(world), scene.lengths, scene.widths, 1.7, np.full(world.others.x.shape, 4.0))
+
+
+def test_straight_ahead_in_the_frame_of_the_data(make):
+    box = read(make.world([[20.0, 0.0, 0.0]]), make.scene(1))
+    values = np.array([box.right[0, 0], box.forward[0, 0], box.yaw[0, 0]])
+    np.testing.assert_allclose(values, [0.0, 20.0, np.pi / 2], atol=1e-12)
+
+
+def test_left_of_the_ego_is_negative_right(make):
+    box = read(make.world([[0.0, 5.0, 0.0]]), make.scene(1))
+    np.testing.assert_allclose([box.right[0, 0], box.forward[0, 0]], [-5.0, 0.0], atol=1e-12)
+
+
+def test_ego_heading_counts(make):
+    # ego looks along +y, the car is 20 m ahead of it and points to the ego's left
+    box = read(make.world([[0.0, 20.0, np.pi]], ego=(0.0, 0.0, np.pi / 2)), make.scene(1))
+    values = np.array([box.right[0, 0], box.forward[0, 0], box.yaw[0, 0]])
+    np.testing.assert_allclose(values, [0.0, 20.0, np.pi], atol=1e-12)
+
+
+def test_turning_the_world_changes_no_feature(make):
+    world, scene = make.random(40, 3), make.scene(3)
+    before = features(read(world, scene))
+    after = features(read(make.turned(world, 2.2, (7.0, 9.0)), scene))
+    np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+def test_feature_values():
+    one = np.array(1.0)
+    box = Box(3 * one, 4 * one, 0.2 * one, 4.5 * one, 1.8 * one, 1.7 * one, 2 * one)
+    values = dict(zip(NAMES, features(box), strict=True))
+    bearing = np.arctan2(4, 3)
+    assert values["range"] == pytest.approx(5.0)
+    assert values["cos_aspect"] == pytest.approx(np.cos(0.2 - bearing))
+    assert values["sin_aspect"] == pytest.approx(np.sin(0.2 - bearing))
+    assert values["cos_bearing"] == pytest.approx(0.6)
+    assert values["edge"] == pytest.approx(np.tanh((4 - 51.2) / 3))
+    assert (values["length"], values["visibility"]) == (4.5, 2.0)
+
+
+def law_of(location, world):
+    shape = world.others.x.shape
+    located = np.broadcast_to(np.asarray(location, float), (*shape, 2))
+    scale = np.full((*shape, 2), 1e-9)
+    return ErrorLaw(np.ones(shape), np.zeros(shape), located, scale, (3.0, 3.0), 6.0, 0.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, -2.0])
+def test_observed_is_truth_minus_error_in_the_frame_of_the_vehicle(make, angle):
+    world = make.turned(make.world([[20.0, 0.0, 0.0]]), angle)
+    observation = law_of((0.5, 0.2), world).draw(world, np.zeros((1, 4)))
+    dx = world.others.x[0, 0] - observation.x[0, 0]
+    dy = world.others.y[0, 0] - observation.y[0, 0]
+    ahead = np.array([np.cos(angle), np.sin(angle)])
+    left = np.array([-np.sin(angle), np.cos(angle)])
+    np.testing.assert_allclose([dx, dy], 0.5 * ahead + 0.2 * left, atol=1e-6)
+
+
+def test_error_of_the_data_frame_comes_back(make):
+    # the error of a label, taken to the vehicle's axes and back through a world, is the label's
+    from avrare_gp_pem.data import to_rows
+
+    yaw, error = 2.0, np.array([0.3, -0.4])  # error in right, forward
+    row = to_rows(np.array([[5.0, 20.0, yaw, 4.5, 1.8, 1.7, 4.0]]), np.array([[1.0, *error, 0.0]]))
+    world = make.world([[20.0, -5.0, yaw - np.pi / 2]])  # forward = x, right = -y
+    observation = law_of(row.errors[0], world).draw(world, np.zeros((1, 4)))
+    right = -(world.others.y - observation.y)[0, 0]
+    forward = (world.others.x - observation.x)[0, 0]
+    np.testing.assert_allclose([right, forward], error, atol=1e-6)

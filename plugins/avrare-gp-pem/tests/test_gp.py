@@ -1,0 +1,143 @@
+"""NumPy inference against Pyro, and the shipped file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from avrare_gp_pem.data import off_axis
+from avrare_gp_pem.gp import sparse_gp
+from avrare_gp_pem.store import FOLDER, load, locate, save
+
+DATA = Path(__file__).parents[4] / "shared" / "data" / "perception"
+
+
+def small(latents=2, points=6, inputs=3, seed=0):
+    rng = np.random.default_rng(seed)
+    factor = np.tril(rng.normal(0, 0.2, (latents, points, points))) + 0.5 * np.eye(points)
+    return {
+        "inducing": rng.normal(size=(points, inputs)),
+        "lengthscale": rng.uniform(0.5, 2, inputs),
+        "variance": np.array(1.7),
+        "location": rng.normal(size=(latents, points)),
+        "factor": factor,
+        "prior": rng.normal(size=(latents, 2)),
+        "jitter": np.array(1e-5),
+    }
+
+
+def pyro_prediction(parameters, x):
+    torch = pytest.importorskip("torch")
+    pyro = pytest.importorskip("pyro")
+    gp = pytest.importorskip("pyro.contrib.gp")
+    torch.set_num_threads(1)
+    pyro.clear_param_store()
+    tensor = {name: torch.as_tensor(value) for name, value in parameters.items()}
+    prior = tensor["prior"]
+    process = gp.models.VariationalSparseGP(
+        torch.as_tensor(x),
+        None,
+        gp.kernels.RBF(x.shape[1], variance=tensor["variance"], lengthscale=tensor["lengthscale"]),
+        tensor["inducing"],
+        gp.likelihoods.Gaussian(),
+        mean_function=lambda z: prior[:, :1] + prior[:, 1:] * z[:, 0],
+        latent_shape=torch.Size([len(prior)]),
+        whiten=True,
+        jitter=float(parameters["jitter"]),
+    )
+    process.u_loc.data.copy_(tensor["location"])
+    process.u_scale_tril = tensor["factor"]
+    with torch.no_grad():
+        mean, variance = process(torch.as_tensor(x))
+    return mean.numpy().T, variance.numpy().T
+
+
+def test_small_process_agrees_with_pyro():
+    x = np.random.default_rng(1).normal(size=(100, 3))
+    mean, variance = sparse_gp(**small()).predict(x)
+    expected_mean, expected_variance = pyro_prediction(small(), x)
+    np.testing.assert_allclose(mean, expected_mean, atol=1e-9)
+    np.testing.assert_allclose(variance, expected_variance, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["detection", "error"])
+def test_shipped_process_agrees_with_pyro(pointpillars, name):
+    process = getattr(pointpillars, name)
+    x = np.random.default_rng(2).normal(0, 1.2, (300, 10))
+    mean, variance = process.predict(x)
+    expected_mean, expected_variance = pyro_prediction({key: getattr(process, key) for key in small()}, x)
+    np.testing.assert_allclose(mean, expected_mean, atol=1e-6)
+    np.testing.assert_allclose(variance, expected_variance, atol=1e-6)
+
+
+def test_frozen_prediction():
+    # made once with Pyro (pyro_prediction above); holds without it
+    process = sparse_gp(
+        inducing=np.array([[0.0, 1.0], [-1.0, 0.5], [2.0, -1.0]]),
+        lengthscale=np.array([1.0, 2.0]),
+        variance=np.array(1.5),
+        location=np.array([[0.3, -1.0, 0.7]]),
+        factor=np.array([[[0.5, 0, 0], [0.2, 0.8, 0], [-0.1, 0.3, 0.4]]]),
+        prior=np.array([[0.25, -0.5]]),
+        jitter=np.array(1e-5),
+    )
+    mean, variance = process.predict(np.array([[0.5, 0.0], [3.0, 3.0]]))
+    np.testing.assert_allclose(mean[:, 0], [0.6870867724883369, -1.1717383584234142], atol=1e-9)
+    np.testing.assert_allclose(variance[:, 0], [0.6598492051988964, 1.4921879463848937], atol=1e-9)
+
+
+def test_variance_far_away_is_that_of_the_prior():
+    mean, variance = sparse_gp(**small()).predict(np.full((1, 3), 1e3))
+    np.testing.assert_allclose(variance, 1.7)
+    np.testing.assert_allclose(mean[0], small()["prior"] @ [1, 1e3])
+
+
+@pytest.mark.parametrize("count", [1, 3, 63, 64, 65, 200])
+def test_rows_are_the_same_in_any_batch(pointpillars, count):
+    x = np.random.default_rng(3).normal(size=(257, 10))
+    whole = pointpillars.error.predict(x)
+    part = pointpillars.error.predict(x[-count:])
+    moved = pointpillars.error.predict(np.roll(x, 17, axis=0))
+    for all_rows, last, rolled in zip(whole, part, moved, strict=True):
+        assert all_rows[-count:].tobytes() == last.tobytes()
+        assert np.roll(rolled, -17, axis=0).tobytes() == all_rows.tobytes()
+
+
+def test_no_row_no_prediction():
+    assert sparse_gp(**small()).predict(np.empty((0, 3)))[0].shape == (0, 2)
+
+
+def test_file_survives_a_round_trip(pointpillars, tmp_path):
+    save(tmp_path / "copy.npz", pointpillars)
+    again = load(locate(str(tmp_path / "copy.npz")))
+    x = np.random.default_rng(4).normal(size=(10, 10))
+    np.testing.assert_array_equal(again.detection.predict(x), pointpillars.detection.predict(x))
+    assert again.provenance == pointpillars.provenance
+    save(tmp_path / "twice.npz", again)
+    assert (tmp_path / "twice.npz").read_bytes() == (tmp_path / "copy.npz").read_bytes()
+
+
+def test_shipped_file_is_small_and_says_where_it_comes_from(pointpillars):
+    assert (FOLDER / "pointpillars.npz").stat().st_size < 1_000_000
+    assert "CC BY-NC-SA 4.0" in pointpillars.provenance["licence"]
+    assert "nuScenes" in pointpillars.provenance["data"]
+    with np.load(FOLDER / "pointpillars.npz", allow_pickle=False) as file:
+        assert all(file[name].dtype != object for name in file.files)
+
+
+def test_inducing_points_are_no_rows_of_the_data(pointpillars):
+    if not DATA.is_dir():
+        pytest.skip("the training data is not here")
+    from avrare_gp_pem.data import read
+
+    train, test = read(DATA / "nuscenes_inputs.txt", DATA / "nuscenes_labels.txt", 0.0)
+    rows = np.concatenate([train.inputs, test.inputs])
+    rows = (rows - pointpillars.input_mean) / pointpillars.input_sd
+    for process in (pointpillars.detection, pointpillars.error):
+        nearest = min(np.abs(rows - point).max(axis=1).min() for point in process.inducing)
+        assert nearest > 1e-3
+
+
+def test_angle_to_the_nearest_axis():
+    np.testing.assert_allclose(
+        off_axis(np.radians([0, 5, 85, 90, -95, 45, 179, -130])), [0, 5, 5, 0, 5, 45, 1, 40]
+    )

@@ -1,0 +1,139 @@
+"""Both models behind the same interface."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
+from avrare_gp_pem.model import build_gp
+from avrare_gp_pem.parametric import build_parametric
+from avrare_gp_pem.student import student
+
+from avrare.batch import take
+from avrare.errors import UsageError
+
+FIELDS = ("detected", "x", "y", "speed_x")
+
+
+def draws(model, world, seed=0):
+    noise = np.random.default_rng(seed).standard_normal((len(world.step), model.noise_size))
+    return noise, model.observe(world, noise)
+
+
+def test_noise_size_and_shape(build, make):
+    model, world = build(make.scene(3)), make.random(7, 3)
+    assert model.noise_size == 12
+    _, observation = draws(model, world)
+    assert all(getattr(observation, name).shape == (7, 3) for name in FIELDS)
+
+
+def test_missed_is_nan_and_nothing_else(build, make):
+    _, observation = draws(build(make.scene(3)), make.random(300, 3))
+    assert 0 < observation.detected.mean() < 1
+    for name in FIELDS[1:]:
+        np.testing.assert_array_equal(np.isnan(getattr(observation, name)), ~observation.detected)
+
+
+def test_same_noise_same_observation(build, make):
+    model, world = build(make.scene(3)), make.random(50, 3)
+    (_, first), (_, second) = draws(model, world), draws(model, world)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+@pytest.mark.parametrize("index", [slice(0, 1), slice(3, 150), [77], list(range(199, -1, -1)), [5, 5, 198]])
+def test_rows_do_not_depend_on_their_neighbours(build, make, index):
+    model, world = build(make.scene(3)), make.random(200, 3)
+    noise, whole = draws(model, world)
+    part = model.observe(take(world, index), noise[index])
+    for name in FIELDS:
+        assert getattr(part, name).tobytes() == getattr(whole, name)[index].tobytes()
+    likelihood = model.log_prob(world, whole)[index]
+    assert model.log_prob(take(world, index), part).tobytes() == likelihood.tobytes()
+
+
+@pytest.mark.parametrize("distance", [10.0, 40.0, 55.0])
+def test_detection_frequency_is_the_probability(build, make, distance):
+    model, n = build(make.scene(1)), 20000
+    world = make.world([[distance, 0.0, 0.0]], n=n)
+    probability = model.law(take(world, slice(0, 1))).detect.item()
+    _, observation = draws(model, world)
+    assert (
+        abs(observation.detected.mean() - probability)
+        < 4 * np.sqrt(probability * (1 - probability) / n) + 1e-9
+    )
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.2])
+def test_spread_of_errors_is_the_predicted_one(build, make, heading):
+    model, n = build(make.scene(1)), 100000
+    world = make.turned(make.world([[25.0, 2.0, 0.0]], n=n), heading)
+    law = model.law(take(world, slice(0, 1)))
+    _, seen = draws(model, world)
+    dx, dy = world.others.x - seen.x, world.others.y - seen.y
+    cos, sin = np.cos(heading), np.sin(heading)
+    for axis, error in enumerate((cos * dx + sin * dy, cos * dy - sin * dx)):
+        error = error[seen.detected] - law.location[0, 0, axis]
+        scale = law.scale[0, 0, axis]
+        t = np.linspace(-law.limit / scale, law.limit / scale, 400001)
+        density = np.exp(student(law.dof[axis]).truncated_log_density(t, np.full_like(t, law.limit / scale)))
+        sd = scale * np.sqrt(np.trapezoid(density * t * t, t))
+        assert error.std() == pytest.approx(sd, rel=0.1)  # heavy tails: a sample sd converges slowly
+        for k in (0.5, 1, 3, 10):
+            tail = np.trapezoid(np.where(np.abs(t) > k, density, 0.0), t)
+            assert abs((np.abs(error) > k * scale).mean() - tail) < 5 * np.sqrt(tail / n) + 1e-4
+
+
+def test_speed_is_along_the_world_axis(build, make):
+    model = build(make.scene(1), speed_sd=0.5)
+    world = make.world([[10.0, 0.0, 1.0]], n=20000, speed=12.0)
+    _, seen = draws(model, world)
+    error = seen.speed_x[seen.detected] - 12 * np.cos(1.0)
+    assert abs(error.mean()) < 0.02
+    assert error.std() == pytest.approx(0.5, rel=0.03)
+
+
+def test_detection_falls_with_range(build, make):
+    model = build(make.scene(1))
+    ahead = [model.law(make.world([[x, 0.0, 0.0]])).detect.item() for x in (10, 30, 45, 55, 60)]
+    assert ahead[0] > 0.95
+    assert ahead[-1] < 0.3
+    assert model.law(make.world([[90.0, 0.0, 0.0]])).detect.item() < 0.01
+    assert ahead == sorted(ahead, reverse=True)
+
+
+def test_parametric_is_its_formula(make):
+    model = build_parametric(ParametricPemConfig(), make.scene(2))
+    law = model.law(make.world([[40.0, 0.0, 0.0], [60.0, 0.0, 0.0]]))
+    assert law.detect[0, 0] == pytest.approx(0.986 / (1 + np.exp((40 - 51.6) / 7.6)))
+    assert law.detect[0, 1] == 0.0  # hidden
+    np.testing.assert_allclose(law.scale[0, 0], [0.047 + 0.006 * 40, 0.024 + 0.0039 * 40])
+
+
+def test_unknown_model_is_a_usage_error(make, tmp_path):
+    with pytest.raises(UsageError) as caught:
+        build_gp(GpPemConfig(model="pointpilars"), make.scene(1))
+    assert "pointpillars" in caught.value.hint
+    with pytest.raises(UsageError, match="no such file"):
+        build_gp(GpPemConfig(model=str(tmp_path / "none.npz")), make.scene(1))
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(b"nonsense")
+    with pytest.raises(UsageError, match="no perception model"):
+        build_gp(GpPemConfig(model=str(broken)), make.scene(1))
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(UsageError, match="'format' is missing"):
+        build_gp(GpPemConfig(model=str(tmp_path / "other.npz")), make.scene(1))
+
+
+def test_listing_imports_nothing_heavy():
+    code = (
+        "import sys, avrare_gp_pem as p\n"
+        "[c.load_config() for c in p.avrare_components()]\n"
+        "heavy = {'torch', 'pyro', 'scipy', 'matplotlib'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+        "[c.load_factory() for c in p.avrare_components()]\n"
+        "heavy = {'torch', 'pyro', 'scipy', 'matplotlib'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(sys.path)})

@@ -1,0 +1,134 @@
+"""Sets of linear motion models, and what their rollouts do to a position."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ModelSet:
+    """M models x+ = F x + E + noise of n states, of which the first p are measured.
+
+    Attributes:
+        dynamics: (M, n, n) F.
+        offset: (M, n) E.
+        noise: (M, n, n) covariance of the process noise.
+        measurement_variance: (p,) of the independent measurement errors; p is 1 or 2.
+        transition: (M, M) probability of mode j (column) after mode i (row).
+    """
+
+    dynamics: Floats
+    offset: Floats
+    noise: Floats
+    measurement_variance: Floats
+    transition: Floats
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Position after k = 0..H steps as an affine function of the state, for each model.
+
+    Attributes:
+        weight: (H + 1, M, n) first row of F^k.
+        offset: (H + 1, M) first entry of (I + F + ... + F^(k-1)) E [m].
+    """
+
+    weight: Floats
+    offset: Floats
+
+
+def longitudinal_models(
+    kinds: Sequence[str], dt: float, noise: float, variances: Sequence[float], stay: float
+) -> ModelSet:
+    """Models of (x, vx, ax) [m, m/s, m/s^2], measured in x and vx.
+
+    Constant velocity ignores and clears the acceleration; constant acceleration keeps it.
+
+    Args:
+        kinds: ``"cv"`` or ``"ca"`` for each mode.
+        dt: Step [s].
+        noise: Variance of the random acceleration of a step [(m/s^2)^2].
+        variances: Measurement variances of x [m^2] and vx [(m/s)^2].
+        stay: Probability of keeping the mode for one step.
+    """
+    dynamics = {
+        "cv": [[1.0, dt, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]],
+        "ca": [[1.0, dt, dt**2 / 2], [0.0, 1.0, dt], [0.0, 0.0, 1.0]],
+    }
+    gain = np.array([dt**2 / 2, dt, 1.0])
+    m = len(kinds)
+    return ModelSet(
+        dynamics=np.array([dynamics[kind] for kind in kinds]),
+        offset=np.zeros((m, 3)),
+        noise=np.broadcast_to(noise * np.outer(gain, gain), (m, 3, 3)),
+        measurement_variance=np.array(variances, dtype=float),
+        transition=transition_matrix(m, stay),
+    )
+
+
+def lateral_models(
+    derivative_gains: Sequence[float],
+    proportional_gain: float,
+    lanes: Sequence[float],
+    dt: float,
+    noise: float,
+    variance: float,
+    stay: float,
+) -> ModelSet:
+    """Models of (y, vy) [m, m/s], measured in y: drivers who steer towards a lane centre.
+
+    Mode g * L + l has derivative gain g and lane l of L; its acceleration is kp (lane - y) - kd vy.
+
+    Args:
+        derivative_gains: kd [1/s].
+        proportional_gain: kp [1/s^2].
+        lanes: Lane centres [m].
+        dt: Step [s].
+        noise: Variance of the random acceleration of a step [(m/s^2)^2].
+        variance: Measurement variance of y [m^2].
+        stay: Probability of keeping the mode for one step.
+    """
+    kp = proportional_gain
+    modes = [(kd, lane) for kd in derivative_gains for lane in lanes]
+    gain = np.array([dt**2 / 2, dt])
+    return ModelSet(
+        dynamics=np.array([[[1.0, dt], [-dt * kp, 1.0 - dt * kd]] for kd, _ in modes]),
+        offset=np.array([[0.0, dt * kp * lane] for _, lane in modes]),
+        noise=np.broadcast_to(noise * np.outer(gain, gain), (len(modes), 2, 2)),
+        measurement_variance=np.array([variance]),
+        transition=transition_matrix(len(modes), stay),
+    )
+
+
+def transition_matrix(modes: int, stay: float) -> Floats:
+    """(M, M) chain that keeps its mode with probability ``stay`` and else jumps to any other alike."""
+    if modes == 1:
+        return np.ones((1, 1))
+    matrix = np.full((modes, modes), (1.0 - stay) / (modes - 1))
+    np.fill_diagonal(matrix, stay)
+    return matrix
+
+
+def rollout(models: ModelSet, steps: int) -> Rollout:
+    """What ``steps`` steps without noise do to the first state component.
+
+    Args:
+        models: M models.
+        steps: H.
+    """
+    m, n = models.offset.shape
+    power = np.broadcast_to(np.eye(n), (m, n, n))
+    drift = np.zeros((m, n))
+    weights, offsets = [power[:, 0]], [drift[:, 0]]
+    for _ in range(steps):
+        drift = np.einsum("mij,mj->mi", models.dynamics, drift) + models.offset
+        power = np.einsum("mij,mjk->mik", models.dynamics, power)
+        weights.append(power[:, 0])
+        offsets.append(drift[:, 0])
+    return Rollout(np.array(weights), np.array(offsets))

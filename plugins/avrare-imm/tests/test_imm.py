@@ -1,0 +1,186 @@
+"""The filter against the textbook written as scalar loops, and what must hold of any run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from avrare_imm.imm import Mixture, forecast, fuse, step
+from avrare_imm.models import lateral_models, longitudinal_models, rollout, transition_matrix
+
+from avrare.batch import take
+
+LATERAL = lateral_models((3.0, 4.0, 5.0), 7.0, (-1.75, 1.75, 5.25), 0.1, 0.1, 0.1, 0.95)
+LONGITUDINAL = longitudinal_models(("cv", "ca"), 0.1, 1.0, (0.1, 0.1), 0.95)
+BOTH = pytest.mark.parametrize("models", [LONGITUDINAL, LATERAL], ids=["longitudinal", "lateral"])
+
+
+def begin(models, rng, shape) -> Mixture:
+    m, n = models.offset.shape
+    root = rng.normal(size=(*shape, m, n, n))
+    covariance = np.einsum("...ij,...kj->...ik", root, root) + np.eye(n)
+    chance = rng.random((*shape, m)) + 0.01
+    mean = rng.normal(0, 3, (*shape, m, n))
+    return Mixture(mean, covariance, chance / chance.sum(-1, keepdims=True))
+
+
+def lopsided(models, rng):
+    """The same models with a transition matrix that is not symmetric."""
+    matrix = models.transition + rng.uniform(0, 0.3, models.transition.shape)
+    return replace(models, transition=matrix / matrix.sum(1, keepdims=True))
+
+
+def observe(models, rng, shape, missing=0.4):
+    detected = rng.random(shape) >= missing
+    measurement = rng.normal(0, 3, (*shape, len(models.measurement_variance)))
+    return np.where(detected[..., None], measurement, np.nan), detected
+
+
+def literal(models, mean, covariance, chance, measurement, detected):
+    """One cycle of one track: the recursion of the textbook, one mode after another."""
+    m, n = models.offset.shape
+    p = len(models.measurement_variance)
+    H, R = np.eye(n)[:p], np.diag(models.measurement_variance)
+    new_mean, new_covariance, new_chance = np.zeros((m, n)), np.zeros((m, n, n)), np.zeros(m)
+    for j in range(m):
+        total = sum(models.transition[i, j] * chance[i] for i in range(m))
+        weights = [models.transition[i, j] * chance[i] / total for i in range(m)]
+        x0 = sum(weights[i] * mean[i] for i in range(m))
+        P0 = sum(weights[i] * (covariance[i] + np.outer(mean[i] - x0, mean[i] - x0)) for i in range(m))
+        F = models.dynamics[j]
+        x, P, likelihood = F @ x0 + models.offset[j], F @ P0 @ F.T + models.noise[j], 1.0
+        if detected:
+            S = H @ P @ H.T + R
+            r = measurement - H @ x
+            K = P @ H.T @ np.linalg.inv(S)
+            likelihood = np.exp(-0.5 * r @ np.linalg.inv(S) @ r) / np.sqrt(np.linalg.det(2 * np.pi * S))
+            x, P = x + K @ r, P - K @ S @ K.T
+        new_mean[j], new_covariance[j], new_chance[j] = x, P, total * likelihood
+    return new_mean, new_covariance, new_chance / new_chance.sum()
+
+
+@BOTH
+def test_equals_scalar_loops_with_and_without_detection(models):
+    rng = np.random.default_rng(2)
+    models = lopsided(models, rng)
+    track = begin(models, rng, (4, 3))
+    reference = {
+        (i, j): (track.mean[i, j], track.covariance[i, j], track.probability[i, j])
+        for i in range(4)
+        for j in range(3)
+    }
+    for _ in range(25):
+        measurement, detected = observe(models, rng, (4, 3))
+        track = step(models, track, measurement, detected)
+        for at, old in reference.items():
+            reference[at] = new = literal(models, *old, measurement[at], detected[at])
+            for ours, theirs in zip((track.mean, track.covariance, track.probability), new, strict=True):
+                np.testing.assert_allclose(ours[at], theirs, rtol=1e-9, atol=1e-9)
+
+
+@BOTH
+def test_missed_detection_only_mixes_and_predicts(models):
+    rng = np.random.default_rng(3)
+    models = lopsided(models, rng)
+    track = begin(models, rng, (2, 2))
+    p = len(models.measurement_variance)
+    missed = step(models, track, np.full((2, 2, p), np.nan), np.zeros((2, 2), bool))
+    expected = np.einsum("nvi,ij->nvj", track.probability, models.transition)
+    np.testing.assert_allclose(missed.probability, expected, rtol=1e-13)
+    junk = step(models, track, np.full((2, 2, p), 1e300), np.zeros((2, 2), bool))
+    for name in ("mean", "covariance", "probability"):
+        np.testing.assert_array_equal(getattr(missed, name), getattr(junk, name))
+
+
+@BOTH
+@pytest.mark.parametrize("rows", [[0], [7], [3, 4], [29, 1, 17, 17, 5], list(range(29))])
+def test_rows_do_not_depend_on_their_batch(models, rows):
+    rng = np.random.default_rng(4)
+    full = begin(models, rng, (30, 3))
+    part = take(full, np.array(rows))
+    ahead = rollout(models, 20)
+    for _ in range(4):
+        measurement, detected = observe(models, rng, (30, 3))
+        full = step(models, full, measurement, detected)
+        part = step(models, part, measurement[rows], detected[rows])
+        for name in ("mean", "covariance", "probability"):
+            np.testing.assert_array_equal(getattr(full, name)[rows], getattr(part, name))
+        np.testing.assert_array_equal(forecast(ahead, full)[rows], forecast(ahead, part))
+        for whole, alone in zip(fuse(full), fuse(part), strict=True):
+            np.testing.assert_array_equal(whole[rows], alone)
+
+
+@BOTH
+def test_vehicles_do_not_depend_on_each_other(models):
+    rng = np.random.default_rng(5)
+    full = begin(models, rng, (5, 4))
+    measurement, detected = observe(models, rng, (5, 4))
+    whole = step(models, full, measurement, detected)
+    one = Mixture(full.mean[:, 2:3], full.covariance[:, 2:3], full.probability[:, 2:3])
+    alone = step(models, one, measurement[:, 2:3], detected[:, 2:3])
+    np.testing.assert_array_equal(whole.mean[:, 2:3], alone.mean)
+    np.testing.assert_array_equal(whole.covariance[:, 2:3], alone.covariance)
+    np.testing.assert_array_equal(whole.probability[:, 2:3], alone.probability)
+
+
+@BOTH
+def test_forecast_equals_stepping_every_mode(models):
+    rng = np.random.default_rng(6)
+    track = begin(models, rng, (3, 2))
+    positions = forecast(rollout(models, 20), track)
+    assert positions.shape == (3, 2, 21)
+    np.testing.assert_array_equal(positions[..., 0], fuse(track)[0][..., 0])
+    for i in range(3):
+        for j in range(2):
+            states = [state.copy() for state in track.mean[i, j]]
+            for k in range(21):
+                expected = sum(q * s[0] for q, s in zip(track.probability[i, j], states, strict=True))
+                assert positions[i, j, k] == pytest.approx(expected, abs=1e-10)
+                states = [F @ s + E for F, s, E in zip(models.dynamics, states, models.offset, strict=True)]
+
+
+@BOTH
+def test_long_runs_stay_positive_definite_and_normalised(models):
+    rng = np.random.default_rng(7)
+    track = begin(models, rng, (6, 2))
+    for _ in range(200):
+        track = step(models, track, *observe(models, rng, (6, 2)))
+        for covariance in (track.covariance, fuse(track)[1]):
+            np.testing.assert_array_equal(covariance, covariance.swapaxes(-1, -2))
+            assert np.linalg.eigvalsh(covariance).min() > 0
+        assert (track.probability > 0).all()
+        np.testing.assert_allclose(track.probability.sum(-1), 1, rtol=0, atol=1e-12)
+
+
+@BOTH
+def test_an_update_leaves_its_input_alone(models):
+    rng = np.random.default_rng(8)
+    track = begin(models, rng, (2, 2))
+    once = step(models, track, *observe(models, rng, (2, 2), missing=0))
+    copies = [leaf.copy() for leaf in (once.mean, once.covariance, once.probability)]
+    step(models, once, *observe(models, rng, (2, 2)))
+    fuse(once)
+    forecast(rollout(models, 5), once)
+    for leaf, copy in zip((once.mean, once.covariance, once.probability), copies, strict=True):
+        np.testing.assert_array_equal(leaf, copy)
+
+
+def test_constant_velocity_neither_uses_nor_keeps_the_acceleration():
+    cv = LONGITUDINAL.dynamics[0]
+    np.testing.assert_allclose(cv @ [10.0, 5.0, 3.0], [10.5, 5.0, 0.0])
+
+
+def test_process_noise_is_one_random_acceleration_a_step():
+    g = np.array([0.005, 0.1, 1.0])
+    np.testing.assert_allclose(LONGITUDINAL.noise[1], np.outer(g, g))
+    np.testing.assert_allclose(LATERAL.noise[4], 0.1 * np.outer(g[:2], g[:2]))
+
+
+def test_lateral_models_rest_in_their_lane():
+    for k, lane in enumerate((-1.75, 1.75, 5.25) * 3):
+        rest = np.array([lane, 0.0])
+        np.testing.assert_allclose(LATERAL.dynamics[k] @ rest + LATERAL.offset[k], rest, atol=1e-12)
+
+
+def test_transition_matrix():
+    np.testing.assert_allclose(transition_matrix(9, 0.95)[0], [0.95] + [0.00625] * 8)
+    np.testing.assert_array_equal(transition_matrix(1, 0.95), [[1.0]])

@@ -1,0 +1,202 @@
+"""The tracker as the closed loop uses it."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from avrare_imm import avrare_components
+from avrare_imm.config import ImmConfig
+from avrare_imm.tracker import build
+from pydantic import ValidationError
+
+from avrare.batch import concatenate, size, take
+from avrare.driving import Observation, Road, Scene, Vehicles, World
+from avrare.errors import UsageError
+from avrare.protocols import Tracker
+
+LANES = (-1.75, 1.75, 5.25)
+
+
+def scene(vehicles: int) -> Scene:
+    return Scene(
+        dt=0.1,
+        road=Road(LANES, 3.5),
+        ego_length=4.3,
+        ego_width=1.7,
+        names=tuple(f"car{k}" for k in range(vehicles)),
+        lengths=np.full(vehicles, 4.3),
+        widths=np.full(vehicles, 1.7),
+        moving=np.ones(vehicles, bool),
+    )
+
+
+def world(x, y, heading, speed, acceleration) -> World:
+    n = len(x)
+    none = np.zeros(n)
+    return World(
+        step=np.zeros(n, dtype=np.int64),
+        ego=Vehicles(none, none, none, none, none),
+        others=Vehicles(x, y, heading, speed, acceleration),
+        steering=none,
+    )
+
+
+def lane_change(n: int, steps: int = 60):
+    """(steps + 1, n, 1) x, y, vx: a car that speeds up, waits, then moves from the middle to the left."""
+    t = np.arange(steps + 1) * 0.1
+    speed = 15 + 2 * t
+    x = np.concatenate([[0.0], np.cumsum(0.1 * speed[:-1])])
+    y, vy, path = 1.75, 0.0, []
+    for k in range(steps + 1):
+        path.append(y)
+        goal = 1.75 if k < 15 else 5.25
+        y, vy = y + 0.1 * vy, vy + 0.1 * (7 * (goal - y) - 4 * vy)
+    return (np.broadcast_to(a[:, None, None], (steps + 1, n, 1)) for a in (x, np.array(path), speed))
+
+
+def noisy(rng, x, y, vx, missing=0.0) -> Observation:
+    seen = rng.random(x.shape) >= missing
+    sd = np.sqrt(0.1)
+    return Observation(seen, *(np.where(seen, a + rng.normal(0, sd, a.shape), np.nan) for a in (x, y, vx)))
+
+
+def test_start_knows_the_world_and_the_lane():
+    zero = np.zeros((2, 3))
+    y = np.array([[1.75, 5.25, 1.75 + 0.06], [-1.75, 3.5, 1.75 - 0.04]])
+    tracker = build(ImmConfig(), scene(3))
+    track = tracker.start(world(zero + 7, y, zero + 0.1, zero + 20, zero - 2))
+    now = tracker.estimate(track)
+    np.testing.assert_allclose(now.x, 7)
+    np.testing.assert_allclose(now.vx, 20 * np.cos(0.1))
+    np.testing.assert_allclose(now.ax, -2)
+    np.testing.assert_allclose(now.y, y)
+    np.testing.assert_allclose(now.vy, 20 * np.sin(0.1))
+    np.testing.assert_allclose(now.longitudinal_covariance, np.broadcast_to(np.eye(3), (2, 3, 3, 3)))
+    matched, third = np.array([1, 9, 1]) / 11, np.full(3, 1 / 3)
+    lanes = [[matched, matched[[0, 2, 1]], third], [matched[[1, 0, 2]], third, matched]]
+    np.testing.assert_allclose(now.lane_probabilities, lanes)
+    np.testing.assert_allclose(track.lateral.probability[0, 0], np.tile(matched / 3, 3))
+    np.testing.assert_allclose(track.longitudinal.probability, 0.5)
+
+
+def test_follows_a_lane_change_better_than_raw_measurements():
+    rng = np.random.default_rng(9)
+    n = 40
+    x, y, vx = lane_change(n)
+    zero = np.zeros((n, 1))
+    tracker = build(ImmConfig(), scene(1))
+    track = tracker.start(world(x[0], y[0], zero, vx[0], zero + 2))
+    errors, raw, lanes = [], [], []
+    for k in range(1, len(x)):
+        seen = noisy(rng, x[k], y[k], vx[k], missing=0.3)
+        track = tracker.update(track, seen)
+        now = tracker.estimate(track)
+        errors.append([now.x - x[k], now.y - y[k], now.vx - vx[k]])
+        raw.append([seen.x - x[k], seen.y - y[k], seen.speed_x - vx[k]])
+        lanes.append(now.lane_probabilities[:, 0].mean(0))
+    ours = np.sqrt(np.mean(np.square(errors), axis=(0, 2, 3)))
+    theirs = np.sqrt(np.nanmean(np.square(raw), axis=(0, 2, 3)))
+    assert (ours < [0.7, 0.8, 1.0] * theirs).all(), (ours, theirs)
+    assert lanes[13].argmax() == 1  # before it sets off
+    assert lanes[13][1] > 0.8
+    assert lanes[-1].argmax() == 2
+    assert lanes[-1][2] > 0.8
+
+
+def test_prediction_starts_at_the_estimate_and_heads_for_the_lane():
+    rng = np.random.default_rng(10)
+    x, y, vx = lane_change(20)
+    zero = np.zeros((20, 1))
+    tracker = build(ImmConfig(), scene(1))
+    track = tracker.start(world(x[0], y[0], zero, vx[0], zero + 2))
+    for k in range(1, 21):  # half a second into the lane change
+        track = tracker.update(track, noisy(rng, x[k], y[k], vx[k]))
+    now, ahead = tracker.estimate(track), tracker.predict(track, 20)
+    assert ahead.x.shape == ahead.y.shape == (20, 1, 21)
+    np.testing.assert_array_equal(ahead.x[..., 0], now.x)
+    np.testing.assert_array_equal(ahead.y[..., 0], now.y)
+    np.testing.assert_array_equal(tracker.predict(track, 5).y, ahead.y[..., :6])
+    if_it_stayed = np.abs(now.y - y[40]).mean()
+    assert np.abs(ahead.y[..., -1] - y[40]).mean() < 0.6 * if_it_stayed
+    assert np.abs(ahead.x[..., -1] - x[40]).mean() < 2.5
+
+
+def test_rows_alone_equal_rows_of_a_batch_from_start_to_prediction():
+    rng = np.random.default_rng(11)
+    n, v = 13, 3
+    arguments = [rng.normal(m, s, (n, v)) for m, s in ((30, 9), (2, 3), (0, 0.1), (15, 3), (0, 1))]
+    arguments[1][:, 0] = 1.75
+    tracker = build(ImmConfig(), scene(v))
+    whole = tracker.start(world(*arguments))
+    alone = [tracker.start(world(*(a[i : i + 1] for a in arguments))) for i in range(n)]
+    for _ in range(6):
+        seen = noisy(rng, *(arguments[k] for k in (0, 1, 3)), missing=0.4)
+        whole = tracker.update(whole, seen)
+        alone = [tracker.update(t, take(seen, slice(i, i + 1))) for i, t in enumerate(alone)]
+    ahead, now = tracker.predict(whole, 20), tracker.estimate(whole)
+    for i, t in enumerate(alone):
+        np.testing.assert_array_equal(ahead.x[i : i + 1], tracker.predict(t, 20).x)
+        np.testing.assert_array_equal(ahead.y[i : i + 1], tracker.predict(t, 20).y)
+        np.testing.assert_array_equal(now.lane_probabilities[i], tracker.estimate(t).lane_probabilities[0])
+    joined = concatenate(alone)
+    assert size(joined) == n
+    np.testing.assert_array_equal(joined.lateral.covariance, whole.lateral.covariance)
+    np.testing.assert_array_equal(joined.longitudinal.mean, whole.longitudinal.mean)
+
+
+@pytest.mark.parametrize("shape", [(4, 0), (0, 2)])
+def test_nobody_to_track(shape):
+    tracker = build(ImmConfig(), scene(shape[1]))
+    nothing = np.zeros(shape)
+    track = tracker.start(world(*[nothing] * 5))
+    track = tracker.update(track, Observation(nothing > 0, nothing, nothing, nothing))
+    assert tracker.predict(track, 3).x.shape == (*shape, 4)
+    assert tracker.estimate(track).lane_probabilities.shape == (*shape, 3)
+
+
+def test_one_model_is_a_plain_kalman_filter():
+    config = ImmConfig(longitudinal_models=("ca",), derivative_gains=(4.0,))
+    one_lane = Road((0.0,), 3.5)
+    base = scene(1)
+    tracker = build(config, Scene(**{**vars(base), "road": one_lane}))
+    zero = np.zeros((2, 1))
+    track = tracker.start(world(zero, zero, zero, zero + 10, zero))
+    track = tracker.update(track, Observation(zero == 0, zero + 1, zero, zero + 10))
+    np.testing.assert_array_equal(track.lateral.probability, 1.0)
+    assert np.abs(tracker.estimate(track).x - 1).max() < 0.1
+
+
+def test_needs_a_scene():
+    with pytest.raises(UsageError, match="scene"):
+        build(ImmConfig(), None)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"stay_probability": 1.0},
+        {"derivative_gains": ()},
+        {"longitudinal_models": ("ctrv",)},
+        {"position_variance": 0.0},
+        {"lane_tolerance": float("inf")},
+        {"gains": (3.0,)},
+    ],
+)
+def test_wrong_options(options):
+    with pytest.raises(ValidationError):
+        ImmConfig(**options)
+
+
+def test_component_resolves_and_is_light():
+    (component,) = avrare_components()
+    assert (component.kind, component.name) == ("tracker", "imm")
+    assert component.load_config() is ImmConfig
+    tracker: Tracker = component.load_factory()(ImmConfig(), scene(2))
+    assert callable(tracker.predict)
+    code = (
+        "import sys, avrare_imm, avrare_imm.config\n"
+        "heavy = {'torch', 'pyro', 'casadi', 'numba', 'scipy', 'matplotlib', 'filterpy'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

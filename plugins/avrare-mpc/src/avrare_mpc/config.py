@@ -1,0 +1,143 @@
+"""Options of the controller and of scripted trajectories; every default is the reference experiment's value.
+
+Weights multiply squared quantities in SI units and are summed over the nodes of the plan.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Lane = Annotated[int, Field(ge=0)]
+
+
+class PlannerConfig(BaseModel):
+    """What the controller and the trajectory planner have in common: goals, weights and bounds."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    lanes: tuple[Lane, ...] = Field(
+        default=(1, 2),
+        min_length=1,
+        description="Indices of the lanes of the road that may be used, from the right.",
+    )
+    y_goal: Finite = Field(default=1.75, description="Preferred lateral position [m].")
+    y_goal_weight: Weight = Field(default=25.0, description="Weight of the distance from y_goal [1/m^2].")
+    v_goal: Finite = Field(default=31.29, description="Preferred speed [m/s].")
+    v_goal_weight: Weight = Field(default=1.0, description="Weight of the distance from v_goal [s^2/m^2].")
+    acceleration_weight: Weight = Field(default=50.0, description="Weight of acceleration [s^4/m^2].")
+    braking_weight: Weight = Field(
+        default=200.0, description="Additional weight of braking, a < 0 [s^4/m^2]."
+    )
+    turn_rate_weight: Weight = Field(default=0.1, description="Weight of the turn rate [s^2/rad^2].")
+    turn_rate_change_weight: Weight = Field(
+        default=10.0, description="Weight of the difference of consecutive turn rates [s^2/rad^2]."
+    )
+    heading_weight: Weight = Field(default=0.0, description="Weight of the heading [1/rad^2].")
+    lane_weight: Weight = Field(
+        default=5.0,
+        description="Weight of the distance from the lane centres, harmonic over the lanes [1/m^2].",
+    )
+    acceleration_max: Positive = Field(default=11.5, description="Bound of |acceleration| [m/s^2].")
+    turn_rate_max: Positive = Field(default=0.5, description="Bound of |turn rate| [rad/s].")
+    speed_min: Finite = Field(default=-36.6, description="Lower bound of the speed [m/s].")
+    speed_max: Finite = Field(default=36.6, description="Upper bound of the speed [m/s].")
+    heading_max: Positive = Field(default=1.5707963267948966, description="Bound of |heading| [rad].")
+    y_penalty: Positive = Field(
+        default=1e5,
+        description="Weight of each metre outside the lateral bounds [1/m]; a penalty that acts as a bound "
+        "wherever the bound can be kept.",
+    )
+
+    @model_validator(mode="after")
+    def _ordered_speeds(self) -> Self:
+        if self.speed_min >= self.speed_max:
+            raise ValueError("speed_min must be below speed_max")
+        return self
+
+
+class MpcConfig(PlannerConfig):
+    """Options of the lane-change controller ``mpc``."""
+
+    horizon: int = Field(default=20, ge=2, description="Number of planned steps H; the plan has H + 1 nodes.")
+    y_margin: Weight = Field(
+        default=0.4, description="Room between the ego's side and the edge of its outermost lanes [m]."
+    )
+    obstacle_weight: Weight = Field(default=500.0, description="Weight of a missing clearance [1/m^2].")
+    sharpness: Positive = Field(
+        default=10.0, description="Sharpness of the smoothed clearance penalty [1/m]."
+    )
+    clearance_x: Finite = Field(default=3.0, description="Wanted room along the road [m].")
+    clearance_y: Finite = Field(default=1.5, description="Wanted room across the road [m].")
+    clearance_ego_lengths: Weight = Field(
+        default=1.5, description="Ego lengths between the centres, added to half the other's length [1]."
+    )
+    clearance_ego_widths: Weight = Field(
+        default=1.0, description="Ego widths between the centres, added to half the other's width [1]."
+    )
+    lateral_lead: Literal["acceleration", "speed"] = Field(
+        default="acceleration",
+        description="What the dt^2 term of the lateral clearance multiplies with sin(heading): the "
+        "acceleration, or the speed as in the reference experiment, where it looks like a slip.",
+    )
+    solver: Literal["fatrop", "ipopt"] = Field(
+        default="fatrop", description="Solver tried first; ipopt also stands behind fatrop when that fails."
+    )
+
+
+class LaneSchedule(BaseModel):
+    """From one step to another, both included, only one lane counts."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    from_step: int = Field(ge=0, description="First step of the stretch.")
+    to_step: int = Field(ge=0, description="Last step of the stretch.")
+    lane: Lane = Field(description="Index of the lane of the road.")
+
+    @model_validator(mode="after")
+    def _ordered_steps(self) -> Self:
+        if self.to_step < self.from_step:
+            raise ValueError("to_step must not be before from_step")
+        return self
+
+
+class TrajectoryPlan(PlannerConfig):
+    """How a scripted vehicle drives: one plan of all its steps that looks at no other vehicle."""
+
+    steps: int = Field(
+        default=80, ge=3, description="Number of samples of the trajectory, the start included."
+    )
+    schedule: tuple[LaneSchedule, ...] = Field(
+        default=(), description="Stretches with a fixed lane; at other steps every lane of `lanes` attracts."
+    )
+    y_min: Finite = Field(default=1.237, description="Lower bound of the lateral position [m].")
+    y_max: Finite = Field(default=5.763, description="Upper bound of the lateral position [m].")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.y_min >= self.y_max:
+            raise ValueError("y_min must be below y_max")
+        taken: set[int] = set()
+        for part in self.schedule:
+            steps = set(range(part.from_step, part.to_step + 1))
+            if part.to_step >= self.steps:
+                raise ValueError(
+                    f"the schedule reaches step {part.to_step}, the last one is {self.steps - 1}"
+                )
+            if steps & taken:
+                raise ValueError("the stretches of the schedule overlap")
+            taken |= steps
+        return self
+
+    def fixed_lanes(self) -> dict[int, int]:
+        """Step to the lane it is fixed to; steps that are missing are free."""
+        return {step: part.lane for part in self.schedule for step in range(part.from_step, part.to_step + 1)}
+
+    def free_steps(self) -> tuple[int, ...]:
+        """The steps at which every lane attracts."""
+        fixed = self.fixed_lanes()
+        return tuple(step for step in range(self.steps) if step not in fixed)

@@ -1,0 +1,186 @@
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from avrare_mpc import avrare_components
+from avrare_mpc.config import MpcConfig
+from avrare_mpc.controller import build
+from avrare_mpc.start_policy import start_drives
+
+from avrare.batch import concatenate, size, take
+from avrare.driving import Prediction
+from avrare.errors import UsageError
+
+
+def noise_of(n, samples, seed=5):
+    return np.array([0.3, 0.15, 0.3]) * np.random.default_rng(seed).standard_normal((n, samples - 1, 3, 3))
+
+
+def test_the_quiet_drive_changes_lane_between_the_others(lane_change, quiet):
+    controller, drive = quiet
+    states = drive.states[0]
+    assert states[-1, 1] > 5.0
+    assert states[:, 1].max() < 5.763 + 1e-6
+    assert (lane_change.gaps(drive.states) > 0.5).all()
+    counts = controller.counts(drive.memory)
+    assert counts["solves"].tolist() == [4 + 38]
+    assert counts["fallback_solves"].tolist() == [0]
+
+
+def test_action_is_the_first_input_and_the_plan_starts_here(quiet):
+    controller, drive = quiet
+    for step, (memory, ego, prediction) in enumerate(drive.inputs[:5]):
+        action, later = controller.act(memory, ego, prediction)
+        assert action.acceleration[0] == later.plan_inputs[0, 0, 0]
+        assert action.yaw_rate[0] == later.plan_inputs[0, 0, 1]
+        np.testing.assert_allclose(later.plan_states[0, 0], drive.states[0, step], atol=1e-6)
+        np.testing.assert_allclose(later.plan_states[0, 1], drive.states[0, step + 1], atol=1e-6)
+
+
+def test_rows_do_not_depend_on_their_neighbours(lane_change):
+    controller, noise = build(MpcConfig(), lane_change.scene), noise_of(5, 8)
+    together = lane_change.drive(controller, noise, samples=8)
+    assert size(together.memory) == 5
+    for row in (0, 3):
+        alone = lane_change.drive(controller, noise[row, None], samples=8)
+        assert np.array_equal(together.states[row], alone.states[0])
+        assert np.array_equal(together.memory.plan_states[row], alone.memory.plan_states[0])
+
+
+def test_a_copied_particle_drives_on_alike(lane_change):
+    controller = build(MpcConfig(), lane_change.scene)
+    memory, ego, prediction = lane_change.drive(controller, noise_of(3, 6), samples=6).inputs[-1]
+    index = np.array([2, 0, 2])
+    action, later = controller.act(memory, ego, prediction)
+    copied, copied_later = controller.act(*(take(part, index) for part in (memory, ego, prediction)))
+    assert np.array_equal(copied.acceleration, action.acceleration[index])
+    assert np.array_equal(copied_later.plan_inputs, later.plan_inputs[index])
+
+
+def test_noisy_drives_are_finite_and_inside_the_bounds(lane_change):
+    controller = build(MpcConfig(), lane_change.scene)
+    drive = lane_change.drive(controller, noise_of(3, 25), samples=25)
+    assert np.isfinite(drive.states).all()
+    assert np.abs(drive.actions[..., 0]).max() <= 11.5 + 1e-6
+    assert np.abs(drive.actions[..., 1]).max() <= 0.5 + 1e-6
+    assert drive.states[..., 1].max() < 5.763 + 0.05
+    assert controller.counts(drive.memory)["fallback_solves"].sum() == 0
+
+
+def test_a_plant_outside_the_lateral_bounds_comes_back(lane_change, quiet):
+    controller, drive = quiet
+    memory, ego, prediction = drive.inputs[20]
+    outside = dataclasses.replace(ego, y=np.array([6.3]))
+    _, later = controller.act(memory, outside, prediction)
+    assert later.fallbacks[0] == memory.fallbacks[0]
+    assert later.plan_states[0, 0, 1] == pytest.approx(6.3, abs=1e-6)
+    assert later.plan_states[0, -1, 1] <= 5.763 + 1e-3
+
+
+def blind(prediction):
+    return Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
+
+
+def test_failures_follow_the_old_plan_then_brake(quiet):
+    controller, drive = quiet
+    memory, ego, prediction = drive.inputs[10]
+    plan = memory.plan_inputs[0]
+    for step in range(1, controller.horizon):
+        action, memory = controller.act(memory, ego, blind(prediction))
+        assert (action.acceleration[0], action.yaw_rate[0]) == tuple(plan[step])
+        assert memory.solved[0]
+    action, memory = controller.act(memory, ego, blind(prediction))
+    assert (action.acceleration[0], action.yaw_rate[0]) == (-11.5, 0.0)
+    assert not memory.solved[0]
+    assert controller.counts(memory)["fallback_solves"].tolist() == [20]
+    action, memory = controller.act(memory, ego, prediction)
+    assert memory.solved[0]
+    assert memory.age[0] == 0
+
+
+@pytest.mark.parametrize(("speed", "braking"), [(21.6, -11.5), (0.5, -5.0), (0.0, 0.0), (np.nan, -11.5)])
+def test_a_failure_without_a_plan_brakes_to_a_stop(quiet, speed, braking):
+    controller, drive = quiet
+    _, ego, prediction = drive.inputs[0]
+    ego = dataclasses.replace(ego, speed=np.array([speed]))
+    action, memory = controller.act(controller.start(1), ego, blind(prediction))
+    assert action.acceleration[0] == braking
+    assert action.yaw_rate[0] == 0.0
+    assert memory.fallbacks[0] == 1
+    assert memory.start_policy[0] == -1
+
+
+def test_a_failing_row_leaves_the_others_alone(quiet):
+    controller, drive = quiet
+    memory, ego, prediction = (concatenate([part, part]) for part in drive.inputs[7])
+    x = prediction.x.copy()
+    x[1] = np.nan
+    action, later = controller.act(memory, ego, Prediction(x=x, y=prediction.y))
+    good, _ = controller.act(*drive.inputs[7])
+    assert action.acceleration[0] == good.acceleration[0]
+    assert (later.fallbacks - memory.fallbacks).tolist() == [0, 1]
+
+
+def test_absurd_states_give_finite_actions_and_are_counted(quiet):
+    controller, drive = quiet
+    memory, ego, prediction = drive.inputs[7]
+    absurd = dataclasses.replace(ego, speed=np.array([300.0]))  # beyond what the bounds can reach
+    action, later = controller.act(memory, absurd, prediction)
+    assert np.isfinite([action.acceleration[0], action.yaw_rate[0]]).all()
+    assert later.fallbacks[0] == 1
+    assert later.retries[0] == memory.retries[0] + 1
+
+
+def test_ipopt_alone_drives_too(lane_change):
+    controller = build(MpcConfig(solver="ipopt"), lane_change.scene)
+    drive = lane_change.drive(controller, np.zeros((1, 5, 3, 3)), samples=6)
+    assert controller.counts(drive.memory) == {"solves": 8, "solver_retries": 0, "fallback_solves": 0}
+
+
+def test_an_empty_road_is_driven_straight(lane_change, quiet):
+    nobody = np.zeros(0)
+    scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
+    controller = build(MpcConfig(), scene)
+    _, ego, _ = quiet[1].inputs[0]
+    action, memory = controller.act(controller.start(1), ego, Prediction(*np.zeros((2, 1, 0, 21))))
+    assert memory.solved[0]
+    assert action.acceleration[0] > 0.1
+    assert action.yaw_rate[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_start_drives_reach_their_lanes():
+    states, inputs = start_drives(np.array([[17.0, 1.75, 21.6, 0.0]]), (1.75, 5.25), 20, 0.1)
+    assert states.shape == (1, 4, 21, 4)
+    np.testing.assert_allclose(states[0, :, -1, 1], [1.75, 1.75, 5.25, 5.25])
+    np.testing.assert_allclose(states[0, :, -1, 2], [21.6, 15.6, 21.6, 15.6])
+    braking = np.array([[0.0], [-3.0], [0.0], [-3.0]])
+    np.testing.assert_allclose(inputs[0, :, :, 0], np.repeat(braking, 20, axis=1), atol=1e-9)
+
+
+def test_predictions_must_be_there_and_long_enough(quiet):
+    controller, drive = quiet
+    memory, ego, prediction = drive.inputs[0]
+    with pytest.raises(UsageError, match="needs predictions"):
+        controller.act(memory, ego, None)
+    with pytest.raises(UsageError, match="20 predicted steps"):
+        controller.act(memory, ego, Prediction(x=prediction.x[..., :20], y=prediction.y[..., :20]))
+
+
+def test_solvers_are_silent(quiet, capfd):
+    controller, drive = quiet
+    memory, ego, prediction = drive.inputs[3]
+    controller.act(memory, dataclasses.replace(ego, speed=np.array([300.0])), prediction)
+    controller.act(memory, ego, blind(prediction))
+    captured = capfd.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+
+
+def test_description_and_config_import_nothing_heavy():
+    code = "import sys, avrare_mpc.config; print(sorted({'casadi', 'torch', 'scipy'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+    (component,) = avrare_components()
+    assert component.load_config() is MpcConfig
+    assert component.load_factory() is build

@@ -1,0 +1,12 @@
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """The folder of an installed plugin, on the path; no other plugin is let in."""
+    folder = Path(__file__).parents[1] / "plugin" / "fake"
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("AVRARE_PLUGINS", "fake")
+    return folder

@@ -1,0 +1,260 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import avrare
+from avrare.cli import main as command
+from avrare.cli.main import main
+from avrare.plugin.registry import default_registry
+
+ROOT = Path(__file__).parents[2]
+HEAVY = [
+    "torch",
+    "pyro",
+    "casadi",
+    "matplotlib",
+    "plotly",
+    "ray",
+    "pandas",
+    "numba",
+    "gymnasium",
+    "scipy.stats",
+]
+GOOD = """\
+name: toy
+steps: 40
+simulator: {plugin: box, gap: 20}
+specifications:
+  near: {plugin: book, rule: R_G1}
+estimator: {plugin: toy}
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch, fake):
+    """A folder with one good scenario, and a registry that sees the fake plugin only."""
+    monkeypatch.chdir(tmp_path)
+    Path("good.yaml").write_text(GOOD)
+    default_registry.cache_clear()
+    yield tmp_path
+    default_registry.cache_clear()
+
+
+def shell(*words, code=None, **more):
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugin" / "fake")])
+    environment = {**os.environ, "PYTHONPATH": path, "AVRARE_PLUGINS": "fake", **more}
+    start = ["-c", code] if code else ["-m", "avrare"]
+    return subprocess.run(
+        [sys.executable, *start, *words],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--help"],
+        ["plugins"],
+        ["plugins", "--json"],
+        ["validate", "good.yaml"],
+        ["schema"],
+        ["run", "--help"],
+    ],
+)
+def test_nothing_heavy_is_imported(words):
+    code = (
+        "import sys; from avrare.cli.main import main; code = main(sys.argv[1:]);"
+        f"print([name for name in {HEAVY} if name in sys.modules], code, file=sys.stderr)"
+    )
+    assert shell(*words, code=code).stderr.splitlines()[-1] == "[] 0"
+
+
+def test_help_needs_neither_pydantic_nor_rich():
+    code = (
+        "import sys; from avrare.cli.main import main; main(['--help']);"
+        "print(sorted({'pydantic', 'rich', 'yaml', 'pluggy', 'numpy'} & set(sys.modules)), file=sys.stderr)"
+    )
+    assert shell(code=code).stderr == "[]\n"
+
+
+def test_validate_prints_one_line_for_each_scenario(capsys):
+    assert main(["validate", "good.yaml", "good.yaml", "--set", "steps=1", "--estimator", "mc"]) == 0
+    line = "good.yaml: ok  toy, 1 step, 1 specification, estimator mc\n"
+    assert capsys.readouterr() == (line * 2, "")
+
+
+def test_validate_checks_the_others_after_a_mistake(capsys):
+    assert main(["validate", "nope.yaml", "good.yaml"]) == 4
+    out, err = capsys.readouterr()
+    assert out.startswith("good.yaml: ok")
+    assert err == "nope.yaml: no such file\nhint: did you mean 'good.yaml'?\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "code"),
+    [
+        (
+            GOOD.replace("gap", "gapp"),
+            "s.yaml:3:26: simulator.gapp: unknown key\nhint: did you mean 'gap'?\n",
+            4,
+        ),
+        (
+            GOOD.replace("40", "forty"),
+            "s.yaml:2:8: steps: should be a whole number, found the string 'forty'\n",
+            4,
+        ),
+        (GOOD.replace("box", "bix"), "s.yaml:3:21: simulator.plugin: unknown simulator 'bix'\n", 5),
+        ("", "s.yaml:1:1: the file is empty\n", 4),
+        ("name: [", "s.yaml:1:8: not YAML: ", 4),
+        (GOOD + "name: again\n", "s.yaml:7:1: duplicate key 'name'\n", 4),
+        ("extends: s.yaml\n", "s.yaml:1:10: extends: files extend each other in a circle", 4),
+    ],
+)
+def test_a_bad_file_is_a_clear_message(text, message, code):
+    Path("s.yaml").write_text(text)
+    found = shell("validate", "s.yaml")
+    assert found.returncode == code
+    assert found.stderr.startswith(message)
+    assert "Traceback" not in found.stderr
+    assert found.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "hint"),
+    [
+        (
+            ["validate", "good.yaml", "--set", "simulator.gapp=3"],
+            "--set simulator.gapp: unknown key",
+            "did you mean 'gap'?",
+        ),
+        (["validte", "good.yaml"], "avrare: unknown command 'validte'", "did you mean 'validate'?"),
+        (
+            ["validate"],
+            "avrare validate: the following arguments are required: SCENARIO",
+            "usage: avrare validate",
+        ),
+        (
+            ["validate", "good.yaml", "--biuld"],
+            "avrare validate: unrecognized arguments: --biuld",
+            "did you mean '--build'?",
+        ),
+        (["--verson"], "avrare: unrecognized arguments: --verson", "did you mean '--version'?"),
+        (["plugins", "--js"], "avrare plugins: unrecognized arguments: --js", "did you mean '--json'?"),
+    ],
+)
+def test_usage_errors_exit_4_with_a_hint(capsys, words, message, hint):
+    assert main(words) == 4
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == message
+    assert second.startswith(f"hint: {hint}")
+
+
+def test_help_and_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"avrare {avrare.__version__}\n"
+    for words in ([], ["--help"]):
+        assert main(words) == 0
+        out = capsys.readouterr().out
+        assert all(f"\n  {name} " in out for name in command.COMMANDS)
+    assert main(["validate", "--help"]) == 0
+    assert "--set KEY=VALUE" in capsys.readouterr().out
+
+
+class Fails:
+    """A command whose execution raises."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def add_arguments(self, parser):
+        """None."""
+
+    def execute(self, args):
+        raise self.error
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    def failing(error):
+        monkeypatch.setitem(sys.modules, "avrare_failing", Fails(error))
+        monkeypatch.setitem(command.COMMANDS, "fail", ("avrare_failing", "fails"))
+
+    return failing
+
+
+def test_a_bug_of_ours_exits_70(capsys, failing, monkeypatch):
+    failing(ZeroDivisionError("one\ntwo"))
+    assert main(["fail"]) == 70
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("this is a bug in avrare: ZeroDivisionError: one two (")
+    assert "test_cli.py" in first
+    assert "--traceback" in second
+    for words in (["fail", "--traceback"], ["--traceback", "fail"]):
+        assert main(words) == 70
+        assert "Traceback (most recent call last)" in capsys.readouterr().err
+    monkeypatch.setenv("AVRARE_TRACEBACK", "1")
+    assert main(["fail"]) == 70
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_an_interruption_exits_2(capsys, failing):
+    failing(KeyboardInterrupt())
+    assert main(["fail"]) == 2
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_a_reader_that_goes_away_is_no_bug():
+    code = "import sys, os; os.close(0); from avrare.cli.main import main; sys.exit(main(['schema']))"
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugin" / "fake")])
+    read, write = os.pipe()
+    os.close(read)
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=60,
+        check=False,
+    )
+    os.close(write)
+    assert (found.returncode, found.stderr) == (141, "")
+
+
+def test_plugins_lists_components_and_what_is_wrong(capsys):
+    assert main(["plugins", "--json"]) == 0
+    rows = {(row["kind"], row["name"]): row for row in json.loads(capsys.readouterr().out)}
+    assert rows["tracker", "straight"]["status"] == "ok"
+    blind = rows["perception", "blind"]
+    assert (blind["status"], blind["distribution"], blind["version"]) == (
+        "missing dependency",
+        "avrare-fake",
+        "1.2",
+    )
+    assert blind["detail"] == "needs no_such_module: pip install no_such_module"
+    assert main(["plugins"]) == 0
+    out = capsys.readouterr().out
+    assert "missing dependency: needs no_such_module: pip install no_such_module" in out
+    assert "avrare-fake 1.2" in out
+
+
+def test_schema_holds_the_options_of_every_component(capsys):
+    assert main(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    [box] = schema["properties"]["simulator"]["oneOf"]
+    assert box["properties"]["plugin"]["const"] == "box"
+    assert box["properties"]["gap"]["description"] == "initial gap [m]"
+    assert box["additionalProperties"] is False
+    reference = box["properties"]["corners"]["items"]["$ref"]
+    assert schema["$defs"][reference.removeprefix("#/$defs/")]["properties"]["x"]["type"] == "number"
+    names = [choice["properties"]["plugin"]["const"] for choice in schema["properties"]["estimator"]["oneOf"]]
+    assert names == ["mc", "toy"]
+    assert "specifications" in schema["properties"]["estimator"]["oneOf"][0]["properties"]

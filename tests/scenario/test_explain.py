@@ -1,0 +1,124 @@
+import pytest
+
+
+def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
+    text = good.replace("gap", "gapp").replace("steps: 40", 'steps: "40"').replace("near, p", "neer, p")
+    assert fails(text) == (
+        [
+            "s.yaml:2:8: steps: should be a whole number, found the string '40'",
+            "hint: steps: steps of a rollout; 0 is a static problem",
+            "s.yaml:6:3: simulator.gapp: unknown key",
+            "hint: did you mean 'gap'?",
+            "s.yaml:13:21: thresholds.0.specification: there is no specification 'neer'",
+            "hint: did you mean 'near'?",
+        ],
+        4,
+    )
+
+
+@pytest.mark.parametrize(
+    ("setting", "message", "hint"),
+    [
+        (
+            "simulator.mode=clam",
+            "should be 'calm' or 'dense', found the string 'clam'",
+            "did you mean 'calm'?",
+        ),
+        ("simulator.wet=yes", "should be true or false, found the string 'yes'", "write true or false"),
+        ("simulator.gap=true", "should be a number, found true", "gap: initial gap [m]"),
+        ("simulator.gap=12 m", "should be a number, found the string '12 m'", "gap: initial gap [m]"),
+        ("simulator.lanes=2.5", "should be a whole number, found 2.5", "lanes: number of lanes"),
+        ("simulator.lanes=0", "should be greater than or equal to 1, found 0", "lanes: number of lanes"),
+        ("simulator.size=big", "should be a number or a list, found the string 'big'", None),
+        ("simulator.label=3", "should be a string, found 3", None),
+        ("tracker.delay=13", "13 is unlucky", "delay: steps of delay"),
+        ("tracker.dealy=1", "unknown key", "did you mean 'delay'?"),
+        ("thresholds.0.confidenc=0.9", "unknown key", "did you mean 'confidence'?"),
+        ("estimator.specification=[near]", "unknown key", "did you mean 'specifications'?"),
+        (
+            "estimator.specifications=near",
+            "should be a list of specification names, found the string 'near'",
+            "leave it",
+        ),
+        ("thresholds.1.confidence=0.9", "the list has no item '1'", "known: 0"),
+        ("steps.0=1", "there is no '0' inside 40", "shorten the path"),
+        ("simulator.lanes", "should be KEY=VALUE", "for example"),
+        ("a..b=1", "should be KEY=VALUE", "for example"),
+        ("simulator.gap=[", "not YAML", None),
+        ("extends=a.yaml", "extends cannot be set here", "edit"),
+    ],
+)
+def test_overrides_are_placed_at_their_key(fails, good, setting, message, hint):
+    lines, code = fails(good, [setting])
+    assert code == 4
+    assert lines[0].startswith(f"--set {setting.split('=')[0]}: {message}")
+    assert (lines[1].startswith(f"hint: {hint}")) if hint else len(lines) == 1
+
+
+def test_an_override_wins_over_the_estimator_option_and_the_last_one_wins(read, good):
+    scenario = read(
+        good, ["estimator.rollouts=3", "estimator.rollouts=1e1", "thresholds.0.confidence=0.9"], "toy"
+    )
+    assert scenario.estimator.config.rollouts == 10
+    assert scenario.thresholds[0].confidence == 0.9
+    assert read(good, estimator="toy").estimator.config.rollouts == 100
+    assert read(good, ["controller={plugin: coast}"]).controller.config.delay == 0
+    assert read(good, ["tracker=null"]).tracker is None
+
+
+def test_an_override_deep_inside_a_value_shows_the_path(fails, good):
+    lines, _ = fails(good, ["simulator.corners=[{x: 1, z: 2}, {y: 1}]"])
+    assert lines[0] == "--set simulator.corners: simulator.corners.0.z: unknown key"
+    assert lines[2] == "--set simulator.corners: simulator.corners.1.x: required, but missing"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "code"),
+    [
+        ("straight", "strait", "s.yaml:7:19: tracker.plugin: unknown tracker 'strait'", 5),
+        ("straight", "imm", "s.yaml:7:19: tracker.plugin: unknown tracker 'imm': provided by avrare-imm", 5),
+        (
+            "toy, r",
+            "hollow, r",
+            "s.yaml:11:21: estimator.plugin: estimator 'hollow' of avrare-fake 1.2 is broken",
+            5,
+        ),
+        ("delay: 2", "delay: 66", "s.yaml:7:1: tracker: the plugin's own check failed: RuntimeError", 5),
+        ("plugin: straight, ", "", "s.yaml:7:1: tracker.plugin: required, but missing", 4),
+        ("straight", "[a]", "s.yaml:7:19: tracker.plugin: should be a string, found a list", 4),
+        (
+            "  far: {plugin: book, rule",
+            "  far: {rule",
+            "s.yaml:10:3: specifications.far: should have either",
+            4,
+        ),
+        (
+            "  far: {plugin",
+            "  far: {stl: a, plugin",
+            "s.yaml:10:3: specifications.far: should have either",
+            4,
+        ),
+        ("  far:", "  'f r':", "s.yaml:10:3: specifications.f r: a name may hold", 4),
+        ("name: toy", "name: ../toy", "s.yaml:1:7: name: a name may hold", 4),
+        ("name: toy", 'name: "a\\nb"', "s.yaml:1:7: name: a name may hold", 4),
+        ("name: toy", 'name: toy\n"a\\nb": 1', "s.yaml:2:1: 'a\\nb': unknown key", 4),
+    ],
+)
+def test_mistakes_name_their_place(fails, good, old, new, line, code):
+    assert old in good
+    lines, found = fails(good.replace(old, new))
+    assert lines[0].startswith(line)
+    assert found == code
+
+
+def test_a_missing_plugin_beside_another_mistake_is_a_bad_scenario(fails, good):
+    lines, code = fails(good.replace("straight", "imm").replace("gap", "gapp"))
+    assert [line.split(":")[1] for line in lines if line.startswith("s.yaml")] == ["6", "7"]
+    assert "hint: pip install avrare-imm" in lines
+    assert code == 4
+
+
+def test_an_empty_mapping_lists_what_is_required(fails):
+    lines, _ = fails("{}")
+    places = [line.split(": ")[1] for line in lines if line.startswith("s.yaml:1:1: ")]
+    assert places == ["name", "simulator", "specifications", "steps"]
