@@ -76,16 +76,18 @@ def table(title: str, results: Sequence[Result]) -> Table:
     """One row per specification."""
     view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     view.add_column("specification", no_wrap=True)
-    for name in ("probability", "interval", "rollouts", "failures", "errors", "seconds"):
-        view.add_column(name, justify="right", no_wrap=True)
     verdicts = any(result.verdict for result in results)
+    errors = any(result.errors for result in results)
+    for name in ("probability", "interval", "rollouts", "failures", *(["errors"] if errors else []), "seconds"):
+        view.add_column(name, justify="right", no_wrap=True)
     if verdicts:
         view.add_column("verdict")
     for result in results:
         low, high = result.interval
         row = [
             result.specification, number(result.probability), f"{number(low)} .. {number(high)}",
-            str(result.rollouts), str(result.failures.count), str(result.errors), f"{result.seconds:.1f}",
+            str(result.rollouts), str(result.failures.count), *([str(result.errors)] if errors else []),
+            f"{result.seconds:.1f}",
         ]  # fmt: skip
         if verdicts:
             row.append(_coloured(result.verdict))
