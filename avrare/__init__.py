@@ -11,26 +11,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from avrare.api import estimate, load
     from avrare.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
-    from avrare.estimate.budget import Budget
-    from avrare.estimate.result import Result
+    from avrare.estimation.budget import Budget
+    from avrare.estimation.result import Result
+    from avrare.logic.api import Formula, stl
     from avrare.rollout.problem import Problem
-    from avrare.stl.api import Formula, stl
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "AvrareError": "avrare.errors",
-    "Budget": "avrare.estimate.budget",
-    "Formula": "avrare.stl.api",
+    "Budget": "avrare.estimation.budget",
+    "Formula": "avrare.logic.api",
     "FormulaError": "avrare.errors",
     "PluginError": "avrare.errors",
     "Problem": "avrare.rollout.problem",
-    "Result": "avrare.estimate.result",
+    "Result": "avrare.estimation.result",
     "ScenarioError": "avrare.errors",
     "UsageError": "avrare.errors",
     "estimate": "avrare.api",
     "load": "avrare.api",
-    "stl": "avrare.stl.api",
+    "stl": "avrare.logic.api",
 }
 
 __all__ = [

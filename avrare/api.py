@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from avrare.errors import UsageError
-from avrare.estimate.budget import Budget
-from avrare.estimate.loop import Settings, checked_options, run
-from avrare.estimate.plan import Estimator
-from avrare.estimate.result import Result
+from avrare.estimation.budget import Budget
+from avrare.estimation.loop import Settings, checked_options, run
+from avrare.estimation.plan import Estimator
+from avrare.estimation.result import Result
 from avrare.execute.processes import ProcessExecutor
 from avrare.execute.serial import SerialExecutor
 from avrare.execute.work import Executor

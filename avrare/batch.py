@@ -57,7 +57,12 @@ def concatenate(states: Sequence[State]) -> State:
 def leaves(state: Any) -> list[NDArray[Any]]:
     """All array leaves of a state, in a fixed order."""
     found: list[NDArray[Any]] = []
-    map_leaves(lambda leaf: found.append(leaf) or leaf, state)
+
+    def collect(leaf: NDArray[Any]) -> NDArray[Any]:
+        found.append(leaf)
+        return leaf
+
+    map_leaves(collect, state)
     return found
 
 
@@ -69,5 +74,7 @@ def size(state: Any) -> int:
     """
     counts = {leaf.shape[0] if leaf.ndim else -1 for leaf in leaves(state)}
     if len(counts) != 1 or -1 in counts:
-        raise ValueError(f"the arrays of a state must share one leading axis N, found lengths {sorted(counts)}")
+        raise ValueError(
+            f"the arrays of a state must share one leading axis N, found lengths {sorted(counts)}"
+        )
     return counts.pop()

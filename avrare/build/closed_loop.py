@@ -70,7 +70,7 @@ class ClosedLoop:
         world = self.simulator.step(state.world, action, noise[:, :own])
         observation = self._observe(world, noise[:, own:])
         track = state.track
-        if self.tracker is not None:
+        if self.tracker is not None and observation is not None:
             track = self.tracker.update(track, observation)
         return LoopState(world, observation, track, memory)
 

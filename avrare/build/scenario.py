@@ -9,7 +9,7 @@ from typing import Any
 from avrare.build.stack import Stack, build_stack, check_start
 from avrare.driving import Scene
 from avrare.errors import UsageError, did_you_mean
-from avrare.estimate.plan import Estimator
+from avrare.estimation.plan import Estimator
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Formula, Scenario
 

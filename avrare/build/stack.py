@@ -10,10 +10,10 @@ import numpy as np
 from avrare.build.closed_loop import ClosedLoop
 from avrare.driving import Scene
 from avrare.errors import PluginError, ScenarioError, UsageError
+from avrare.logic.api import stl
+from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Specification
 from avrare.scenario.schema import Block, Formula, Scenario
-from avrare.stl.api import stl
-from avrare.stl.online import FormulaMonitor
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,9 @@ class Stack:
     loop: ClosedLoop
     scene: Scene | None
     specifications: dict[str, Specification]
+
+
+_START_HINT = "its probability would be 1; move the vehicles, change the rule's parameters, or leave it out"
 
 
 def build_stack(scenario: Scenario) -> Stack:
@@ -68,12 +71,8 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
         if settled and verdict.violated[0]:
             explain = getattr(spec, "explain", None)
             culprit = f": {explain(signals)}" if explain is not None else ""
-            problems.append(
-                (
-                    f"{scenario.path}: specifications.{name}: violated at sample 0 by the noise-free start{culprit}",
-                    "its probability would be 1; move the vehicles, change the rule's parameters, or leave it out",
-                )
-            )
+            place = f"{scenario.path}: specifications.{name}"
+            problems.append((f"{place}: violated at sample 0 by the noise-free start{culprit}", _START_HINT))
     if problems:
         raise ScenarioError(problems)
 

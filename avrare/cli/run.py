@@ -18,10 +18,16 @@ from avrare.scenario.schema import Scenario
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of DESIGN's ``avrare run``."""
     add_scenario_arguments(parser)
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers; the scenario's by default")
+    parser.add_argument(
+        "--seed", type=int, metavar="N", help="seed of all random numbers; the scenario's by default"
+    )
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
-    parser.add_argument("--executor", metavar="NAME", help="where the work runs; default: processes if workers > 1")
-    parser.add_argument("--budget", metavar="KIND=N", help="steps=N, rollouts=N or seconds=N, for each estimate")
+    parser.add_argument(
+        "--executor", metavar="NAME", help="where the work runs; default: processes if workers > 1"
+    )
+    parser.add_argument(
+        "--budget", metavar="KIND=N", help="steps=N, rollouts=N or seconds=N, for each estimate"
+    )
     parser.add_argument("--out", metavar="DIR", help="folder of the results; default: a new one under runs/")
     parser.add_argument("--json", action="store_true", help="print result.json and nothing else on stdout")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
@@ -29,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the scenarios one after another."""
-    from avrare.estimate.budget import Budget
+    from avrare.estimation.budget import Budget
     from avrare.scenario.load import load
 
     if args.workers < 1:
@@ -39,7 +45,9 @@ def execute(args: argparse.Namespace) -> int:
     scenarios = [load(path, overrides, args.estimator) for path in args.scenarios]
     names = [scenario.name for scenario in scenarios]
     if len(set(names)) < len(names):
-        raise UsageError(f"two scenarios have the same name: {', '.join(sorted(names))}", "run them one at a time")
+        raise UsageError(
+            f"two scenarios have the same name: {', '.join(sorted(names))}", "run them one at a time"
+        )
     contents = [_run(scenario, args, budget, several=len(scenarios) > 1) for scenario in scenarios]
     if args.json:
         print(json.dumps(contents[0] if len(contents) == 1 else contents))
@@ -64,7 +72,7 @@ def _run(definition: Scenario, args: argparse.Namespace, budget: Any, several: b
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any) -> list[Any]:
     """One pass for all specifications where the estimator can, else one run for each."""
-    from avrare.estimate.loop import Settings, run
+    from avrare.estimation.loop import Settings, run
     from avrare.report.console import Progress
 
     definition = scenario.definition
@@ -82,7 +90,7 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any) -> list[Any
 
 def _judged(definition: Scenario, result: Any) -> Any:
     """With the verdict of the scenario's thresholds; of several, the worst."""
-    from avrare.estimate.verdict import verdict
+    from avrare.estimation.verdict import verdict
 
     found = {
         verdict(result, threshold.limit, threshold.strict, threshold.confidence)
@@ -103,7 +111,7 @@ def _executor(args: argparse.Namespace) -> Any:
 
 
 def _draw(scenario: Any, results: Sequence[Any], folder: Path) -> list[Path]:
-    """Pictures of the nominal and the worst rollouts, where the world can be drawn and matplotlib is there."""
+    """Pictures of the nominal and the worst rollouts, where there is a road and matplotlib."""
     from avrare.report import picture
 
     if scenario.scene is None:
@@ -120,7 +128,8 @@ def _show(definition: Scenario, results: Sequence[Any], folder: Path, pictures: 
     from avrare.report.console import notes, table
 
     console = Console(soft_wrap=True)
-    title = f"{definition.name}  {results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
+    how = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
+    title = f"{definition.name}  {how}"
     console.print(table(title, results))
     for line in notes(results):
         console.print(line, style="yellow", markup=False)

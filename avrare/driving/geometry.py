@@ -31,7 +31,7 @@ class Rectangle:
     width: Floats
 
     def corners(self) -> tuple[Floats, Floats]:
-        """x and y of the four corners, in a new last axis: front left, front right, rear right, rear left."""
+        """X and y of the four corners, in a new last axis: front left, front right, rear right, rear left."""
         along = np.array([0.5, 0.5, -0.5, -0.5]) * np.expand_dims(self.length, -1)
         across = np.array([0.5, -0.5, -0.5, 0.5]) * np.expand_dims(self.width, -1)
         cos, sin = np.expand_dims(np.cos(self.heading), -1), np.expand_dims(np.sin(self.heading), -1)

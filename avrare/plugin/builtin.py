@@ -13,8 +13,8 @@ def avrare_components() -> list[Component]:
         Component(
             kind="estimator",
             name="mc",
-            config="avrare.estimate.config:McConfig",
-            factory="avrare.estimate.montecarlo:build",
+            config="avrare.estimation.config:McConfig",
+            factory="avrare.estimation.montecarlo:build",
             summary="plain Monte Carlo, with Clopper-Pearson intervals",
         ),
         Component(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.errors import UsageError
-from avrare.estimate.result import Result
+from avrare.estimation.result import Result
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
@@ -33,7 +33,9 @@ def choose(out: str | None, name: str, several: bool) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"{folder}: cannot make this folder: {error.strerror}", "choose another --out") from error
+        raise UsageError(
+            f"{folder}: cannot make this folder: {error.strerror}", "choose another --out"
+        ) from error
     return folder
 
 
@@ -59,7 +61,9 @@ def write(folder: Path, scenario: Scenario, content: dict[str, Any]) -> None:
         _write_text(folder / "scenario.yaml", dump(scenario.resolved))
         _write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
     except OSError as error:
-        raise UsageError(f"{folder}: cannot write the result: {error.strerror}", "choose another --out") from error
+        raise UsageError(
+            f"{folder}: cannot write the result: {error.strerror}", "choose another --out"
+        ) from error
 
 
 def _write_text(path: Path, text: str) -> None:

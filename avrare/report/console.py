@@ -12,8 +12,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from avrare.estimate.plan import Info
-from avrare.estimate.result import Result
+from avrare.estimation.plan import Info
+from avrare.estimation.result import Result
 from avrare.rollout.problem import Problem
 
 _PLAIN_INTERVAL = 15.0
@@ -78,7 +78,14 @@ def table(title: str, results: Sequence[Result]) -> Table:
     view.add_column("specification", no_wrap=True)
     verdicts = any(result.verdict for result in results)
     errors = any(result.errors for result in results)
-    for name in ("probability", "interval", "rollouts", "failures", *(["errors"] if errors else []), "seconds"):
+    for name in (
+        "probability",
+        "interval",
+        "rollouts",
+        "failures",
+        *(["errors"] if errors else []),
+        "seconds",
+    ):
         view.add_column(name, justify="right", no_wrap=True)
     if verdicts:
         view.add_column("verdict")
@@ -104,7 +111,9 @@ def notes(results: Sequence[Result]) -> list[str]:
         troubles = {name: n for name, n in result.counts.items() if n and name != "solves"}
         if troubles:
             text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in troubles.items())
-            lines.setdefault(f"{text} of {result.counts.get('solves', 0)} solves", []).append(result.specification)
+            lines.setdefault(f"{text} of {result.counts.get('solves', 0)} solves", []).append(
+                result.specification
+            )
     everywhere = len(results)
     return [
         text if len(names) == everywhere else f"{', '.join(names)}: {text}" for text, names in lines.items()

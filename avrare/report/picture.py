@@ -13,7 +13,7 @@ import numpy as np
 from avrare.build.scenario import BuildableScenario
 from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
-from avrare.estimate.result import Result
+from avrare.estimation.result import Result
 from avrare.protocols import Floats
 
 _MOMENTS = 6
@@ -52,7 +52,8 @@ def draw_run(scenario: BuildableScenario, results: Sequence[Result], folder: Pat
     tapes = [("nominal", "noise-free drive", quiet)]
     for result in results:
         if not np.isnan(result.worst.robustness):
-            title = f"{result.specification}: worst of {result.rollouts} rollouts, robustness {result.worst.robustness:.3g}"
+            least = f"robustness {result.worst.robustness:.3g}"
+            title = f"{result.specification}: worst of {result.rollouts} rollouts, {least}"
             tapes.append((f"worst_{result.specification}", title, result.worst.noise))
     drives = _frames(scenario, np.stack([tape for _, _, tape in tapes]))
     paths = []
@@ -145,19 +146,43 @@ def _draw_frame(ax: Any, frame: Frame, scene: Scene) -> None:
         ax.plot(seen.x[0], seen.y[0], "x", color=_SEEN, ms=5.0, mew=1.4, label="observation", zorder=6)
         missed = ~seen.detected[0]
         ax.plot(
-            others.x[0, missed], others.y[0, missed], "s", mfc="none", color=_SEEN, ms=9.0, label="missed", zorder=6
+            others.x[0, missed],
+            others.y[0, missed],
+            "s",
+            mfc="none",
+            color=_SEEN,
+            ms=9.0,
+            label="missed",
+            zorder=6,
         )
     ax.text(
-        1.005, 0.5, f"{frame.t * scene.dt:.1f} s\n{ego.speed[0]:.1f} m/s", transform=ax.transAxes, fontsize=8, va="center"
+        1.005,
+        0.5,
+        f"{frame.t * scene.dt:.1f} s\n{ego.speed[0]:.1f} m/s",
+        transform=ax.transAxes,
+        fontsize=8,
+        va="center",
     )
 
 
-def _draw_box(ax: Any, vehicle: Any, at: tuple[int, ...], length: float, width: float, colour: str, name: str) -> None:
+def _draw_box(
+    ax: Any, vehicle: Any, at: tuple[int, ...], length: float, width: float, colour: str, name: str
+) -> None:
     x, y, heading = (np.asarray(getattr(vehicle, key)[at]) for key in ("x", "y", "heading"))
     corners = Rectangle(x, y, heading, np.asarray(length), np.asarray(width)).corners()
     ax.fill(*corners, facecolor=colour, edgecolor="white", lw=0.6, alpha=0.9, zorder=3)
     above = y + 0.5 * width + 0.25
-    ax.text(float(x), float(above), name, fontsize=6, color=colour, ha="center", va="bottom", zorder=7, clip_on=True)
+    ax.text(
+        float(x),
+        float(above),
+        name,
+        fontsize=6,
+        color=colour,
+        ha="center",
+        va="bottom",
+        zorder=7,
+        clip_on=True,
+    )
 
 
 def _scene(scenario: BuildableScenario) -> Scene:

@@ -1,0 +1,1 @@
+"""Noise tapes, particles, and the engine that advances them."""

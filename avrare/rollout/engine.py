@@ -124,10 +124,10 @@ class _Rollout:
                 return None, np.zeros(1, dtype=bool)
             return self._bisect(function, state, noise)
         alive = ~sample[2]
-        if not alive.all():
-            self.messages.append("NaN signal or fault reported by the system")
-            sample = batch.take(sample, alive) if alive.any() else None
-        return sample, alive
+        if alive.all():
+            return sample, alive
+        self.messages.append("NaN signal or fault reported by the system")
+        return (batch.take(sample, alive) if alive.any() else None), alive
 
     def _bisect(
         self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats
@@ -179,4 +179,3 @@ def _checked(signals: Signals, n: int) -> Signals:
                 "return NumPy arrays with one entry a particle",
             )
     return signals
-

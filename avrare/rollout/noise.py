@@ -91,9 +91,7 @@ class NoiseSource:
         shape = (run.size, pairs.size)
         column = [np.asarray(a, dtype=np.uint64)[:, None] for a in (step, particle, stage)]
         counter = [np.ascontiguousarray(np.broadcast_to(c, shape)) for c in (pairs[None, :], *column)]
-        words = philox(
-            (counter[0], counter[1], counter[2], counter[3]), (keys[:, :1], keys[:, 1:])
-        )
+        words = philox((counter[0], counter[1], counter[2], counter[3]), (keys[:, :1], keys[:, 1:]))
         return _unit(words[0], words[1]), _unit(words[2], words[3])
 
 

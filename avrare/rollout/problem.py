@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from avrare.errors import UsageError, did_you_mean
+from avrare.logic.api import Formula
+from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Floats, Specification, System
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.score import FunctionScored, MarginScored, ScoreFunction
-from avrare.stl.api import Formula
-from avrare.stl.online import FormulaMonitor
 
 SCORES = ("robustness", "margin")
 DEFAULT_CHUNK = 4096
@@ -47,9 +47,7 @@ class Problem:
     ) -> None:
         if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
             raise UsageError(f"steps must be an integer of at least 0, not {steps!r}")
-        missing = [
-            name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)
-        ]
+        missing = [name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)]
         if missing:
             raise UsageError(
                 f"{type(system).__name__} is no system: it lacks {', '.join(missing)}",
@@ -96,12 +94,14 @@ class Problem:
         tape = np.asarray(tape, dtype=np.float64)
         expected = (self.steps + 1, self.noise_size)
         if tape.ndim != 3 or tape.shape[1:] != expected:
-            raise UsageError(f"noise has shape {tape.shape}, but this problem needs (N, {expected[0]}, {expected[1]})")
+            raise UsageError(
+                f"noise has shape {tape.shape}, but this problem needs (N, {expected[0]}, {expected[1]})"
+            )
         request = Request.replay(tape, keep_carries=keep_carries)
         return self.simulate(NoiseSource(0, self.noise_size), request, scored=False)
 
     def robustness(self, noise: Floats) -> Floats:
-        """Robustness (N,) of the first specification under noise (N, steps + 1, noise_size); NaN on errors."""
+        """Robustness (N,) of the first specification under noise (N, steps + 1, noise_size); NaN for errors."""
         outcome = self.replay(noise)
         return np.where(outcome.error, np.nan, outcome.robustness[:, 0])
 

@@ -118,7 +118,7 @@ def _specifications(
 
 def _formula(part: Formula, node: Node, path: Path, simulator: Block) -> list[Problem]:
     """Whether the formula can be read at this step; its signals are known once the simulator is built."""
-    from avrare.stl.api import stl
+    from avrare.logic.api import stl
 
     dt = getattr(simulator.config, "dt", None)
     try:

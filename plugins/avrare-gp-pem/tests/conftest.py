@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from avrare_gp_pem.store import load, locate
 
 from avrare.driving import Road, Scene, Vehicles, World
+from avrare_gp_pem.store import load, locate
 
 
 def make_scene(count, length=4.5, width=1.8):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from avrare_gp_pem.features import NAMES, Box, box_of, features
 from avrare_gp_pem.law import ErrorLaw
 from avrare_gp_pem.relative import relative

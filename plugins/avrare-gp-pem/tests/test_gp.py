@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from avrare_gp_pem.data import off_axis
 from avrare_gp_pem.gp import sparse_gp
 from avrare_gp_pem.store import FOLDER, load, locate, save
@@ -91,15 +92,17 @@ def test_variance_far_away_is_that_of_the_prior():
     np.testing.assert_allclose(mean[0], small()["prior"] @ [1, 1e3])
 
 
-@pytest.mark.parametrize("count", [1, 3, 63, 64, 65, 200])
-def test_rows_are_the_same_in_any_batch(pointpillars, count):
+@pytest.mark.parametrize("name", ["detection", "error"])
+def test_rows_are_the_same_in_any_batch_and_place(pointpillars, name):
+    process = getattr(pointpillars, name)
     x = np.random.default_rng(3).normal(size=(257, 10))
-    whole = pointpillars.error.predict(x)
-    part = pointpillars.error.predict(x[-count:])
-    moved = pointpillars.error.predict(np.roll(x, 17, axis=0))
-    for all_rows, last, rolled in zip(whole, part, moved, strict=True):
-        assert all_rows[-count:].tobytes() == last.tobytes()
-        assert np.roll(rolled, -17, axis=0).tobytes() == all_rows.tobytes()
+    whole = process.predict(x)
+    for count in (1, 2, 3, 47, 48, 49, 200):
+        for all_rows, last in zip(whole, process.predict(x[-count:]), strict=True):
+            assert all_rows[-count:].tobytes() == last.tobytes()
+    for shift in range(1, 50):
+        for all_rows, rolled in zip(whole, process.predict(np.roll(x, shift, axis=0)), strict=True):
+            assert np.roll(rolled, -shift, axis=0).tobytes() == all_rows.tobytes()
 
 
 def test_no_row_no_prediction():
@@ -138,6 +141,5 @@ def test_inducing_points_are_no_rows_of_the_data(pointpillars):
 
 
 def test_angle_to_the_nearest_axis():
-    np.testing.assert_allclose(
-        off_axis(np.radians([0, 5, 85, 90, -95, 45, 179, -130])), [0, 5, 5, 0, 5, 45, 1, 40]
-    )
+    yaw = np.radians([0, 5, 85, 90, -95, 45, 179, -130])
+    np.testing.assert_allclose(off_axis(yaw), [0, 5, 5, 0, 5, 45, 1, 40], atol=1e-9)

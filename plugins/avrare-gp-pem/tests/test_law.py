@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from avrare_gp_pem import normal
 from avrare_gp_pem.law import ErrorLaw
 from avrare_gp_pem.student import student

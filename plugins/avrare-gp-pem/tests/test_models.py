@@ -5,13 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+
+from avrare.batch import take
+from avrare.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
 from avrare_gp_pem.model import build_gp
 from avrare_gp_pem.parametric import build_parametric
 from avrare_gp_pem.student import student
-
-from avrare.batch import take
-from avrare.errors import UsageError
 
 FIELDS = ("detected", "x", "y", "speed_x")
 

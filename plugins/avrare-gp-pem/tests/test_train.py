@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+
 from avrare_gp_pem.data import read
 from avrare_gp_pem.store import load
 
@@ -61,9 +62,20 @@ def test_small_fit_learns_and_repeats_itself(tmp_path):
     pytest.importorskip("scipy")
     from avrare_gp_pem.train import main
 
-    write(tmp_path, 700)
+    write(tmp_path, 1500)
     common = ["--inputs", str(tmp_path / "inputs.txt"), "--labels", str(tmp_path / "labels.txt")]
-    common += ["--inducing", "12", "--steps", "150", "--batch", "128", "--provenance", "licence=none"]
+    common += [
+        "--inducing",
+        "12",
+        "--steps",
+        "150",
+        "--batch",
+        "128",
+        "--weight",
+        "1",
+        "--provenance",
+        "licence=none",
+    ]
     main([*common, "--out", str(tmp_path / "a")])
     main([*common, "--out", str(tmp_path / "b")])
     assert (tmp_path / "a/model.npz").read_bytes() == (tmp_path / "b/model.npz").read_bytes()

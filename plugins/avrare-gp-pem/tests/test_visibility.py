@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from avrare_gp_pem.visibility import category, visibility
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import Mixture, fuse, step
 from avrare_imm.models import ModelSet, lateral_models, longitudinal_models

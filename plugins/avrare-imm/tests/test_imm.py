@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from avrare_imm.imm import Mixture, forecast, fuse, step
-from avrare_imm.models import lateral_models, longitudinal_models, rollout, transition_matrix
 
 from avrare.batch import take
+from avrare_imm.imm import Mixture, forecast, fuse, step
+from avrare_imm.models import lateral_models, longitudinal_models, rollout, transition_matrix
 
 LATERAL = lateral_models((3.0, 4.0, 5.0), 7.0, (-1.75, 1.75, 5.25), 0.1, 0.1, 0.1, 0.95)
 LONGITUDINAL = longitudinal_models(("cv", "ca"), 0.1, 1.0, (0.1, 0.1), 0.95)

@@ -5,15 +5,15 @@ import sys
 
 import numpy as np
 import pytest
-from avrare_imm import avrare_components
-from avrare_imm.config import ImmConfig
-from avrare_imm.tracker import build
 from pydantic import ValidationError
 
 from avrare.batch import concatenate, size, take
 from avrare.driving import Observation, Road, Scene, Vehicles, World
 from avrare.errors import UsageError
 from avrare.protocols import Tracker
+from avrare_imm import avrare_components
+from avrare_imm.config import ImmConfig
+from avrare_imm.tracker import build
 
 LANES = (-1.75, 1.75, 5.25)
 

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+
+from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare_mpc.config import MpcConfig, TrajectoryPlan
 from avrare_mpc.controller import build
 from avrare_mpc.plan import Memory
 from avrare_mpc.trajectory import plan_trajectory
-
-from avrare.driving import Prediction, Road, Scene, Vehicles
 
 LENGTH, WIDTH, DT, HORIZON = 4.298, 1.674, 0.1, 20
 ROAD = Road(lane_centres=(-1.75, 1.75, 5.25), lane_width=3.5, access_ramp=(0,))

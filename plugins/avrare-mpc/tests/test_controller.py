@@ -4,14 +4,14 @@ import sys
 
 import numpy as np
 import pytest
-from avrare_mpc import avrare_components
-from avrare_mpc.config import MpcConfig
-from avrare_mpc.controller import build
-from avrare_mpc.start_policy import start_drives
 
 from avrare.batch import concatenate, size, take
 from avrare.driving import Prediction
 from avrare.errors import UsageError
+from avrare_mpc import avrare_components
+from avrare_mpc.config import MpcConfig
+from avrare_mpc.controller import build
+from avrare_mpc.start_policy import start_drives
 
 
 def noise_of(n, samples, seed=5):

@@ -3,12 +3,13 @@
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import minimize
+
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.nlp import lane_cost
 from avrare_mpc.plan import from_variables, shift, to_variables
 from avrare_mpc.problem import build_problem, lateral_bounds, pack_parameters, softplus
 from avrare_mpc.solver import NlpSolver
-from scipy.optimize import minimize
 
 LANES = (1.75, 5.25)
 

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from avrare_mpc.config import TrajectoryPlan
-from avrare_mpc.trajectory import plan_trajectory
 
 from avrare.driving import Road
 from avrare.errors import UsageError
+from avrare_mpc.config import TrajectoryPlan
+from avrare_mpc.trajectory import plan_trajectory
 
 RECORDED = Path(__file__).parents[4] / "shared" / "data" / "commonroad" / "complex_obstacles.csv"
 

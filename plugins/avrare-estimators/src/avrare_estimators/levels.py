@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 
@@ -52,7 +53,7 @@ def first_above(scores: Floats, level: Floats) -> Integers:
     A failure that ties with the level lies above it only by its verdict, which is known at the last step.
     """
     above = scores > level[:, None]
-    return np.where(above.any(axis=1), above.argmax(axis=1), scores.shape[1] - 1)
+    return np.asarray(np.where(above.any(axis=1), above.argmax(axis=1), scores.shape[1] - 1))
 
 
 def choose_parents(eligible: Bools, runs: Integers, uniforms: Floats) -> Integers:

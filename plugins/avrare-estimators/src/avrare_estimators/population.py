@@ -8,10 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+
 from avrare import batch
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Carry, Integers, Rollouts
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,10 @@ class Population:
         for t, rows, carry in outcome.carries:
             self.remember(t, slots[rows], carry)
 
-    def inherit(self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers) -> None:
-        """Give ``children`` the past of ``parents`` up to and including step ``start``, new noise after it."""
+    def inherit(
+        self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers
+    ) -> None:
+        """Give ``children`` the past of ``parents`` up to and including ``start``, new noise after it."""
         past = np.arange(self.scores.shape[1]) <= start[:, None]
         self.root[children] = self.root[parents]
         for table, fresh in ((self.stage, stage), (self.particle, own)):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from avrare.errors import UsageError
-from avrare.estimate.plan import Info, Plan
-from avrare.estimate.result import Result
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Request, Rollouts, total_counts
-
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.levels import choose_parents, first_above, next_level
 from avrare_estimators.population import Population
@@ -147,7 +147,7 @@ class Splitting:
         return replace(state, pending=(children, start)), survivors
 
     def _copy(self, population: Population, children: Integers, parents: Integers, start: Integers) -> None:
-        """The branch state becomes the child's own: its parent may be replaced before the child branches again."""
+        """The branch state becomes the child's own: its parent may be replaced before it branches again."""
         for t, carry in population.branch(parents, start):
             population.remember(t, children[start == t], carry)
 
@@ -192,4 +192,3 @@ class Splitting:
                 f"raise it to {2 * first} or lower the particles",
             )
         return runs
-

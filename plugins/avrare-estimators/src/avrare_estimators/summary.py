@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from avrare.estimate import health, intervals
-from avrare.estimate.montecarlo import FAILURE_LIMIT
-from avrare.estimate.result import Failures, Interval, Result, Worst
-from avrare.protocols import Bools, Floats
 
+from avrare.estimation import health, intervals
+from avrare.estimation.montecarlo import FAILURE_LIMIT
+from avrare.estimation.result import Failures, Interval, Result, Worst
+from avrare.protocols import Bools, Floats
 from avrare_estimators.config import AmsConfig
 
 if TYPE_CHECKING:
@@ -78,9 +78,11 @@ def _interval(state: AmsState, values: Floats, violated: Bools, variance: Floats
     confidence, mean = state.plan.confidence, float(values.mean())
     errors = state.population.error.reshape(violated.shape)
     if not any(state.levels):  # no level was needed: plain Monte Carlo
-        return intervals.clopper_pearson(
-            int(violated.sum()), violated.size, confidence, int(errors.sum())
-        ) if violated.any() else (0.0, 1.0)
+        return (
+            intervals.clopper_pearson(int(violated.sum()), violated.size, confidence, int(errors.sum()))
+            if violated.any()
+            else (0.0, 1.0)
+        )
     if mean == 0.0:
         return 0.0, 1.0
     if len(values) == 1:

@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_BLOCK = 64  # rows per product: a fixed shape keeps a row's last bits the same in any batch
+
+# A row must have the same last bits in any batch and place. So products have one shape, and both its sides
+# are whole numbers of the tiles of every common BLAS kernel: a part of a tile is summed in another order.
+_BLOCK = 48
+_TILE = 64
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class SparseGp:
         factor: (L, M, M) whitened variational factor S, lower triangular.
         prior: (L, 2) prior mean: constant and slope over the first input.
         jitter: () added to the diagonal of k(Z, Z).
-        projection: (M, L + M + L M) what k(Z, x) is multiplied by; see ``sparse_gp``.
+        projection: (M, L + M + L M and padding) what k(Z, x) is multiplied by; see ``sparse_gp``.
     """
 
     inducing: Floats
@@ -52,9 +56,9 @@ class SparseGp:
         count = len(x)
         padded = np.zeros((-(-count // _BLOCK) * _BLOCK, x.shape[1]))
         padded[:count] = x
-        blocks = [self._block(padded[i : i + _BLOCK]) for i in range(0, len(padded), _BLOCK)]
-        if not blocks:
+        if not count:
             return np.empty((0, len(self.prior))), np.empty((0, len(self.prior)))
+        blocks = [self._block(padded[i : i + _BLOCK]) for i in range(0, len(padded), _BLOCK)]
         means, variances = (np.concatenate(parts)[:count] for parts in zip(*blocks, strict=True))
         return means, variances
 
@@ -62,7 +66,8 @@ class SparseGp:
         latents, points = self.location.shape
         product = self._kernel(x) @ self.projection
         mean = product[:, :latents] + self.prior[:, 0] + x[:, :1] * self.prior[:, 1]
-        squares = product[:, latents:].reshape(len(x), latents + 1, points) ** 2
+        whitened = product[:, latents : latents + (latents + 1) * points]
+        squares = whitened.reshape(len(x), latents + 1, points) ** 2
         explained = squares.sum(axis=-1)
         return mean, np.maximum(self.variance - explained[:, :1] + explained[:, 1:], 0.0)
 
@@ -88,5 +93,7 @@ def sparse_gp(
     squared = ((scaled[:, None, :] - scaled[None, :, :]) ** 2).sum(axis=-1)
     covariance = variance * np.exp(-0.5 * squared) + jitter * np.eye(len(inducing))
     whiten = np.linalg.inv(np.linalg.cholesky(covariance)).T  # L^-T
-    projection = np.concatenate([whiten @ location.T, whiten, *(whiten @ part for part in factor)], axis=1)
+    parts = [whiten @ location.T, whiten, *(whiten @ part for part in factor)]
+    missing = -sum(part.shape[1] for part in parts) % _TILE
+    projection = np.concatenate([*parts, np.zeros((len(inducing), missing))], axis=1)
     return SparseGp(inducing, lengthscale, variance, location, factor, prior, jitter, projection)

@@ -29,6 +29,8 @@ def visibility(world: World, scene: Scene, rays: int = 24) -> Floats:
         (N, V) in [0, 1]; a vehicle that covers the ego's centre is fully seen.
     """
     seen = relative(world)
+    if not scene.names:
+        return np.ones_like(seen.forward)
     half = np.stack([scene.lengths, scene.widths], axis=-1) / 2  # (V, 2)
     angles = _aimed(seen, half, rays)
     nearest = _distances(seen, half, angles)  # (N, V, R, V)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrare_mpc.config import TrajectoryPlan
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from avrare_mpc.config import TrajectoryPlan
 
 
 class RoadConfig(BaseModel):

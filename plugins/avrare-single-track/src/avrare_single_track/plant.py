@@ -9,9 +9,9 @@ reach, so it is never exactly the controller's own model.
 from __future__ import annotations
 
 import numpy as np
+
 from avrare.driving import Action, Vehicles
 from avrare.protocols import Floats
-
 from avrare_single_track.config import EgoConfig
 
 _SLOWEST = 0.1
@@ -54,4 +54,4 @@ def _steer(config: EgoConfig, dt: float, speed: Floats, steering: Floats, yaw_ra
     wanted = np.arctan(ratio / np.sqrt(1.0 - 0.25 * ratio**2))
     reach = config.steering_rate_max * dt
     reachable = np.clip(wanted, steering - reach, steering + reach)
-    return np.clip(reachable, -config.steering_max, config.steering_max)
+    return np.asarray(np.clip(reachable, -config.steering_max, config.steering_max))

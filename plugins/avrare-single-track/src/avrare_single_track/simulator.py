@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+
 from avrare.driving import Action, Road, Scene, Vehicles, World
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.errors import UsageError
 from avrare.protocols import Bools, Floats, Signals
-
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.plant import advance
 from avrare_single_track.traffic import ScriptedTraffic
@@ -42,7 +42,9 @@ class SingleTrack:
             names=tuple(vehicle.name for vehicle in vehicles),
             lengths=np.array([vehicle.length for vehicle in vehicles]),
             widths=np.array([vehicle.width for vehicle in vehicles]),
-            moving=np.array([vehicle.speed > 0.0 or vehicle.drive is not None for vehicle in vehicles], dtype=bool),
+            moving=np.array(
+                [vehicle.speed > 0.0 or vehicle.drive is not None for vehicle in vehicles], dtype=bool
+            ),
         )
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
 
@@ -67,11 +69,13 @@ class SingleTrack:
         return World(step, ego, self.traffic.at(step), steering)
 
     def signals(self, world: World) -> Signals:
-        """``ego_*`` (N,), ``others_*`` (N, V), and ``gap`` (N,): the distance to the nearest rectangle [m]."""
+        """``ego_*`` (N,), ``others_*`` (N, V), ``distance`` (N, V) to each rectangle, ``gap`` (N,) its least."""
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"ego_{name}": getattr(world.ego, name) for name in fields}
         named |= {f"others_{name}": getattr(world.others, name) for name in fields}
-        distance = signed_distance(ego_rectangle(world.ego, self.scene), other_rectangles(world.others, self.scene))
+        distance = signed_distance(
+            ego_rectangle(world.ego, self.scene), other_rectangles(world.others, self.scene)
+        )
         return {**named, "distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 
     def faults(self, world: World) -> Bools:

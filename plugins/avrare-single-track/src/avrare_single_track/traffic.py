@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from avrare.driving import Road, Vehicles
-from avrare.protocols import Floats
 from numpy.typing import NDArray
 
+from avrare.driving import Road, Vehicles
+from avrare.protocols import Floats
 from avrare_single_track.config import VehicleConfig
 
 
@@ -51,7 +51,5 @@ def _samples(vehicle: VehicleConfig, road: Road, dt: float) -> tuple[Floats, Flo
         return x, y, heading, speed
     from avrare_mpc.trajectory import plan_trajectory
 
-    planned = plan_trajectory(
-        vehicle.drive, vehicle.x, vehicle.y, vehicle.speed, vehicle.heading, road, dt
-    )
+    planned = plan_trajectory(vehicle.drive, vehicle.x, vehicle.y, vehicle.speed, vehicle.heading, road, dt)
     return planned.x, planned.y, planned.heading, planned.speed

@@ -15,7 +15,7 @@ RuleName = Literal["R_G1", "R_G2", "R_G4", "R_I2", "no_collision"]
 
 
 class Scales(BaseModel):
-    """What counts as one unit of robustness, so that a minimum over unlike quantities compares like with like."""
+    """What counts as one unit of robustness, so that a minimum over unlike quantities compares like to like."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -37,20 +37,34 @@ class TrafficRuleConfig(BaseModel):
     )
     definitions: Literal["recommended", "published"] = Field(
         default="recommended",
-        description="recommended: rectangles and braking distances [M20]; published: the predicates of [I24], "
+        description="recommended: rectangles and braking distances [M20]; published: predicates of [I24], "
         "unscaled, with a band of half a lane and one car length as safe distance",
     )
-    cut_in_time: float = Field(default=3.0, ge=0.0, description="grace after a cut-in [s] [M20]; [I24] has 0.3")
+    cut_in_time: float = Field(
+        default=3.0, ge=0.0, description="grace after a cut-in [s] [M20]; [I24] has 0.3"
+    )
     reaction_time: float = Field(default=0.4, ge=0.0, description="of the ego [s] [M20]")
     ego_braking: float = Field(default=10.0, gt=0.0, description="strongest braking of the ego [m/s^2] [M20]")
-    others_braking: float = Field(default=10.5, gt=0.0, description="strongest braking of others [m/s^2] [M20]")
-    abrupt_braking: float = Field(
-        default=-2.0, lt=0.0, description="acceleration below which braking is abrupt [m/s^2] [M20]; [I24] has -4.75"
+    others_braking: float = Field(
+        default=10.5, gt=0.0, description="strongest braking of others [m/s^2] [M20]"
     )
-    speed_limit: float = Field(default=36.11, gt=0.0, description="desired interstate speed [m/s] [M20]; [I24] has 36.6")
-    slow_difference: float = Field(default=15.0, gt=0.0, description="slower than the limit by this is slow [m/s] [M20]")
-    slightly_faster: float = Field(default=5.55, gt=0.0, description="allowed past slow left traffic [m/s] [M20]")
-    queue_speed: float = Field(default=16.67, gt=0.0, description="slower vehicles may form a queue [m/s] [M20]")
+    abrupt_braking: float = Field(
+        default=-2.0,
+        lt=0.0,
+        description="acceleration below which braking is abrupt [m/s^2] [M20]; [I24] has -4.75",
+    )
+    speed_limit: float = Field(
+        default=36.11, gt=0.0, description="desired interstate speed [m/s] [M20]; [I24] has 36.6"
+    )
+    slow_difference: float = Field(
+        default=15.0, gt=0.0, description="slower than the limit by this is slow [m/s] [M20]"
+    )
+    slightly_faster: float = Field(
+        default=5.55, gt=0.0, description="allowed past slow left traffic [m/s] [M20]"
+    )
+    queue_speed: float = Field(
+        default=16.67, gt=0.0, description="slower vehicles may form a queue [m/s] [M20]"
+    )
     queue_size: int = Field(default=3, ge=1, description="vehicles ahead that make a queue [M20]")
     scales: Scales = Field(default_factory=Scales, description="units of robustness; not used by `published`")
     score: Literal["margin", "robustness"] = Field(

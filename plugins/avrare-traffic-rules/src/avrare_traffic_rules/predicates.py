@@ -7,8 +7,8 @@ Definitions follow Maierhofer et al. 2020; those that lean on the rectangle's ex
 from __future__ import annotations
 
 import numpy as np
-from avrare.protocols import Floats
 
+from avrare.protocols import Floats
 from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.traffic import Bodies, Traffic
 
@@ -28,27 +28,28 @@ class Predicates:
         """(L, N, V): the rectangle and lane l overlap."""
         centres = np.array(traffic.road.lane_centres)[:, None, None]
         room = 0.5 * traffic.road.lane_width + bodies.half_width
-        return (room - np.abs(bodies.y - centres)) / self.scales.lateral
+        return np.asarray((room - np.abs(bodies.y - centres)) / self.scales.lateral)
 
     def in_same_lane(self, t: Traffic) -> Floats:
         """Ego and o occupy a common lane."""
-        return np.minimum(self.in_lane(t.ego, t), self.in_lane(t.others, t)).max(axis=0)
+        return np.asarray(np.minimum(self.in_lane(t.ego, t), self.in_lane(t.others, t)).max(axis=0))
 
     def in_front_of(self, t: Traffic) -> Floats:
         """The rear of o is beyond the front of the ego."""
         return (t.others.rear - t.ego.front) / self.scales.longitudinal
 
     def single_lane(self, t: Traffic) -> Floats:
-        """o touches one lane only."""
+        """O touches one lane only."""
         inside = self.in_lane(t.others, t)
         lanes = range(len(inside))
         alone = [
-            np.min([inside[lane] if lane == own else -inside[lane] for lane in lanes], axis=0) for own in lanes
+            np.min([inside[lane] if lane == own else -inside[lane] for lane in lanes], axis=0)
+            for own in lanes
         ]
         return np.asarray(np.max(alone, axis=0))
 
     def cut_in(self, t: Traffic) -> Floats:
-        """o changes lanes towards the ego and already shares one with it."""
+        """O changes lanes towards the ego and already shares one with it."""
         left = (t.others.y - t.ego.y) / self.scales.lateral
         turning_left = t.others.heading / self.scales.heading
         approaching = np.maximum(np.minimum(left, -turning_left), np.minimum(-left, turning_left))
@@ -62,12 +63,13 @@ class Predicates:
         return (t.others.rear - t.ego.front - needed) / self.scales.longitudinal
 
     def precedes(self, t: Traffic) -> Floats:
-        """o is the nearest vehicle in front of the ego in its lane."""
+        """O is the nearest vehicle in front of the ego in its lane."""
         ahead = np.minimum(self.in_front_of(t), self.in_same_lane(t))
         nearer = (t.others.rear[:, :, None] - t.others.rear[:, None, :]) / self.scales.longitudinal
         between = np.minimum(ahead[:, None, :], nearer)
         own = np.eye(between.shape[1], dtype=bool)
-        return np.minimum(ahead, -np.where(own, -np.inf, between).max(axis=2, initial=-np.inf))
+        nearest = -np.where(own, -np.inf, between).max(axis=2, initial=-np.inf)
+        return np.asarray(np.minimum(ahead, nearest))
 
     def brakes_abruptly(self, t: Traffic) -> Floats:
         """(N,) the ego brakes harder than a_abrupt."""
@@ -79,7 +81,7 @@ class Predicates:
         return (self.config.abrupt_braking - own) / self.scales.acceleration
 
     def slow(self, t: Traffic) -> Floats:
-        """o is much slower than the limit."""
+        """O is much slower than the limit."""
         return (self.config.speed_limit - self.config.slow_difference - t.others.speed) / self.scales.speed
 
     def preserves_flow(self, t: Traffic) -> Floats:
@@ -87,7 +89,7 @@ class Predicates:
         return (t.ego.speed[:, 0] - self.config.speed_limit + self.config.slow_difference) / self.scales.speed
 
     def left_of(self, t: Traffic) -> Floats:
-        """o is beside the ego, wholly to its left."""
+        """O is beside the ego, wholly to its left."""
         aside = (t.others.y - t.others.half_width - t.ego.y - t.ego.half_width) / self.scales.lateral
         overlap = np.minimum(t.ego.front - t.others.rear, t.others.front - t.ego.rear)
         return np.minimum(aside, overlap / self.scales.longitudinal)
@@ -115,9 +117,9 @@ class Predicates:
     def on_access_ramp(self, t: Traffic) -> Floats:
         """(N,) the ego touches a lane of an access ramp."""
         lanes = list(t.road.access_ramp)
-        return self.in_lane(t.ego, t)[lanes].max(axis=0, initial=-np.inf)[:, 0]
+        return np.asarray(self.in_lane(t.ego, t)[lanes].max(axis=0, initial=-np.inf)[:, 0])
 
     def on_main_carriageway(self, t: Traffic) -> Floats:
         """O touches a lane of the main carriageway."""
         lanes = [lane for lane in range(len(t.road.lane_centres)) if lane not in t.road.access_ramp]
-        return self.in_lane(t.others, t)[lanes].max(axis=0, initial=-np.inf)
+        return np.asarray(self.in_lane(t.others, t)[lanes].max(axis=0, initial=-np.inf))

@@ -1,4 +1,4 @@
-"""The predicates as the published code of Innes and Ramamoorthy defines them, for comparison with its numbers.
+"""The predicates as the published code of Innes and Ramamoorthy defines them, to compare with its numbers.
 
 Lanes are bands of half their width, tested at five points of the body; the safe distance is one car length;
 metres, metres per second and radians meet in one minimum, unscaled.
@@ -7,8 +7,8 @@ metres, metres per second and radians meet in one minimum, unscaled.
 from __future__ import annotations
 
 import numpy as np
-from avrare.protocols import Floats
 
+from avrare.protocols import Floats
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
 from avrare_traffic_rules.predicates import Predicates
 from avrare_traffic_rules.traffic import Bodies, Traffic

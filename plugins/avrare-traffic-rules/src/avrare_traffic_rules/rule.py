@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+
 from avrare.driving import Scene
 from avrare.errors import UsageError
+from avrare.logic.api import Formula, stl
+from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Floats, Signals, Verdict
-from avrare.stl.api import Formula, stl
-from avrare.stl.online import FormulaMonitor
-
 from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.formulas import text
 from avrare_traffic_rules.predicates import Predicates
@@ -26,7 +26,8 @@ def build(config: TrafficRuleConfig, scene: Scene | None) -> TrafficRule:
     """
     if scene is None:
         raise UsageError(
-            f"rule {config.rule} needs a driving simulator, with a road and vehicles", "write the rule as `stl:` instead"
+            f"rule {config.rule} needs a driving simulator, with a road and vehicles",
+            "write the rule as `stl:` instead",
         )
     return TrafficRule(config, scene)
 
@@ -82,7 +83,9 @@ class TrafficRule:
             return f"{self.config.rule}"
         alone = []
         for v in range(len(names)):
-            single = {k: values[:1, v : v + 1] if values.ndim == 2 else values[:1] for k, values in sample.items()}
+            single = {
+                k: values[:1, v : v + 1] if values.ndim == 2 else values[:1] for k, values in sample.items()
+            }
             alone.append(float(self._monitor.update(self._monitor.start(1), single)[1].robustness[0]))
         worst = int(np.argmin(alone))
         return f"{self.config.rule} with vehicle {names[worst]!r} (robustness {alone[worst]:.3g})"

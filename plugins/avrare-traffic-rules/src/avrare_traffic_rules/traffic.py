@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from avrare.driving import Road, Scene
 from avrare.protocols import Bools, Floats, Signals
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.stl import formula as f
-from avrare.stl.leaves import Fold, Leaf, Recompute, Wait
-from avrare.stl.memory import Memory, remember
-from avrare.stl.robustness import Evaluator, align
+from avrare.logic import formula as f
+from avrare.logic.leaves import Fold, Leaf, Recompute, Wait
+from avrare.logic.memory import Memory, remember
+from avrare.logic.robustness import Evaluator, align
 
 Array = NDArray[Any]
 

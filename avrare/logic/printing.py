@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from avrare.stl import formula as f
+from avrare.logic import formula as f
 
 _TIGHT = (f.Number, f.Signal, f.Call, f.Constant)
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.errors import FormulaError
+from avrare.logic.algebra import Robustness, Truth
+from avrare.logic.plan import combine, make_plan
+from avrare.logic.robustness import Evaluator
+from avrare.logic.samples import read_sample
 from avrare.protocols import Bools, Floats, Signals, Verdict
-from avrare.stl.algebra import Robustness, Truth
-from avrare.stl.plan import combine, make_plan
-from avrare.stl.robustness import Evaluator
-from avrare.stl.samples import read_sample
 
 if TYPE_CHECKING:
-    from avrare.stl.api import Formula
+    from avrare.logic.api import Formula
 
 Array = NDArray[Any]
 _ALGEBRAS = (Robustness(), Truth())

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.stl.formula import Comparison
-from avrare.stl.reach import comparison_range
+from avrare.logic.formula import Comparison
+from avrare.logic.reach import comparison_range
 
 Array = NDArray[Any]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from avrare.errors import FormulaError
-from avrare.stl import FormulaMonitor, stl
+from avrare.logic import FormulaMonitor, stl
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 UNIT = {"s": Fraction(1), "ms": Fraction(1, 1000), "us": Fraction(1, 10**6)}

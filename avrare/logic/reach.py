@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from avrare.stl.formula import Arithmetic, Call, Comparison, Negative, Number, Term
+from avrare.logic.formula import Arithmetic, Call, Comparison, Negative, Number, Term
 
 Range = tuple[float, float]
 ANYTHING: Range = (-math.inf, math.inf)

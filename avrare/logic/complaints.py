@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from avrare.errors import FormulaError
-from avrare.stl.tokens import FUNCTIONS, WORDS
+from avrare.logic.tokens import FUNCTIONS, WORDS
 
 _NAMES = {
     "RPAR": "a closing parenthesis",

@@ -37,7 +37,9 @@ class Budget:
         else:
             pairs = dict(value) if isinstance(value, Mapping) else {}
         if len(pairs) != 1:
-            raise UsageError(f"budget {value!r} is not understood", "write steps=1e6, rollouts=1000 or seconds=60")
+            raise UsageError(
+                f"budget {value!r} is not understood", "write steps=1e6, rollouts=1000 or seconds=60"
+            )
         kind, amount = next(iter(pairs.items()))
         if kind not in KINDS:
             raise UsageError(f"unknown budget {kind!r}", did_you_mean(kind, KINDS))

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from avrare.estimate.budget import Budget
-from avrare.estimate.result import Result
+from avrare.estimation.budget import Budget
+from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 

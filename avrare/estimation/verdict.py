@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from avrare.estimate import intervals
-from avrare.estimate.result import Interval, Result
+from avrare.estimation import intervals
+from avrare.estimation.result import Interval, Result
 
 
 def interval_at(result: Result, confidence: float) -> Interval:

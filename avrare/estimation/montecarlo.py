@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from avrare.errors import UsageError
-from avrare.estimate import health, intervals
-from avrare.estimate.config import McConfig
-from avrare.estimate.plan import Info, Plan
-from avrare.estimate.result import Failures, Result, Worst
+from avrare.estimation import health, intervals
+from avrare.estimation.config import McConfig
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Failures, Result, Worst
 from avrare.rollout.request import Request, Rollouts, total_counts
 
 FAILURE_LIMIT = 100
@@ -147,7 +147,7 @@ def _affordable(plan: Plan, config: McConfig) -> int:
     rollouts = int(budget.amount // (cost * config.runs))
     if rollouts < 1:
         raise UsageError(
-            f"a budget of {budget.kind}={budget.amount:g} does not pay for {config.runs} run(s) of one rollout",
+            f"a budget of {budget.kind}={budget.amount:g} does not pay for {config.runs} run(s) of a rollout",
             f"one rollout costs {cost} {budget.kind}",
         )
     return rollouts

@@ -8,9 +8,9 @@ import random
 import numpy as np
 import pytest
 
-from avrare.stl import FormulaMonitor, stl
-from avrare.stl import formula as f
-from avrare.stl.printing import text as str_of
+from avrare.logic import FormulaMonitor, stl
+from avrare.logic import formula as f
+from avrare.logic.printing import text as str_of
 
 INF = math.inf
 UNKNOWN_TAIL = 16  # samples after the last one seen, longer than any past window below

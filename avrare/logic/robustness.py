@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.errors import FormulaError
-from avrare.stl import formula as f
-from avrare.stl.algebra import Robustness
-from avrare.stl.windows import shift, sliding, until
+from avrare.logic import formula as f
+from avrare.logic.algebra import Robustness
+from avrare.logic.windows import shift, sliding, until
 
 Array = NDArray[Any]
 

@@ -11,7 +11,7 @@ _TINY = 1e-300
 
 
 def beta_cdf(x: float, a: float, b: float) -> float:
-    """Regularised incomplete beta function I_x(a, b), by Lentz' continued fraction (Numerical Recipes 6.4)."""
+    """Regularised incomplete beta function I_x(a, b), by Lentz' continued fraction (NR 6.4)."""
     if x <= 0.0:
         return 0.0
     if x >= 1.0:

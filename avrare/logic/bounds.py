@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from avrare.errors import FormulaError
-from avrare.stl.complaints import complain
+from avrare.logic.complaints import complain
 
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
 

@@ -7,7 +7,7 @@ import pytest
 
 from avrare import batch
 from avrare.errors import FormulaError
-from avrare.stl import FormulaMonitor, stl
+from avrare.logic import FormulaMonitor, stl
 
 TEXTS = [
     "always (p < 1)",

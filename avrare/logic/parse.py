@@ -8,10 +8,10 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from avrare.errors import FormulaError
-from avrare.stl import formula as f
-from avrare.stl.bounds import Period, sample_bounds
-from avrare.stl.complaints import complain, explain
-from avrare.stl.tokens import MEANING, Ambiguous, Words
+from avrare.logic import formula as f
+from avrare.logic.bounds import Period, sample_bounds
+from avrare.logic.complaints import complain, explain
+from avrare.logic.tokens import MEANING, Ambiguous, Words
 
 if TYPE_CHECKING:
     from lark import Lark

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.errors import FormulaError
-from avrare.stl import formula as f
-from avrare.stl.algebra import Bounds, Robustness, Truth
-from avrare.stl.online import FormulaMonitor
-from avrare.stl.parse import parse
-from avrare.stl.plan import make_plan, prefix_values
-from avrare.stl.printing import text as to_text
-from avrare.stl.robustness import Evaluator
-from avrare.stl.samples import Trace, read_trace
+from avrare.logic import formula as f
+from avrare.logic.algebra import Bounds, Robustness, Truth
+from avrare.logic.online import FormulaMonitor
+from avrare.logic.parse import parse
+from avrare.logic.plan import make_plan, prefix_values
+from avrare.logic.printing import text as to_text
+from avrare.logic.robustness import Evaluator
+from avrare.logic.samples import Trace, read_trace
 
 Signals = Mapping[str, NDArray[Any]]
 Floats = NDArray[np.float64]

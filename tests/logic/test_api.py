@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avrare.errors import FormulaError
-from avrare.stl import stl
+from avrare.logic import stl
 
 INF = math.inf
 
@@ -175,7 +175,7 @@ def test_constants_take_their_shape_from_any_signal():
 
 
 @pytest.mark.parametrize(
-    "first", ["import avrare", "import avrare.stl.api, avrare", "import avrare; avrare.Problem"]
+    "first", ["import avrare", "import avrare.logic.api, avrare", "import avrare; avrare.Problem"]
 )
 def test_the_public_name_is_callable_whatever_was_imported_first(first):
     code = f"{first}; assert avrare.stl('always (x < 4)', until='half-open').signals == ('x',)"

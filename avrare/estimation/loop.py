@@ -11,9 +11,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from avrare.errors import UsageError, did_you_mean
-from avrare.estimate.budget import Budget
-from avrare.estimate.plan import Estimator, Info, Plan
-from avrare.estimate.result import Result
+from avrare.estimation.budget import Budget
+from avrare.estimation.plan import Estimator, Info, Plan
+from avrare.estimation.result import Result
 from avrare.execute.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
@@ -45,7 +45,9 @@ def run(
     if not 0.0 < settings.confidence < 1.0:
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
     if estimator.single and len(problem.names) > 1:
-        raise UsageError(f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}")
+        raise UsageError(
+            f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
+        )
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
         problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
@@ -114,5 +116,7 @@ def checked_options(config: type[Any], name: str, options: dict[str, Any]) -> An
                 problems.append(f"unknown option {option!r} of estimator {name!r}")
                 hints.append(did_you_mean(option, config.model_fields))
             else:
-                problems.append(f"option {option!r} of estimator {name!r}: {entry['msg']}, found {entry['input']!r}")
+                problems.append(
+                    f"option {option!r} of estimator {name!r}: {entry['msg']}, found {entry['input']!r}"
+                )
         raise UsageError("; ".join(problems), "; ".join(filter(None, hints)) or None) from None

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.stl import formula as f
-from avrare.stl.robustness import Evaluator, align
+from avrare.logic import formula as f
+from avrare.logic.robustness import Evaluator, align
 
 Array = NDArray[Any]
 

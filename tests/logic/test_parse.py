@@ -8,7 +8,7 @@ from fractions import Fraction
 import pytest
 
 from avrare.errors import FormulaError
-from avrare.stl import stl
+from avrare.logic import stl
 
 
 def same(left, right, dt=1.0):
@@ -202,6 +202,6 @@ def test_parentheses_do_not_count_as_nesting():
 
 
 def test_the_parser_is_loaded_when_first_used():
-    code = "import sys, avrare.stl; before = 'lark' in sys.modules; avrare.stl.stl('p'); "
+    code = "import sys, avrare.logic; before = 'lark' in sys.modules; avrare.logic.stl('p'); "
     code += "assert (before, 'lark' in sys.modules) == (False, True)"
     subprocess.run([sys.executable, "-c", code], check=True)

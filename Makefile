@@ -1,0 +1,55 @@
+# Everything lives in .venv. `make run` and `make test` set it up by themselves.
+PYTHON ?= python3
+WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
+OUT ?= runs/first_light
+
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+PROJECTS := $(wildcard pyproject.toml plugins/*/pyproject.toml)
+PLUGINS := $(patsubst %/pyproject.toml,%,$(wildcard plugins/*/pyproject.toml))
+
+.PHONY: help install run test lint types format clean
+.DEFAULT_GOAL := help
+
+help:  ## show this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
+
+install: .venv/run.stamp  ## set up .venv with avrare and its plugins (no torch)
+
+run: .venv/run.stamp  ## estimate how likely the lane change breaks its rules
+	$(BIN)/avrare run scenarios/lane_change.yaml scenarios/lane_change_splitting.yaml \
+		--workers $(WORKERS) --out $(OUT)
+
+test: .venv/test.stamp  ## run the tests of the core and of every plugin
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
+
+lint: .venv/test.stamp  ## style, types and layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: .venv/test.stamp  ## mend what can be mended
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:  ## remove .venv and what the tools left
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache
+
+.venv/python.stamp:
+	@$(PYTHON) -c 'import sys; sys.exit("avrare needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; try make PYTHON=python3.12") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv .venv
+	$(PIP) hatchling editables
+	@touch $@
+
+.venv/run.stamp: .venv/python.stamp $(PROJECTS) constraints.txt
+	@echo "installing avrare and its plugins into .venv ..."
+	$(PIP) --no-build-isolation --editable '.[plot]' $(addprefix --editable ./,$(PLUGINS))
+	@touch $@
+
+.venv/test.stamp: .venv/run.stamp
+	@echo "installing what the tests need (torch among it: this takes a few minutes) ..."
+	$(PIP) 'torch==2.13.0'
+	$(PIP) --no-build-isolation --editable '.[plot,test,lint]' --editable './plugins/avrare-gp-pem[train]' \
+		--editable './plugins/avrare-imm[test]'
+	@touch $@

@@ -1,0 +1,1 @@
+"""Estimators, intervals, health, and the loop that drives them."""
