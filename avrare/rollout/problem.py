@@ -101,7 +101,7 @@ class Problem:
         return self.simulate(NoiseSource(0, self.noise_size), request, scored=False)
 
     def robustness(self, noise: Floats) -> Floats:
-        """Robustness (N,) of the first specification under noise (N, steps + 1, noise_size); NaN for errors."""
+        """Robustness (N,) of the first specification under noise (N, steps + 1, noise_size), NaN on error."""
         outcome = self.replay(noise)
         return np.where(outcome.error, np.nan, outcome.robustness[:, 0])
 

@@ -69,7 +69,7 @@ class SingleTrack:
         return World(step, ego, self.traffic.at(step), steering)
 
     def signals(self, world: World) -> Signals:
-        """``ego_*`` (N,), ``others_*`` (N, V), ``distance`` (N, V) to each rectangle, ``gap`` (N,) its least."""
+        """``ego_*`` (N,), ``others_*`` (N, V), ``distance`` (N, V) to each, ``gap`` (N,) the least."""
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"ego_{name}": getattr(world.ego, name) for name in fields}
         named |= {f"others_{name}": getattr(world.others, name) for name in fields}

@@ -15,7 +15,7 @@ RuleName = Literal["R_G1", "R_G2", "R_G4", "R_I2", "no_collision"]
 
 
 class Scales(BaseModel):
-    """What counts as one unit of robustness, so that a minimum over unlike quantities compares like to like."""
+    """What counts as one unit of robustness, so that minima over unlike quantities make sense."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
