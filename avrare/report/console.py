@@ -74,7 +74,10 @@ class Progress:
 
 def table(title: str, results: Sequence[Result]) -> Table:
     """One row per specification."""
-    view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    view = Table(
+        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
+        pad_edge=False, show_edge=False, padding=(0, 1, 0, 0),
+    )  # fmt: skip
     view.add_column("specification", no_wrap=True)
     verdicts = any(result.verdict for result in results)
     errors = any(result.errors for result in results)
@@ -92,7 +95,7 @@ def table(title: str, results: Sequence[Result]) -> Table:
     for result in results:
         low, high = result.interval
         row = [
-            result.specification, number(result.probability), f"{number(low)} .. {number(high)}",
+            result.specification, number(result.probability), f"{number(low, 2)} .. {number(high, 2)}",
             str(result.rollouts), str(result.failures.count), *([str(result.errors)] if errors else []),
             f"{result.seconds:.1f}",
         ]  # fmt: skip
@@ -120,11 +123,11 @@ def notes(results: Sequence[Result]) -> list[str]:
     ]
 
 
-def number(value: float) -> str:
-    """A probability in two or three digits: 0, 0.0123, 3.4e-05."""
+def number(value: float, digits: int = 3) -> str:
+    """A probability in a few digits: 0, 0.0123, 3.4e-05."""
     if value == 0.0 or value == 1.0:
         return f"{value:.0f}"
-    return f"{value:.3g}" if value >= 1e-3 else f"{value:.1e}"
+    return f"{value:.{digits}g}" if value >= 1e-3 else f"{value:.1e}"
 
 
 def _coloured(verdict: str | None) -> str:

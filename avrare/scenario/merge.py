@@ -86,10 +86,12 @@ def merge(base: Node, over: Node) -> Node:
         return over
     entries = dict(base.value)
     for key, node in over.value.items():
-        inherited = entries.pop(key, None)
+        inherited = entries.get(key)
         if inherited is None:
             entries[key] = node
-        elif node.value is not None:
+        elif node.value is None:
+            del entries[key]
+        else:
             entries[key] = merge(inherited, node)
     return Node(entries, over.mark, over.key)
 

@@ -1,0 +1,113 @@
+"""``avrare run`` as a user meets it."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from avrare.cli.main import main
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+
+LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
+SMALL = ["--set", "steps=6", "--set", "estimator.rollouts=4", "--no-pictures"]
+RULES = ["safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic", "no_collision"]
+FIELDS = {
+    "specification", "estimator", "probability", "interval", "confidence", "relative_error", "rollouts",
+    "simulated_steps", "failures", "errors", "seconds", "health", "verdict",
+}  # fmt: skip
+
+
+def test_run_writes_the_promised_result(tmp_path, capsys):
+    assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--seed", "7"]) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["schema"] == 1
+    assert (result["scenario"], result["seed"]) == ("lane_change", 7)
+    assert len(result["fingerprint"]) == 16
+    assert "avrare-mpc" in result["versions"]
+    assert [entry["specification"] for entry in result["estimates"]] == RULES
+    for entry in result["estimates"]:
+        assert set(entry) >= FIELDS
+        assert entry["rollouts"] == 4
+        assert entry["simulated_steps"] == 4 * 6
+        low, high = entry["interval"]
+        assert 0 <= low <= entry["probability"] <= high <= 1
+    again = load(tmp_path / "scenario.yaml")
+    assert (again.steps, again.seed) == (6, 7)
+    assert fingerprint(again) == result["fingerprint"]
+    table = capsys.readouterr().out
+    for rule in RULES:
+        assert rule in table
+
+
+def test_json_prints_the_same_object_and_nothing_else(tmp_path, capsys):
+    assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "result.json").read_text())
+
+
+def test_the_same_seed_gives_the_same_result(tmp_path):
+    results = []
+    for name in ("a", "b"):
+        assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path / name)]) == 0
+        result = json.loads((tmp_path / name / "result.json").read_text())
+        results.append([{**entry, "seconds": None} for entry in result["estimates"]])
+    assert results[0] == results[1]
+
+
+def test_splitting_estimates_one_rule_after_another(tmp_path):
+    words = ["run", LANE_CHANGE, "--estimator", "ams", "--out", str(tmp_path), "--no-pictures"]
+    for setting in (
+        "steps=4", "estimator.particles=4", "estimator.discard=1", "estimator.runs=2",
+        "estimator.specifications=[no_collision, traffic_flow]",
+    ):  # fmt: skip
+        words += ["--set", setting]
+    assert main(words) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    names = [(entry["specification"], entry["estimator"]) for entry in result["estimates"]]
+    assert sorted(names) == [("no_collision", "ams"), ("traffic_flow", "ams")]
+    assert all(len(entry["run_probabilities"]) == 2 for entry in result["estimates"])
+
+
+def test_a_threshold_gives_a_verdict_and_run_still_exits_zero(tmp_path):
+    threshold = "thresholds=[{specification: no_collision, probability: '< 1e-3'}]"
+    words = ["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--set", threshold]
+    assert main(words) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    verdicts = {entry["specification"]: entry["verdict"] for entry in result["estimates"]}
+    assert verdicts == {name: None for name in RULES} | {"no_collision": "inconclusive"}
+
+
+def test_pictures_of_the_nominal_and_the_worst_drive(tmp_path):
+    words = ["run", LANE_CHANGE, "--set", "steps=6", "--set", "estimator.rollouts=3", "--out", str(tmp_path)]
+    assert main([*words, "--set", "estimator.specifications=[no_collision]"]) == 0
+    for name in ("nominal.png", "worst_no_collision.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["--budget", "stepz=4"], 4, "steps"),
+        (["--budget", "steps=0"], 4, "positive"),
+        (["--workers", "0"], 4, "--workers"),
+        (["--seed", "-1"], 4, "seed"),
+        (["--executor", "processs"], 5, "processes"),
+        (["--estimator", "amss"], 5, "ams"),
+        (["--set", "steps=many"], 4, "steps"),
+        (["--budget", "steps=3"], 4, "does not pay"),
+    ],
+)
+def test_wrong_words_are_answered_in_words(tmp_path, capsys, words, code, message):
+    assert main(["run", LANE_CHANGE, "--no-pictures", "--out", str(tmp_path), *words]) == code
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a file where a folder should be")
+def test_a_folder_that_cannot_be_made(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path / "file" / "run")]) == 4
+    assert "cannot make this folder" in capsys.readouterr().err
