@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -12,13 +13,13 @@ from avrare_mpc.config import TrajectoryPlan
 class RoadConfig(BaseModel):
     """Straight parallel lanes along x."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     lane_centres: tuple[float, ...] = Field(
         default=(-1.75, 1.75, 5.25), min_length=1, description="y of the lane centres, from right to left [m]"
     )
     lane_width: float = Field(default=3.5, gt=0.0, description="width of every lane [m]")
-    access_ramp: tuple[int, ...] = Field(default=(0,), description="indices of the lanes of an access ramp")
+    access_ramp: tuple[int, ...] = Field(default=(), description="indices of the lanes of an access ramp")
     begin: float = Field(default=0.0, description="first x that is drawn [m]")
     end: float = Field(default=160.0, description="last x that is drawn [m]")
 
@@ -26,6 +27,8 @@ class RoadConfig(BaseModel):
     def _consistent(self) -> Self:
         if list(self.lane_centres) != sorted(set(self.lane_centres)):
             raise ValueError("lane_centres must ascend: the rightmost lane first")
+        if any(b - a < self.lane_width - 1e-9 for a, b in pairwise(self.lane_centres)):
+            raise ValueError("the lanes overlap: lane_width is more than the distance of their centres")
         if any(not 0 <= lane < len(self.lane_centres) for lane in self.access_ramp):
             raise ValueError(f"access_ramp must name lanes 0..{len(self.lane_centres) - 1}")
         return self
@@ -34,7 +37,7 @@ class RoadConfig(BaseModel):
 class EgoConfig(BaseModel):
     """Start and body of the ego; the defaults are a mid-size car (CommonRoad vehicle 1)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     x: float = Field(description="centre at the start [m]")
     y: float = Field(description="centre at the start [m]")
@@ -48,11 +51,17 @@ class EgoConfig(BaseModel):
     acceleration_max: float = Field(default=11.5, gt=0.0, description="bound of |acceleration| [m/s^2]")
     speed_max: float = Field(default=45.8, gt=0.0, description="top speed [m/s]; the plant never reverses")
 
+    @model_validator(mode="after")
+    def _within_limits(self) -> Self:
+        if self.speed > self.speed_max:
+            raise ValueError("speed must not be above speed_max")
+        return self
+
 
 class VehicleConfig(BaseModel):
     """Another vehicle: parked, at constant velocity, or driven by a plan made before the run."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     name: str = Field(min_length=1, description="as it is called in messages and pictures")
     x: float = Field(description="centre at the start [m]")
@@ -69,7 +78,7 @@ class VehicleConfig(BaseModel):
 class SingleTrackConfig(BaseModel):
     """Options of the simulator ``single_track``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
     road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")
@@ -81,4 +90,14 @@ class SingleTrackConfig(BaseModel):
         names = [vehicle.name for vehicle in self.vehicles]
         if len(set(names)) != len(names):
             raise ValueError("every vehicle needs a name of its own")
+        return self
+
+    @model_validator(mode="after")
+    def _known_lanes(self) -> Self:
+        count = len(self.road.lane_centres)
+        for vehicle in self.vehicles:
+            drive = vehicle.drive
+            last = max((*drive.lanes, *drive.fixed_lanes().values())) if drive else 0
+            if last >= count:
+                raise ValueError(f"{vehicle.name!r} drives on lane {last}, the lanes are 0..{count - 1}")
         return self

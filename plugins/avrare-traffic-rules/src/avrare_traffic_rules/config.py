@@ -17,7 +17,7 @@ RuleName = Literal["R_G1", "R_G2", "R_G4", "R_I2", "no_collision"]
 class Scales(BaseModel):
     """What counts as one unit of robustness, so that minima over unlike quantities make sense."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     longitudinal: float = Field(default=10.0, gt=0.0, description="distance along the road [m]")
     lateral: float = Field(default=1.75, gt=0.0, description="distance across the road [m]")
@@ -29,7 +29,7 @@ class Scales(BaseModel):
 class TrafficRuleConfig(BaseModel):
     """Options of the specification ``traffic_rules``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     rule: RuleName = Field(description="which rule")
     vehicles: Literal["moving", "all"] | None = Field(
@@ -37,8 +37,8 @@ class TrafficRuleConfig(BaseModel):
     )
     definitions: Literal["recommended", "published"] = Field(
         default="recommended",
-        description="recommended: rectangles and braking distances [M20]; published: predicates of [I24], "
-        "unscaled, with a band of half a lane and one car length as safe distance",
+        description="recommended: rectangles and braking distances [M20]; published: predicates and formulas "
+        "of [I24], unscaled, with a band of half a lane and one car length as safe distance",
     )
     cut_in_time: float = Field(
         default=3.0, ge=0.0, description="grace after a cut-in [s] [M20]; [I24] has 0.3"

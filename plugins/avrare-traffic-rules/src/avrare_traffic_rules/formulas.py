@@ -20,7 +20,16 @@ FORMULAS = {
     "no_collision": "forall o in others: always (distance > 0)",
 }
 
+PUBLISHED = FORMULAS | {
+    "R_G2": "always not (brakes and"
+    " (brakes_abruptly and not (exists o in others: in_same_lane and in_front_of)"
+    " or (exists o in others: keeps_safe_distance and in_same_lane and in_front_of"
+    " and brakes_abruptly_relative)))",
+}
+"""With the one rule that the published code builds differently: any vehicle ahead counts, not the nearest."""
+
 
 def text(config: TrafficRuleConfig) -> str:
     """The formula of a rule with its parameters filled in."""
-    return FORMULAS[config.rule].format(cut_in_time=config.cut_in_time)
+    formulas = PUBLISHED if config.definitions == "published" else FORMULAS
+    return formulas[config.rule].format(cut_in_time=config.cut_in_time)

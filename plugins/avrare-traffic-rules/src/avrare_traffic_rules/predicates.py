@@ -10,7 +10,7 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare_traffic_rules.config import TrafficRuleConfig
-from avrare_traffic_rules.traffic import Bodies, Traffic
+from avrare_traffic_rules.traffic import Bodies, Traffic, bounding_box
 
 
 class Predicates:
@@ -19,6 +19,9 @@ class Predicates:
     Args:
         config: Parameters and scales.
     """
+
+    extents = staticmethod(bounding_box)
+    """What counts as front, rear and sides of a vehicle."""
 
     def __init__(self, config: TrafficRuleConfig) -> None:
         self.config = config
@@ -103,16 +106,17 @@ class Predicates:
         return (self.config.slightly_faster - (t.ego.speed - t.others.speed)) / self.scales.speed
 
     def in_slow_traffic(self, t: Traffic) -> Floats:
-        """At least ``queue_size`` vehicles ahead of o in its lane are slow."""
+        """At least ``queue_size`` other vehicles ahead of o in its lane are slow; the ego does not count."""
         inside = self.in_lane(t.others, t)
         same = np.minimum(inside[:, :, :, None], inside[:, :, None, :]).max(axis=0)
         ahead = (t.others.rear[:, None, :] - t.others.front[:, :, None]) / self.scales.longitudinal
         slow = (self.config.queue_speed - t.others.speed[:, None, :]) / self.scales.speed
-        each = np.minimum(np.minimum(same, ahead), slow)
+        own = np.eye(slow.shape[2], dtype=bool)
+        each = np.where(own, -np.inf, np.minimum(np.minimum(same, ahead), slow))
         count = self.config.queue_size
         if each.shape[2] < count:
             return np.full(t.others.x.shape, -np.inf)
-        return -np.sort(-each, axis=2)[:, :, count - 1]
+        return np.asarray(-np.sort(-each, axis=2)[:, :, count - 1])
 
     def on_access_ramp(self, t: Traffic) -> Floats:
         """(N,) the ego touches a lane of an access ramp."""

@@ -9,6 +9,7 @@ import numpy as np
 from avrare.driving import Scene
 from avrare.errors import UsageError
 from avrare.logic.api import Formula, stl
+from avrare.logic.formula import Forall
 from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Floats, Signals, Verdict
 from avrare_traffic_rules.config import TrafficRuleConfig
@@ -67,7 +68,7 @@ class TrafficRule:
         """The predicates that the formula reads, (N,) or (N, V)."""
         if self.config.rule == "no_collision":
             return {"distance": signals["distance"][:, self._chosen]}
-        traffic = read_traffic(signals, self.scene, self._chosen)
+        traffic = read_traffic(signals, self.scene, self._chosen, self._predicates.extents)
         n, vehicles = traffic.others.x.shape
         sample = {}
         for name in self.formula.signals:
@@ -76,16 +77,20 @@ class TrafficRule:
         return sample
 
     def explain(self, signals: Signals) -> str:
-        """Which vehicle the first row's sample fails on, in words."""
-        sample = self.sample(signals)
+        """What the first row's sample, taken as sample 0, comes nearest to failing on, in words.
+
+        A rule for all others names the vehicle; in the rest the fault is the ego's and others only excuse it.
+        """
+        sample = {name: values[:1] for name, values in self.sample(signals).items()}
         names = [name for name, chosen in zip(self.scene.names, self._chosen, strict=True) if chosen]
-        if not names or all(values.ndim == 1 for values in sample.values()):
-            return f"{self.config.rule}"
-        alone = []
-        for v in range(len(names)):
-            single = {
-                k: values[:1, v : v + 1] if values.ndim == 2 else values[:1] for k, values in sample.items()
-            }
-            alone.append(float(self._monitor.update(self._monitor.start(1), single)[1].robustness[0]))
+        if not names or not isinstance(self.formula.node, Forall):
+            return f"{self.config.rule} by the ego (robustness {self._robustness(sample):.3g})"
+        alone = [
+            self._robustness({k: x[:, v : v + 1] if x.ndim == 2 else x for k, x in sample.items()})
+            for v in range(len(names))
+        ]
         worst = int(np.argmin(alone))
         return f"{self.config.rule} with vehicle {names[worst]!r} (robustness {alone[worst]:.3g})"
+
+    def _robustness(self, sample: Signals) -> float:
+        return float(self._monitor.update(self._monitor.start(1), sample)[1].robustness[0])

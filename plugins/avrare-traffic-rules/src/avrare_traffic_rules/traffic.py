@@ -5,12 +5,16 @@ Arrays of the ego are (N, 1) and those of the others (N, V), so that predicates 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from avrare.driving import Road, Scene
 from avrare.protocols import Bools, Floats, Signals
+
+Extents = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
+"""(length, width, heading) to half the extent along and across the road."""
 
 
 @dataclass(frozen=True)
@@ -59,25 +63,24 @@ class Traffic:
     road: Road
 
 
-def read_traffic(signals: Signals, scene: Scene, chosen: Bools) -> Traffic:
+def bounding_box(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    """Half the extents of the rectangle itself."""
+    cos, sin = np.abs(np.cos(heading)), np.abs(np.sin(heading))
+    return 0.5 * (length * cos + width * sin), 0.5 * (length * sin + width * cos)
+
+
+def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents) -> Traffic:
     """Traffic of one sample from the simulator's signals, with the ``chosen`` (V,) vehicles."""
+
+    def bodies(who: str, columns: Bools | None, length: Floats, width: Floats) -> Bodies:
+        fields = ("x", "y", "heading", "speed", "acceleration")
+        x, y, heading, speed, acceleration = (signals[f"{who}_{name}"][:, columns] for name in fields)
+        half_length, half_width = extents(length, width, heading)
+        return Bodies(x, y, heading, speed, acceleration, half_length, half_width, length, width)
+
     return Traffic(
-        _bodies(signals, "ego", np.array([scene.ego_length]), np.array([scene.ego_width]), None),
-        _bodies(signals, "others", scene.lengths[chosen], scene.widths[chosen], chosen),
+        # the index None gives the ego's (N,) a vehicle axis
+        bodies("ego", None, np.array([scene.ego_length]), np.array([scene.ego_width])),
+        bodies("others", chosen, scene.lengths[chosen], scene.widths[chosen]),
         scene.road,
     )
-
-
-def _bodies(signals: Signals, who: str, length: Floats, width: Floats, chosen: Bools | None) -> Bodies:
-    fields = ("x", "y", "heading", "speed", "acceleration")
-    values = [signals[f"{who}_{name}"] for name in fields]
-    x, y, heading, speed, acceleration = [
-        value[:, None] if chosen is None else value[:, chosen] for value in values
-    ]
-    cos, sin = np.abs(np.cos(heading)), np.abs(np.sin(heading))
-    return Bodies(
-        x, y, heading, speed, acceleration,
-        half_length=0.5 * (length * cos + width * sin),
-        half_width=0.5 * (length * sin + width * cos),
-        length=length, width=width,
-    )  # fmt: skip

@@ -1,0 +1,76 @@
+"""Situations by hand and at random; every car is 4 m x 2 m, lanes lie at -1.75 (ramp), 1.75 and 5.25 m."""
+
+import numpy as np
+import pytest
+
+from avrare.driving import Road, Scene
+from avrare_traffic_rules.config import TrafficRuleConfig
+from avrare_traffic_rules.rule import build
+
+ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,))
+FIELDS = ("x", "y", "heading", "speed", "acceleration")
+EGO = {"x": 0.0, "y": 1.75, "heading": 0.0, "speed": 20.0, "acceleration": 0.0}
+
+
+class Lab:
+    """Makes rules and what they read."""
+
+    road = ROAD
+
+    def rule(self, name, count=1, moving=None, road=ROAD, sizes=None, **options):
+        """A rule over so many other vehicles, called a, b, c, ..."""
+        moving = np.ones(count, dtype=bool) if moving is None else np.array(moving)
+        names = tuple("abcdefgh"[:count])
+        lengths, widths = sizes or (np.full(count, 4.0), np.full(count, 2.0))
+        scene = Scene(0.1, road, 4.0, 2.0, names, lengths, widths, moving)
+        return build(TrafficRuleConfig(rule=name, **options), scene)
+
+    def signals(self, *others, distance=100.0, **ego):
+        """One row: the ego drives at 20 m/s in the middle lane at x = 0 but for what is said."""
+        signals = {f"ego_{name}": np.array([{**EGO, **ego}[name]]) for name in FIELDS}
+        for name in FIELDS:
+            values = [float({**EGO, **other}[name]) for other in others]
+            signals[f"others_{name}"] = np.array(values).reshape(1, len(others))
+        return {**signals, "distance": np.full((1, len(others)), distance)}
+
+    def value(self, rule, predicate, *others, **ego):
+        """A predicate of the first row, whatever the rule's formula reads: (V,) or (1,)."""
+        from avrare_traffic_rules.traffic import read_traffic
+
+        predicates = rule._predicates
+        traffic = read_traffic(self.signals(*others, **ego), rule.scene, rule._chosen, predicates.extents)
+        return getattr(predicates, predicate)(traffic)[0]
+
+    def run(self, rule, samples):
+        """The verdict after some samples, each of one row."""
+        state, verdict = rule.start(1), None
+        for signals in samples:
+            state, verdict = rule.update(state, signals)
+        return verdict
+
+    def judge(self, rule, *others, **ego):
+        """(violated, robustness) of a single sample."""
+        verdict = self.run(rule, [self.signals(*others, **ego)])
+        return bool(verdict.violated[0]), float(verdict.robustness[0])
+
+    def random(self, rng, n, v):
+        """Signals of n rows: a crowd around the ego in which every predicate is now true, now false."""
+
+        def vehicles(*shape):
+            return {
+                "x": rng.uniform(-25.0, 25.0, shape),
+                "y": rng.choice([-1.75, 0.0, 1.75, 3.5, 5.25], shape) + rng.normal(0.0, 0.4, shape),
+                "heading": rng.normal(0.0, 0.15, shape),
+                "speed": rng.uniform(0.0, 40.0, shape),
+                "acceleration": rng.normal(-3.0, 4.0, shape),
+            }
+
+        ego, others = vehicles(n), vehicles(n, v)
+        signals = {f"ego_{name}": values for name, values in ego.items()}
+        signals |= {f"others_{name}": values for name, values in others.items()}
+        return {**signals, "distance": rng.normal(10.0, 8.0, (n, v))}
+
+
+@pytest.fixture(scope="session")
+def lab():
+    return Lab()

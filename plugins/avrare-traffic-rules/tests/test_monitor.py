@@ -1,0 +1,104 @@
+"""A rule's monitor: equal to its formula offline, copied by value, with the body's margin."""
+
+import numpy as np
+import pytest
+
+from avrare.batch import take
+from avrare_traffic_rules.config import RuleName
+
+N, T, V = 8, 50, 4
+RULES = RuleName.__args__
+EVERY = pytest.mark.parametrize("name", RULES)
+DEFINITIONS = pytest.mark.parametrize("definitions", ["recommended", "published"])
+
+
+def follow(rule, samples, n):
+    """Robustness, violated and margin (n, T), and the states after each sample."""
+    state, states, verdicts, margins = rule.start(n), [], [], []
+    for signals in samples:
+        state, verdict = rule.update(state, signals)
+        states.append(state)
+        verdicts.append(verdict)
+        margins.append(rule.margin(state))
+    stack = (
+        np.stack(column, 1) for column in ([v.robustness for v in verdicts], [v.violated for v in verdicts])
+    )
+    return *stack, np.stack(margins, 1), states
+
+
+@pytest.fixture
+def traffic(lab):
+    rng = np.random.default_rng(4)
+    return [lab.random(rng, N, V) for _ in range(T)]
+
+
+@EVERY
+@DEFINITIONS
+def test_online_equals_offline_on_traffic(lab, name, definitions, traffic):
+    rule = lab.rule(name, V, definitions=definitions)
+    robustness, violated, margin, _ = follow(rule, traffic, N)
+    samples = [rule.sample(signals) for signals in traffic]
+    trace = {key: np.stack([sample[key] for sample in samples], axis=1) for key in rule.formula.signals}
+    assert np.array_equal(robustness, rule.formula.prefixes(trace))
+    assert np.array_equal(robustness[:, -1], rule.formula.robustness(trace)[:, 0])
+    for t in (0, 1, 30, T - 1):
+        seen = {key: values[:, : t + 1] for key, values in trace.items()}
+        assert np.array_equal(violated[:, t], ~rule.formula.satisfied(seen)[:, 0])
+    assert np.array_equal(np.minimum.accumulate(margin, axis=1), robustness)
+    assert len(np.unique(margin)) > N * T // 4
+
+
+@EVERY
+@pytest.mark.parametrize("vehicles", [0, 1, 3])
+def test_online_equals_offline_on_any_predicates(lab, name, vehicles):
+    rng = np.random.default_rng(5)
+    rule = lab.rule(name, vehicles)
+    known = rule.sample(lab.random(rng, N, vehicles))
+    # kept alike for some samples, so that windows and edges are met
+    trace = {
+        key: np.repeat(rng.normal(0.5, 1.0, (N, T // 5, *values.shape[1:])), 5, axis=1)
+        for key, values in known.items()
+    }
+    monitor = rule.formula.monitor()
+    state, found = monitor.start(N), []
+    for t in range(T):
+        state, verdict = monitor.update(state, {key: values[:, t] for key, values in trace.items()})
+        found.append(verdict.robustness)
+    assert np.array_equal(np.stack(found, 1), rule.formula.prefixes(trace))
+
+
+@EVERY
+@DEFINITIONS
+def test_rows_stand_alone_bit_for_bit(lab, name, definitions, traffic):
+    rule = lab.rule(name, V, definitions=definitions)
+    robustness, violated, margin, _ = follow(rule, traffic, N)
+    for n in range(N):
+        alone = follow(rule, [take(signals, slice(n, n + 1)) for signals in traffic], 1)
+        assert np.array_equal(alone[0][0], robustness[n])
+        assert np.array_equal(alone[1][0], violated[n])
+        assert np.array_equal(alone[2][0], margin[n])
+
+
+@EVERY
+def test_a_copied_particle_carries_its_past(lab, name, traffic):
+    rule = lab.rule(name, V)
+    robustness, _, _, states = follow(rule, traffic, N)
+    chosen = np.array([5, 5, 2])
+    state = take(states[20], chosen)
+    for t in range(21, T):
+        state, verdict = rule.update(state, take(traffic[t], chosen))
+        assert np.array_equal(verdict.robustness, robustness[chosen, t])
+
+
+def test_margin_is_of_the_newest_sample(lab):
+    rule = lab.rule("R_G4", 0)
+    _, _, margin, _ = follow(rule, [lab.signals(speed=speed) for speed in (25.0, 20.0, 30.0)], 1)
+    np.testing.assert_allclose(margin[0], [3.89 / 5.0, -1.11 / 5.0, 8.89 / 5.0])
+
+
+@EVERY
+def test_signals_are_left_alone(lab, name, traffic):
+    before = {key: values.copy() for key, values in traffic[0].items()}
+    rule = lab.rule(name, V)
+    rule.update(rule.start(N), traffic[0])
+    assert all(np.array_equal(before[key], traffic[0][key]) for key in before)

@@ -1,0 +1,248 @@
+"""Whole rules on situations told by hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrare.driving import Road
+from avrare.errors import FormulaError, UsageError
+from avrare_traffic_rules.config import TrafficRuleConfig
+from avrare_traffic_rules.formulas import FORMULAS, PUBLISHED
+from avrare_traffic_rules.rule import build
+
+# The ego needs 20 + 8 m less what o needs: 5.2 m behind one of 20.5 m/s, 28 m behind a parked one.
+FAR, CLOSE = {"x": 44.0, "speed": 20.0}, {"x": 9.0, "speed": 20.0}
+STEP = 0.1
+
+
+def violations(lab, rule, samples):
+    """At which samples the body fails, from the margin."""
+    state, failed = rule.start(1), []
+    for t, signals in enumerate(samples):
+        state, _ = rule.update(state, signals)
+        if rule.margin(state)[0] < 0.0:
+            failed.append(t)
+    return failed
+
+
+class TestSafeDistance:
+    def test_far_and_close(self, lab):
+        rule = lab.rule("R_G1")
+        violated, robustness = lab.judge(rule, FAR)
+        needed = 20.0 - 400.0 / 21.0 + 8.0
+        assert not violated
+        assert robustness == pytest.approx((40.0 - needed) / 10.0)
+        violated, robustness = lab.judge(rule, CLOSE)
+        assert violated
+        assert robustness == pytest.approx((5.0 - needed) / 10.0)
+
+    @pytest.mark.parametrize(
+        "other", [{**CLOSE, "y": 5.25}, {**CLOSE, "x": -9.0}, {**CLOSE, "x": 2.0, "y": -1.75}]
+    )
+    def test_only_ahead_in_the_lane(self, lab, other):
+        assert not lab.judge(lab.rule("R_G1"), other)[0]
+
+    def test_parked_vehicles_only_when_asked_for(self, lab):
+        parked = {"x": 20.0, "speed": 0.0}
+        assert lab.judge(lab.rule("R_G1", 2, moving=[True, False]), FAR, parked) == lab.judge(
+            lab.rule("R_G1"), FAR
+        )
+        assert lab.judge(lab.rule("R_G1", 2, moving=[True, False], vehicles="all"), FAR, parked)[0]
+
+    def test_cutting_in_exempts_for_three_seconds_and_no_longer(self, lab):
+        in_front = {"x": 9.0, "speed": 20.0}
+        beside, over = {**in_front, "y": 5.25}, {**in_front, "y": 3.5, "heading": -0.05}
+        samples = [lab.signals(o) for o in [beside] * 5 + [over] * 8 + [in_front] * 50]
+        # the cut-in begins at sample 5 and excuses up to 3 s = 30 samples later
+        assert violations(lab, lab.rule("R_G1"), samples) == list(range(36, 63))
+        assert violations(lab, lab.rule("R_G1", cut_in_time=0.3), samples) == list(range(9, 63))
+        assert violations(lab, lab.rule("R_G1", cut_in_time=0.0), samples) == list(range(6, 63))
+
+    def test_a_long_cut_in_excuses_only_from_its_begin(self, lab):
+        over = {"x": 9.0, "speed": 20.0, "y": 3.5, "heading": -0.05}
+        samples = [lab.signals({**over, "y": 5.25})] + [lab.signals(over)] * 60
+        assert violations(lab, lab.rule("R_G1"), samples) == list(range(32, 61))
+
+    def test_a_second_cut_in_excuses_again(self, lab):
+        in_front = {"x": 9.0, "speed": 20.0}
+        over = {**in_front, "y": 3.5, "heading": -0.05}
+        cars = [over] * 2 + [in_front] * 8 + [over] * 2 + [in_front] * 8
+        rule = lab.rule("R_G1", cut_in_time=0.5)
+        assert violations(lab, rule, [lab.signals(o) for o in cars]) == [6, 7, 8, 9, 16, 17, 18, 19]
+
+    def test_before_the_start_nobody_was_cutting_in(self, lab):
+        """The weak previous: a cut-in that is under way at sample 0 begins there."""
+        over = {"x": 9.0, "speed": 20.0, "y": 3.5, "heading": -0.05}
+        samples = [lab.signals(over)] * 40
+        assert violations(lab, lab.rule("R_G1"), samples) == list(range(31, 40))
+
+    def test_each_vehicle_has_an_exemption_of_its_own(self, lab):
+        over = {"x": 9.0, "speed": 20.0, "y": 3.5, "heading": -0.05}
+        rule = lab.rule("R_G1", 2)
+        assert not lab.judge(rule, over, {**FAR, "x": 60.0})[0]
+        assert lab.judge(rule, over, {**CLOSE, "x": 8.0})[0]
+
+
+class TestBraking:
+    def test_without_anybody_ahead(self, lab):
+        for count, others in [(0, []), (1, [{"x": -10.0}]), (1, [{"x": 20.0, "y": 5.25}])]:
+            rule = lab.rule("R_G2", count)
+            assert lab.judge(rule, *others, acceleration=-3.0)[0]
+            assert not lab.judge(rule, *others, acceleration=-1.9)[0]
+        assert lab.judge(lab.rule("R_G2", 0), acceleration=-3.0) == (True, pytest.approx(-0.5))
+
+    def test_behind_somebody_too_near(self, lab):
+        assert not lab.judge(lab.rule("R_G2"), CLOSE, acceleration=-8.0)[0]
+
+    def test_behind_somebody_far_who_brakes_too(self, lab):
+        rule = lab.rule("R_G2")
+        assert lab.judge(rule, FAR, acceleration=-3.0)[0]
+        assert not lab.judge(rule, {**FAR, "acceleration": -1.5}, acceleration=-3.0)[0]
+        assert lab.judge(rule, {**FAR, "acceleration": -0.5}, acceleration=-3.0)[0]
+        assert lab.judge(rule, {**FAR, "acceleration": 5.0}, acceleration=-3.0)[0]
+
+    def test_only_the_nearest_ahead_excuses(self, lab):
+        rule = lab.rule("R_G2", 2)
+        near_one, standing = {"x": 20.0, "speed": 20.0}, {"x": 26.0, "speed": 0.0}  # 22 m: the ego needs 28
+        assert lab.judge(rule, near_one, standing, acceleration=-3.0)[0]
+        assert not lab.judge(rule, {**near_one, "x": 34.0}, standing, acceleration=-3.0)[0]
+
+    def test_the_threshold_is_an_option(self, lab):
+        assert not lab.judge(lab.rule("R_G2", 0, abrupt_braking=-4.75), acceleration=-4.7)[0]
+
+
+class TestFlow:
+    def test_slow_ego(self, lab):
+        rule = lab.rule("R_G4", 0)
+        assert lab.judge(rule, speed=21.0) == (True, pytest.approx(-0.11 / 5.0))
+        assert lab.judge(rule, speed=21.2) == (False, pytest.approx(0.09 / 5.0))
+
+    def test_a_slow_leader_exempts(self, lab):
+        rule = lab.rule("R_G4")
+        slow = {"x": 30.0, "speed": 15.0}
+        assert lab.judge(rule, slow, speed=15.0) == (False, pytest.approx(6.11 / 5.0))
+        assert lab.judge(rule, {**slow, "speed": 22.0}, speed=15.0)[0]
+        assert lab.judge(rule, {**slow, "y": 5.25}, speed=15.0)[0]
+        assert lab.judge(rule, {**slow, "x": -30.0}, speed=15.0)[0]
+
+    def test_a_parked_leader_exempts_unless_left_out(self, lab):
+        parked = {"x": 30.0, "speed": 0.0}
+        assert not lab.judge(lab.rule("R_G4", moving=[False]), parked, speed=15.0)[0]
+        assert lab.judge(lab.rule("R_G4", moving=[False], vehicles="moving"), parked, speed=15.0)[0]
+
+
+LEFT = {"x": 0.0, "y": 5.25, "speed": 16.0}
+
+
+class TestLeftTraffic:
+    def test_faster_than_the_left_car(self, lab):
+        rule = lab.rule("R_I2")
+        assert lab.judge(rule, LEFT) == (True, pytest.approx(-0.4))
+        assert not lab.judge(rule, {**LEFT, "speed": 21.0})[0]
+        assert not lab.judge(rule, {**LEFT, "x": 10.0})[0]
+        assert not lab.judge(rule, {**LEFT, "y": -1.75})[0]
+
+    def test_a_queue_on_the_left_may_be_passed_slowly(self, lab):
+        rule = lab.rule("R_I2", 4)
+        queue = [{**LEFT, "x": 10.0 * k} for k in range(4)]
+        assert not lab.judge(rule, *queue)[0]
+        assert lab.judge(rule, *queue, speed=22.0)[0]  # 6 m/s faster
+        quick = [*queue[:3], {**queue[3], "speed": 17.0}]
+        assert lab.judge(rule, *quick)[0]  # two slow ones ahead do not make a queue
+        behind = [*queue[:3], {**queue[3], "x": -10.0}]
+        assert lab.judge(rule, *behind)[0]
+
+    def test_from_the_ramp_past_the_carriageway(self, lab):
+        rule = lab.rule("R_I2")
+        carriageway = {**LEFT, "y": 1.75}
+        assert not lab.judge(rule, carriageway, y=-1.75, speed=35.0)[0]
+        no_ramp = lab.rule("R_I2", road=Road(lab.road.lane_centres, 3.5))
+        assert lab.judge(no_ramp, carriageway, y=-1.75, speed=35.0)[0]
+
+    def test_the_ramp_does_not_excuse_past_a_queue(self, lab):
+        rule = lab.rule("R_I2", 4)
+        queue = [{**LEFT, "x": 10.0 * k, "y": 1.75} for k in range(4)]
+        assert lab.judge(rule, *queue, y=-1.75, speed=35.0)[0]
+        assert not lab.judge(rule, *queue, y=-1.75, speed=20.0)[0]
+
+
+class TestCollision:
+    def test_sign_and_metres(self, lab):
+        rule = lab.rule("no_collision", 2)
+        for distance, violated in [(0.3, False), (0.0, True), (-0.2, True)]:
+            signals = lab.signals({}, {}, distance=5.0)
+            signals["distance"][0, 1] = distance
+            verdict = lab.run(rule, [signals])
+            assert verdict.violated[0] == violated
+            assert verdict.robustness[0] == distance
+
+    def test_parked_vehicles_count(self, lab):
+        signals = lab.signals({}, distance=-1.0)
+        assert lab.run(lab.rule("no_collision", moving=[False]), [signals]).violated[0]
+        assert not lab.run(lab.rule("no_collision", moving=[False], vehicles="moving"), [signals]).violated[0]
+
+
+@pytest.mark.parametrize("definitions", ["recommended", "published"])
+@pytest.mark.parametrize(
+    ("name", "robustness"),
+    [("R_G1", np.inf), ("R_G2", None), ("R_G4", None), ("R_I2", np.inf), ("no_collision", np.inf)],
+)
+def test_nobody_else_on_a_road_without_a_ramp(lab, definitions, name, robustness):
+    rule = lab.rule(name, 0, road=Road((1.75,), 3.5), definitions=definitions)
+    verdict = lab.run(rule, [lab.signals(speed=30.0, acceleration=1.0)] * 4)
+    expected = {"recommended": {"R_G2": 1.5, "R_G4": 8.89 / 5.0}, "published": {"R_G2": 3.0, "R_G4": 8.89}}
+    assert verdict.robustness[0] == pytest.approx(expected[definitions].get(name, robustness))
+    assert not verdict.violated[0]
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_explain_names_the_worst_of_all_vehicles(lab, moving):
+    rule = lab.rule("R_G1", 4, moving=[True, moving, True, True])
+    signals = lab.signals({**FAR, "x": 50.0}, {"x": 20.0, "speed": 0.0}, CLOSE, {"x": -6.0})
+    assert f"R_G1 with vehicle {'b' if moving else 'c'!r} (robustness -" in rule.explain(signals)
+
+
+def test_explain_reads_the_first_row(lab):
+    rule = lab.rule("R_I2", 2)
+    rows = [lab.signals({}, LEFT), lab.signals(LEFT, {})]
+    both = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    assert rule.explain(both) == "R_I2 with vehicle 'b' (robustness -0.4)"
+
+
+def test_explain_blames_the_ego_where_others_only_excuse(lab):
+    behind, aside = {"x": -30.0}, {"x": 30.0, "y": 5.25}
+    braking = lab.signals(behind, aside, acceleration=-3.0)
+    assert lab.rule("R_G2", 2).explain(braking) == "R_G2 by the ego (robustness -0.5)"
+    assert lab.rule("R_G4", 0).explain(lab.signals(speed=10.0)) == "R_G4 by the ego (robustness -2.22)"
+
+
+def test_a_rule_needs_a_road():
+    with pytest.raises(UsageError, match="needs a driving simulator"):
+        build(TrafficRuleConfig(rule="R_G4"), None)
+
+
+def test_a_cut_in_time_between_samples_is_refused(lab):
+    with pytest.raises(FormulaError):
+        lab.rule("R_G1", cut_in_time=0.25)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"rule": "R_G3"},
+        {"queue_size": 0},
+        {"abrupt_braking": 2.0},
+        {"scales": {"speed": 0.0}},
+        {"speed_limit": np.inf},
+    ],
+)
+def test_wrong_options(wrong):
+    with pytest.raises(ValueError, match="validation error"):
+        TrafficRuleConfig.model_validate({"rule": "R_G1", **wrong})
+
+
+def test_the_readme_shows_the_formulas_that_are_used():
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    for formula in {*FORMULAS.values(), *PUBLISHED.values()}:
+        assert formula.format(cut_in_time=3) in readme
