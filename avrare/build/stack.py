@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,17 +44,19 @@ def build_stack(scenario: Scenario) -> Stack:
         UsageError: The parts do not fit each other.
     """
     _check_parts(scenario)
-    simulator = _build(scenario.simulator, None)
+    with _placed(scenario, "simulator"):
+        simulator = _build(scenario.simulator, None)
     scene = getattr(simulator, "scene", None)
-    parts = [
-        _build(block, scene) if block is not None else None
-        for block in (scenario.perception, scenario.tracker, scenario.controller)
-    ]
-    loop = ClosedLoop(simulator, *parts)
-    specifications = {
-        name: _specification(part, scene, simulator.dt) for name, part in scenario.specifications.items()
-    }
-    return Stack(loop, scene, specifications)
+    parts = []
+    for kind in ("perception", "tracker", "controller"):
+        block = getattr(scenario, kind)
+        with _placed(scenario, kind):
+            parts.append(_build(block, scene) if block is not None else None)
+    specifications = {}
+    for name, part in scenario.specifications.items():
+        with _placed(scenario, f"specifications.{name}"):
+            specifications[name] = _specification(part, scene, simulator.dt)
+    return Stack(ClosedLoop(simulator, *parts), scene, specifications)
 
 
 def check_start(scenario: Scenario, stack: Stack) -> None:
@@ -65,7 +69,8 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
     signals = stack.loop.signals(state)
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():
-        monitor, verdict = spec.update(spec.start(1), signals)
+        with _placed(scenario, f"specifications.{name}"):
+            monitor, verdict = spec.update(spec.start(1), signals)
         margin = getattr(spec, "margin", None)
         settled = margin is not None and margin(monitor) is not None
         if settled and verdict.violated[0]:
@@ -89,6 +94,15 @@ def build_and_try(scenario: Scenario, steps: int = 3) -> None:
         signals = stack.loop.signals(state)
         for name, spec in stack.specifications.items():
             monitors[name], _ = spec.update(monitors[name], signals)
+
+
+@contextmanager
+def _placed(scenario: Scenario, path: str) -> Iterator[None]:
+    """Errors of a part say where in the scenario the part is."""
+    try:
+        yield
+    except UsageError as error:
+        raise ScenarioError([(f"{scenario.path}: {path}: {error.message}", error.hint)]) from error
 
 
 def _check_parts(scenario: Scenario) -> None:

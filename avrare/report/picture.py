@@ -70,7 +70,7 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     from matplotlib.figure import Figure
 
     chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
-    figure = Figure(figsize=(12.0, 1.25 * len(chosen) + 1.1), layout="constrained")
+    figure = Figure(figsize=(12.0, 1.05 * len(chosen) + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
     axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True, sharey=True))
     for ax, frame in zip(axes, chosen, strict=True):

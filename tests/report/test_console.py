@@ -1,0 +1,72 @@
+"""What the terminal shows."""
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import avrare
+from avrare.estimation.plan import Info
+from avrare.report.console import Progress, notes, number, table
+
+
+class Still:
+    noise_size = 1
+
+    def initial(self, noise):
+        return {"x": noise[:, 0]}
+
+    def step(self, state, noise):
+        return state
+
+    def signals(self, state):
+        return state
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return avrare.Problem(Still(), avrare.stl("always (x < 2)"), steps=1)
+
+
+def test_the_progress_line_says_where_splitting_stands(problem):
+    info = Info(
+        stage=7, level=-0.42, probability=3.1e-5, survivors=34, particles=100, rollouts=520, failures=3, errors=1,
+        counts={"solves": 900, "fallback_solves": 2},
+    )  # fmt: skip
+    line = Progress("safe_distance  ams", problem).line(info, 10.0)
+    for part in (
+        "safe_distance  ams", "level 7", "gamma 0.42", "p≈3.1e-05", "survivors 34/100", "sims 520", "52.0/s",
+        "failures 3", "errors 1", "fallback solves 2",
+    ):  # fmt: skip
+        assert part in line
+    assert "900" not in line
+
+
+def test_the_table_fits_eighty_columns_and_cuts_no_word(problem):
+    result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
+    console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(table("title", [result]))
+    text = console.export_text()
+    assert "…" not in text
+    assert number(result.probability) in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_warning_shared_by_all_stands_once(problem):
+    result = avrare.estimate(problem, "ams", particles=4, discard=1, runs=1, seed=3)
+    assert "single_run" in result.health
+    lines = notes([result, result])
+    assert sum("single_run" in line for line in lines) == 1
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0, "0"), (1.0, "1"), (0.01234, "0.0123"), (3.44e-5, "3.4e-05"), (0.5, "0.5")]
+)
+def test_numbers_are_short(value, text):
+    assert number(value) == text
+    assert float(text) == pytest.approx(value, rel=0.02)
+
+
+def test_worst_is_the_least_robust(problem):
+    result = avrare.estimate(problem, "mc", rollouts=200, seed=1)
+    assert result.worst.robustness == np.nanmin(result.robustness)
+    assert problem.robustness(result.worst.noise[None])[0] == result.worst.robustness
