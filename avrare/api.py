@@ -45,6 +45,11 @@ def estimate(
         UsageError: Unknown or invalid arguments.
         PluginError: Nobody provides the estimator.
     """
+    if not isinstance(problem, Problem):
+        raise UsageError(
+            f"estimate needs a Problem, not {type(problem).__name__}",
+            "avrare.Problem(system, specification, steps), or avrare.load(path).problem(name)",
+        )
     if len(problem.names) != 1:
         raise UsageError(
             f"this problem has {len(problem.names)} specifications; estimate one at a time",

@@ -1,45 +1,55 @@
 """Batched states: any nesting of dataclasses, dicts and tuples whose leaves are arrays with leading axis N.
 
 ``take`` copies particles, ``concatenate`` joins batches; that is all that splitting asks of a state.
-None and plain Python scalars stand for themselves: they are shared by all particles.
+None and scalars (Python's or NumPy's) stand for themselves: they are shared by all particles.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.errors import UsageError
+
 State = TypeVar("State")
-_SHARED = (type(None), bool, int, float, str)
+_SHARED = (type(None), bool, int, float, str, np.generic)
 
 
 def map_leaves(function: Callable[..., Any], *states: Any) -> Any:
     """Apply ``function`` to the corresponding array leaves of states of the same structure.
 
     Raises:
-        TypeError: A leaf is neither an array nor a shared scalar.
+        UsageError: A leaf is neither an array with a leading axis nor a shared scalar.
     """
     first = states[0]
     if isinstance(first, np.ndarray):
+        if first.ndim == 0:
+            raise UsageError("a state holds an array without axes", "give every array a leading axis N")
         return function(*states)
-    if dataclasses.is_dataclass(first) and not isinstance(first, type):
-        names = [field.name for field in dataclasses.fields(first)]
-        leaves = {name: map_leaves(function, *(getattr(s, name) for s in states)) for name in names}
-        return dataclasses.replace(first, **leaves)
     if isinstance(first, dict):
-        return {key: map_leaves(function, *(s[key] for s in states)) for key in first}
+        return {key: map_leaves(function, *[s[key] for s in states]) for key in first}
     if isinstance(first, tuple):
         parts = [map_leaves(function, *group) for group in zip(*states, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
     if isinstance(first, _SHARED):
         return first
-    raise TypeError(
-        f"a state may hold arrays, dataclasses, dicts and tuples of them, not {type(first).__name__}"
-    )
+    kind: Any = type(first)
+    return kind(**{name: map_leaves(function, *[getattr(s, name) for s in states]) for name in _fields(kind)})
+
+
+@functools.cache
+def _fields(kind: type) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(kind):
+        raise UsageError(
+            f"a state may hold arrays, dataclasses, dicts and tuples of them, not {kind.__name__}",
+            "a batch must be copied particle by particle: keep it in arrays with leading axis N",
+        )
+    return tuple(field.name for field in dataclasses.fields(kind))
 
 
 def take(state: State, index: NDArray[Any] | slice) -> State:
@@ -56,25 +66,29 @@ def concatenate(states: Sequence[State]) -> State:
 
 def leaves(state: Any) -> list[NDArray[Any]]:
     """All array leaves of a state, in a fixed order."""
-    found: list[NDArray[Any]] = []
-
-    def collect(leaf: NDArray[Any]) -> NDArray[Any]:
-        found.append(leaf)
-        return leaf
-
-    map_leaves(collect, state)
-    return found
+    if isinstance(state, np.ndarray):
+        return [state]
+    if isinstance(state, dict):
+        parts: Iterable[Any] = state.values()
+    elif isinstance(state, tuple):
+        parts = state
+    elif isinstance(state, _SHARED):
+        return []
+    else:
+        kind: Any = type(state)
+        parts = (getattr(state, name) for name in _fields(kind))
+    return [leaf for part in parts for leaf in leaves(part)]
 
 
 def size(state: Any) -> int:
     """The number of particles N of a batch.
 
     Raises:
-        ValueError: The state holds no array, or its leaves disagree on N.
+        UsageError: The state holds no array, or its leaves disagree on N.
     """
-    counts = {leaf.shape[0] if leaf.ndim else -1 for leaf in leaves(state)}
-    if len(counts) != 1 or -1 in counts:
-        raise ValueError(
+    counts = {len(leaf) for leaf in leaves(state)}
+    if len(counts) != 1:
+        raise UsageError(
             f"the arrays of a state must share one leading axis N, found lengths {sorted(counts)}"
         )
     return counts.pop()

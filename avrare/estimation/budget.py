@@ -17,10 +17,19 @@ class Budget:
     Attributes:
         kind: "steps" (simulated steps), "rollouts" or "seconds".
         amount: Positive.
+
+    Raises:
+        UsageError: Another kind or amount.
     """
 
     kind: str
     amount: float
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise UsageError(f"unknown budget {self.kind!r}", did_you_mean(str(self.kind), KINDS))
+        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount < float("inf")):
+            raise UsageError(f"budget {self.kind} must be a positive number, not {self.amount!r}")
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:
@@ -41,12 +50,7 @@ class Budget:
                 f"budget {value!r} is not understood", "write steps=1e6, rollouts=1000 or seconds=60"
             )
         kind, amount = next(iter(pairs.items()))
-        if kind not in KINDS:
-            raise UsageError(f"unknown budget {kind!r}", did_you_mean(kind, KINDS))
         try:
-            number = float(amount)  # type: ignore[arg-type]
+            return Budget(kind, float(amount))  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            number = float("nan")
-        if not 0.0 < number < float("inf"):
-            raise UsageError(f"budget {kind} must be a positive number, not {amount!r}")
-        return Budget(kind, number)
+            return Budget(kind, amount)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ MESSAGES = {
     "extinct": "all {runs} runs died out before they reached a failure: the probability may be anything; "
     "use more particles or fewer discards",
     "extinct_runs": "{extinct} of {runs} runs died out and count as 0; use more particles or fewer discards",
-    "single_run": "one run only: the interval rests on its genealogy and is too narrow for rare events",
+    "single_run": "one run only: its interval rests on its genealogy and is too narrow for rare events",
     "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles",
     "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
     "all_failed": "every rollout failed: the scenario tells nothing about how often",
@@ -42,13 +42,11 @@ def of_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict
         roots: First particles that the survivors of each run descend from.
     """
     runs = len(values)
+    found = warn("single_run") if runs == 1 else {}
     if not any(values):
-        return warn("extinct", runs=runs)
-    found: dict[str, str] = {}
+        return found | warn("extinct", runs=runs)
     if extinct:
         found |= warn("extinct_runs", extinct=extinct, runs=runs)
-    if runs == 1:
-        found |= warn("single_run")
     if median(roots) < FEWEST_ROOTS:
         found |= warn("few_roots", least=FEWEST_ROOTS)
     spread = pstdev(values) / fmean(values)

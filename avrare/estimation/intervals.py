@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from statistics import NormalDist, fmean
+from statistics import NormalDist
 
 Interval = tuple[float, float]
 _TINY = 1e-300
+_WIDEST = 700.0
+"""Where exp is still finite."""
 
 
 def beta_cdf(x: float, a: float, b: float) -> float:
@@ -58,16 +60,21 @@ def beta_quantile(q: float, a: float, b: float) -> float:
     return _invert(lambda x: beta_cdf(x, a, b), q, 0.0, 1.0)
 
 
-def t_quantile(q: float, freedom: float) -> float:
-    """The q-quantile of Student's t, for q >= 0.5."""
-    # P(T > t) = I_{f / (f + t^2)}(f / 2, 1 / 2) / 2
-    x = beta_quantile(2.0 * (1.0 - q), freedom / 2.0, 0.5)
+def t_factor(confidence: float, freedom: float) -> float:
+    """The t for which Student's t lies in [-t, t] with probability ``confidence``."""
+    # P(|T| > t) = I_{f / (f + t^2)}(f / 2, 1 / 2)
+    x = beta_quantile(1.0 - confidence, freedom / 2.0, 0.5)
     return math.sqrt(freedom * (1.0 - x) / x)
 
 
-def normal_quantile(q: float) -> float:
-    """The q-quantile of the standard normal."""
-    return NormalDist().inv_cdf(q)
+def normal_factor(confidence: float) -> float:
+    """The z for which a standard normal lies in [-z, z] with probability ``confidence``."""
+    return -NormalDist().inv_cdf((1.0 - confidence) / 2.0)
+
+
+def unknown(confidence: float) -> Interval:
+    """Where nothing was seen there is nothing to say."""
+    return 0.0, 1.0
 
 
 def clopper_pearson(failures: int, trials: int, confidence: float, undecided: int = 0) -> Interval:
@@ -88,19 +95,18 @@ def clopper_pearson(failures: int, trials: int, confidence: float, undecided: in
     return low, high
 
 
-def log_normal(mean: float, relative_variance: float, factor: float) -> Interval:
-    """Interval mean * exp(+-factor * sqrt(log(1 + relative variance))), clipped to [0, 1]."""
-    width = factor * math.sqrt(math.log1p(relative_variance))
-    return mean * math.exp(-width), min(1.0, mean * math.exp(width))
-
-
-def of_runs(values: list[float], confidence: float) -> Interval:
-    """Interval of the mean of independent runs, "t delta-log" (docs/statistics.md).
+def log_normal(
+    mean: float, relative_variance: float, confidence: float, *, freedom: int, undecided: float = 0.0
+) -> Interval:
+    """Interval mean * exp(+-factor * sqrt(log(1 + relative variance))) ("t delta-log", docs/statistics.md).
 
     Args:
-        values: Two or more run probabilities, not all zero.
+        mean: Estimate, positive.
+        relative_variance: Of the estimate.
         confidence: For example 0.95.
+        freedom: Degrees of freedom of Student's t, runs - 1; 0: the variance is taken as known.
+        undecided: Share of errors: the upper bound counts it as failures.
     """
-    mean, count = fmean(values), len(values)
-    variance = sum((value - mean) ** 2 for value in values) / (count - 1) / count
-    return log_normal(mean, variance / mean**2, t_quantile(0.5 + confidence / 2.0, count - 1))
+    factor = t_factor(confidence, freedom) if freedom else normal_factor(confidence)
+    width = min(factor * math.sqrt(math.log1p(relative_variance)), _WIDEST)
+    return mean * math.exp(-width), min(1.0, mean * math.exp(width) + undecided)

@@ -17,10 +17,12 @@ from avrare.estimation.result import Result
 from avrare.execute.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare.rollout.request import Request, Rollouts, total_counts
+from avrare.rollout.request import Request, Rollouts
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
+_ARGUMENTS = ("seed", "workers", "confidence", "budget")
+"""What ``avrare.estimate`` takes beside the options: for the hint on a misspelt one."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ def run(
     Raises:
         UsageError: The estimator takes one specification and the problem has several.
     """
-    if not 0.0 < settings.confidence < 1.0:
+    if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
     if estimator.single and len(problem.names) > 1:
         raise UsageError(
@@ -62,13 +64,13 @@ def run(
 
 
 def _drive(estimator: Estimator, plan: Plan, executor: Executor, progress: Progress, began: float) -> Any:
-    state = estimator.init(plan)
-    info = Info()
+    state, info = estimator.init(plan)
     while not _out_of_time(plan, began, info) and (request := estimator.ask(state)) is not None:
-        parts = []
+        parts, so_far = [], info
         for part in _chunks(executor, request, plan.chunk):
             parts.append(part)
-            progress(_during(info, parts))
+            so_far = so_far.plus(part)
+            progress(so_far)
         state, info = estimator.tell(state, Rollouts.join(parts))
         progress(info)
     return state
@@ -76,20 +78,6 @@ def _drive(estimator: Estimator, plan: Plan, executor: Executor, progress: Progr
 
 def _chunks(executor: Executor, request: Request, size: int) -> Iterator[Rollouts]:
     return executor.map([request.slice(at, at + size) for at in range(0, request.rows, size)])
-
-
-def _during(info: Info, parts: list[Rollouts]) -> Info:
-    """The last info, with the chunks that have come in since."""
-    counts = total_counts(parts)
-    return replace(
-        info,
-        counts={
-            name: info.counts.get(name, 0) + counts.get(name, 0) for name in sorted({*info.counts, *counts})
-        },
-        rollouts=info.rollouts + sum(len(part.error) for part in parts),
-        failures=info.failures + sum(int(part.violated.any(axis=1).sum()) for part in parts),
-        errors=info.errors + sum(int(part.error.sum()) for part in parts),
-    )
 
 
 def _out_of_time(plan: Plan, began: float, info: Info) -> bool:
@@ -111,12 +99,14 @@ def checked_options(config: type[Any], name: str, options: dict[str, Any]) -> An
     except ValidationError as error:
         problems, hints = [], []
         for entry in error.errors():
-            option = ".".join(str(part) for part in entry["loc"]) or "options"
+            option = ".".join(str(part) for part in entry["loc"])
             if entry["type"] == "extra_forbidden":
                 problems.append(f"unknown option {option!r} of estimator {name!r}")
-                hints.append(did_you_mean(option, config.model_fields))
-            else:
+                hints.append(did_you_mean(option, [*config.model_fields, *_ARGUMENTS]))
+            elif option:
                 problems.append(
                     f"option {option!r} of estimator {name!r}: {entry['msg']}, found {entry['input']!r}"
                 )
+            else:
+                problems.append(f"estimator {name!r}: {entry['msg'].removeprefix('Value error, ')}")
         raise UsageError("; ".join(problems), "; ".join(filter(None, hints)) or None) from None

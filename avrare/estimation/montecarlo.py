@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from avrare.rollout.request import Request, Rollouts, total_counts
 FAILURE_LIMIT = 100
 """Failing tapes that a result keeps."""
 _WAVE = 8
-"""Chunks in flight between two looks at the clock."""
+"""Chunks in flight at a time."""
+_FIRST_WAVE = 64
+"""Rollouts before the first look at the clock; then as many again as are done, so that none comes late."""
 _UNLIMITED = 2**40
 """Rollouts of a run that ends by the clock."""
 
@@ -37,14 +40,14 @@ class McState:
         total: Rollouts to do, over all runs.
         per_run: Rollouts of one run.
         parts: Outcomes of the waves so far.
-        done: Rollouts done.
+        info: What they add up to.
     """
 
     plan: Plan
     total: int
     per_run: int
-    parts: tuple[Rollouts, ...] = ()
-    done: int = 0
+    parts: tuple[Rollouts, ...]
+    info: Info
 
 
 class MonteCarlo:
@@ -56,36 +59,32 @@ class MonteCarlo:
     def __init__(self, config: McConfig) -> None:
         self.config = config
 
-    def init(self, plan: Plan) -> McState:
-        """State before the first rollout."""
+    def init(self, plan: Plan) -> tuple[McState, Info]:
+        """State before the first rollout, and what to show."""
         per_run = self.config.rollouts
         if plan.budget is not None:
             per_run = _affordable(plan, self.config)
-        return McState(plan, per_run * self.config.runs, per_run)
+        goal = None if per_run == _UNLIMITED else per_run * self.config.runs
+        info = Info(goal=goal)
+        return McState(plan, per_run * self.config.runs, per_run, (), info), info
 
     def ask(self, state: McState) -> Request | None:
         """The next wave of fresh rollouts."""
-        if state.done >= state.total:
+        done, wave = state.info.rollouts, _WAVE * state.plan.chunk
+        if done >= state.total:
             return None
-        end = min(state.done + _WAVE * state.plan.chunk, state.total)
-        index = np.arange(state.done, end)
+        if state.info.goal is None:
+            wave = min(wave, max(_FIRST_WAVE, done))
+        index = np.arange(done, min(done + wave, state.total))
         return Request.from_start(index // state.per_run, index % state.per_run)
 
     def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
-        """Store the wave; only the outcome is kept, not the score's course."""
-        slim = replace(rollouts, scores=np.empty((len(rollouts.error), 0)))
-        state = replace(state, parts=(*state.parts, slim), done=state.done + len(rollouts.error))
-        failures = sum(int(part.violated.any(axis=1).sum()) for part in state.parts)
-        errors = sum(int(part.error.sum()) for part in state.parts)
-        goal = None if state.per_run == _UNLIMITED else state.total
-        return state, Info(
-            rollouts=state.done, failures=failures, errors=errors, goal=goal, counts=total_counts(state.parts)
-        )
+        """Store the wave."""
+        info = state.info.plus(rollouts)
+        return McState(state.plan, state.total, state.per_run, (*state.parts, rollouts), info), info
 
     def estimate(self, state: McState) -> list[Result]:
         """One result per specification, all from the same rollouts."""
-        if not state.parts:
-            raise UsageError("the budget does not pay for one rollout", "raise --budget")
         outcome = Rollouts.join(list(state.parts))
         return [self._result(state, outcome, column) for column in range(len(state.plan.names))]
 
@@ -95,7 +94,7 @@ class MonteCarlo:
         failures, errors = int(violated.sum()), int(outcome.error.sum())
         runs = np.arange(trials) // state.per_run
         values = np.bincount(runs, weights=violated) / np.bincount(runs)
-        probability = failures / trials
+        probability = float(values.mean())
         robustness = np.where(outcome.error, np.nan, outcome.robustness[:, column])
         warnings = health.of_errors(errors, trials, plan.max_error_rate, outcome.messages)
         if failures == trials:
@@ -104,7 +103,7 @@ class MonteCarlo:
             specification=plan.names[column],
             estimator=self.name,
             probability=probability,
-            interval=intervals.clopper_pearson(failures, trials, plan.confidence, errors),
+            interval_at=partial(intervals.clopper_pearson, failures, trials, undecided=errors),
             confidence=plan.confidence,
             run_probabilities=values,
             relative_error=math.sqrt((1 - probability) / (probability * trials)) if failures else math.nan,
@@ -131,10 +130,8 @@ class MonteCarlo:
 
     def _tapes(self, state: McState, index: Any) -> Any:
         """Noise (F, steps + 1, noise_size) of rollouts, drawn again from their addresses."""
-        plan, steps = state.plan, state.plan.steps + 1
-        run, particle = np.repeat(index // state.per_run, steps), np.repeat(index % state.per_run, steps)
-        step = np.tile(np.arange(steps), len(index))
-        return plan.noise.normals(run, 0, particle, step).reshape(len(index), steps, plan.noise.noise_size)
+        run, particle = np.divmod(index[:, None], state.per_run)
+        return state.plan.noise.normals(run, 0, particle, np.arange(state.plan.steps + 1))
 
 
 def _affordable(plan: Plan, config: McConfig) -> int:
@@ -142,6 +139,11 @@ def _affordable(plan: Plan, config: McConfig) -> int:
     budget = plan.budget
     assert budget is not None
     if budget.kind == "seconds":
+        if config.runs > 1:
+            raise UsageError(
+                f"{config.runs} runs cannot share a budget of seconds: they must be of known size",
+                "leave runs at 1, or give the budget as steps=N or rollouts=N",
+            )
         return _UNLIMITED
     cost = max(plan.steps, 1) if budget.kind == "steps" else 1
     rollouts = int(budget.amount // (cost * config.runs))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from avrare.estimation.budget import Budget
 from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.request import Request, Rollouts, total_counts
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,18 @@ class Info:
     goal: int | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
 
+    def plus(self, outcome: Rollouts) -> Info:
+        """With more rollouts done."""
+        new = total_counts([outcome])
+        names = sorted({*self.counts, *new})
+        return replace(
+            self,
+            rollouts=self.rollouts + len(outcome.error),
+            failures=self.failures + int(outcome.violated.any(axis=1).sum()),
+            errors=self.errors + int(outcome.error.sum()),
+            counts={name: self.counts.get(name, 0) + new.get(name, 0) for name in names},
+        )
+
 
 class Estimator(Protocol):
     """An estimator owns no loop: it asks for rollouts and is told their outcome.
@@ -73,8 +85,8 @@ class Estimator(Protocol):
     name: str
     single: bool
 
-    def init(self, plan: Plan) -> Any:
-        """State before the first rollout."""
+    def init(self, plan: Plan) -> tuple[Any, Info]:
+        """State before the first rollout, and what to show."""
 
     def ask(self, state: Any) -> Request | None:
         """The next rollouts, or None when done."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from avrare.protocols import Floats
@@ -48,8 +50,8 @@ class Result:
         specification: Its name in the problem.
         estimator: Name of the estimator.
         probability: Mean of ``run_probabilities``.
-        interval: 0 <= lo <= probability <= hi <= 1.
-        confidence: Of the interval.
+        interval_at: The interval at any confidence.
+        confidence: Of ``interval``.
         run_probabilities: (runs,); a run that died out is 0.0 in it.
         relative_error: Standard error over probability; NaN where the probability is 0.
         rollouts: Starts and branches, each counted as one.
@@ -68,7 +70,7 @@ class Result:
     specification: str
     estimator: str
     probability: float
-    interval: Interval
+    interval_at: Callable[[float], Interval]
     confidence: float
     run_probabilities: Floats
     relative_error: float
@@ -83,6 +85,11 @@ class Result:
     diagnostics: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     verdict: str | None = None
+
+    @cached_property
+    def interval(self) -> Interval:
+        """0 <= lo <= probability <= hi <= 1."""
+        return self.interval_at(self.confidence)
 
     def to_dict(self) -> dict[str, Any]:
         """The entry of result.json; NaN and infinities become null."""

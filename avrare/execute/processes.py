@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -15,8 +16,9 @@ from avrare.execute.config import ExecutorConfig
 from avrare.execute.work import Work
 from avrare.rollout.request import Request, Rollouts
 
+_HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_work: Work | None = None
+_work: Work | UsageError | None = None
 
 
 class WorkerDied(AvrareError):
@@ -72,23 +74,28 @@ class ProcessExecutor:
 
 
 def _pickled(work: Work) -> bytes:
-    hint = "define the system, its parts and the score at the top level of a module, or use workers=1"
     try:
         payload = pickle.dumps(work)
     except Exception as error:
-        raise UsageError(f"the problem cannot be sent to a worker process: {error}", hint) from error
+        raise UsageError(f"the problem cannot be sent to a worker process: {error}", _HINT) from error
     main = sys.modules["__main__"]
     importable = getattr(main, "__spec__", None) is not None or os.path.exists(getattr(main, "__file__", ""))
     if b"__main__" in payload and not importable:
-        raise UsageError("the problem is defined in a session that a worker process cannot import", hint)
+        raise UsageError("the problem is defined in a session that a worker process cannot import", _HINT)
     return payload
 
 
 def _start(payload: bytes) -> None:
     global _work
-    _work = pickle.loads(payload)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
+    try:
+        _work = pickle.loads(payload)
+    except Exception as error:  # an initializer that raises would break the pool without a reason
+        _work = UsageError(f"a worker process cannot read the problem: {error}", _HINT)
 
 
 def _run(chunk: Request) -> Rollouts:
+    if isinstance(_work, UsageError):
+        raise _work
     assert _work is not None
     return _work.run(chunk)

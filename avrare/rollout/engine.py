@@ -6,19 +6,23 @@ that breaks down leaves the batch, keeps its score, and is reported as an error:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare import batch
 from avrare.errors import AvrareError, UsageError
 from avrare.protocols import Bools, Floats, Signals, Specification, System
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Carry, Integers, Request, Rollouts
+from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 
 Sample = tuple[Any, dict[str, Any], Bools]
 """State, signals and rows that have broken down."""
+
+_BLOCK = 2**16
+"""Noise numbers drawn at once."""
 
 
 def simulate(
@@ -27,70 +31,98 @@ def simulate(
     steps: int,
     noise: NoiseSource,
     request: Request,
+    *,
+    scored: bool = True,
 ) -> Rollouts:
-    """Run the rows of ``request`` to step ``steps`` (or to their breakdown)."""
-    return _Rollout(system, specifications, steps, noise, request).run()
+    """Run the rows of ``request`` to step ``steps`` (or to their breakdown).
+
+    ``scored=False`` leaves out the course of the scores.
+    """
+    return _Rollout(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
+
+
+class _Tape:
+    """The noise of a request, drawn in blocks of steps."""
+
+    def __init__(self, noise: NoiseSource, request: Request, steps: int) -> None:
+        self.noise, self.request, self.steps = noise, request, steps
+        self._from = 0
+        self._block: Floats = np.zeros((0, 0, 0))
+
+    def __call__(self, rows: Integers, t: int) -> Floats:
+        """Noise (len(rows), noise_size) of step ``t``, which never falls from call to call."""
+        if self.request.tape is not None:
+            return np.ascontiguousarray(self.request.tape[rows, t])
+        if not self._from <= t < self._from + self._block.shape[1]:
+            self._draw(t)
+        return np.asarray(self._block[rows, t - self._from])
+
+    def _draw(self, t: int) -> None:
+        request, size = self.request, max(self.noise.noise_size, 1)
+        many = int(np.clip(_BLOCK // (request.rows * size), 1, self.steps + 1 - t))
+        begun = slice(0, int(np.searchsorted(request.start, t + many)))
+        run, stage, particle = (a[begun, None] for a in (request.run, request.stage, request.particle))
+        self._from, self._block = t, self.noise.normals(run, stage, particle, np.arange(t, t + many))
 
 
 class _Rollout:
     def __init__(
-        self, system: System, specifications: tuple[Specification, ...], steps: int, noise: NoiseSource,
-        request: Request,
+        self, system: System, specifications: tuple[Specification, ...], steps: int, noise: _Tape,
+        request: Request, scored: bool,
     ) -> None:  # fmt: skip
         self.system, self.specifications, self.steps = system, specifications, steps
-        self.noise, self.request = noise, request
+        self.noise, self.request, self.scored = noise, request, scored
         rows, count = request.rows, len(specifications)
         self.robustness = np.full((rows, count), np.inf)
         self.violated = np.zeros((rows, count), dtype=bool)
         self.error = np.zeros(rows, dtype=bool)
-        self.scores = np.full((rows, steps + 1), -np.inf)
+        self.scores = np.full((rows, steps + 1 if scored else 0), -np.inf)
         self.simulated_steps = 0
         self.counts: dict[str, Integers] = {}
         self.messages: list[str] = []
         self.kept: list[tuple[int, Integers, Carry]] = []
 
     def run(self) -> Rollouts:
-        carries = dict(self.request.carries)
-        first = int(self.request.start[0]) if self.request.rows else self.steps
+        carries, start = dict(self.request.carries), self.request.start
+        first = int(start[0]) if len(start) else self.steps
         carry: Carry | None = None
         rows = np.zeros(0, dtype=np.int64)
         for t in range(max(first, 0), self.steps + 1):
             if carry is not None:
                 carry, rows = self._advance(carry, rows, t)
-            joining = np.flatnonzero(self.request.start == (t if t or first >= 0 else -1))
-            if t == 0 and first < 0:
-                carry, rows = self._begin(joining)
-                joining = np.flatnonzero(self.request.start == 0)
-            if joining.size:
-                carry = carries[t] if carry is None else batch.concatenate([carry, carries[t]])
-                rows = np.concatenate([rows, joining])
-                self._record(carry, rows, t)
+            if t == 0 and first == FROM_START:
+                carry, rows = self._begin(np.flatnonzero(start == FROM_START))
+            if t in carries:
+                carry, rows = self._join(carry, rows, carries[t], np.flatnonzero(start == t), t)
             if carry is not None and self.request.keep_carries:
                 self.kept.append((t, rows, carry))
         if carry is not None:
             self._finish(carry, rows)
+        for values in self.counts.values():
+            values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
             tuple(dict.fromkeys(self.messages))[:5], tuple(self.kept),
         )  # fmt: skip
 
-    def _noise(self, rows: Integers, t: int) -> Floats:
-        request = self.request
-        if request.tape is not None:
-            return np.ascontiguousarray(request.tape[rows, t])
-        return self.noise.normals(request.run[rows], request.stage[rows], request.particle[rows], t)
-
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
-        sample, alive = self._guard(lambda _, noise: self._initial(noise), None, self._noise(rows, 0))
+        sample, alive = self._guard(lambda _, noise: self._initial(noise), None, self.noise(rows, 0))
         monitors = tuple(spec.start(int(alive.sum())) for spec in self.specifications)
         return self._observe(sample, alive, monitors, rows, 0)
 
     def _advance(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
-        sample, alive = self._guard(self._step, carry.system, self._noise(rows, t))
+        sample, alive = self._guard(self._step, carry.system, self.noise(rows, t))
         monitors = carry.monitors if alive.all() else batch.take(carry.monitors, alive)
-        if not alive.all():
-            self.scores[rows[~alive], t:] = carry.verdicts[0].score[~alive, None]
         return self._observe(sample, alive, monitors, rows, t)
+
+    def _join(
+        self, carry: Carry | None, rows: Integers, newcomers: Carry, joining: Integers, t: int
+    ) -> tuple[Carry, Integers]:
+        self._count(newcomers, joining, -1)  # what the parent has counted is not the child's
+        carry = newcomers if carry is None else batch.concatenate([carry, newcomers])
+        rows = np.concatenate([rows, joining])
+        self._record(carry, rows, t)
+        return carry, rows
 
     def _initial(self, noise: Floats) -> Sample:
         return self._sample(self.system.initial(noise), len(noise))
@@ -100,11 +132,11 @@ class _Rollout:
         return self._sample(self.system.step(state, noise), len(noise))
 
     def _sample(self, state: Any, n: int) -> Sample:
-        signals = dict(_checked(self.system.signals(state), n))
+        signals = _checked(self.system.signals(state), n)
         broken = np.zeros(n, dtype=bool)
         faults = getattr(self.system, "faults", None)
         if faults is not None:
-            broken |= np.asarray(faults(state), dtype=bool)
+            broken |= _rows("faults(state)", np.asarray(faults(state)), n).astype(bool)
         for values in signals.values():
             if values.dtype.kind == "f":
                 broken |= np.isnan(values).reshape(n, -1).any(axis=1)
@@ -143,7 +175,7 @@ class _Rollout:
     def _observe(
         self, sample: Sample | None, alive: Bools, monitors: tuple[Any, ...], rows: Integers, t: int
     ) -> tuple[Carry | None, Integers]:
-        self.error[rows[~alive]] = True
+        self._drop(rows[~alive], t)
         rows = rows[alive]
         if sample is None:
             return None, rows
@@ -152,30 +184,54 @@ class _Rollout:
             spec.update(monitor, signals) for spec, monitor in zip(self.specifications, monitors, strict=True)
         ]
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
+        unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
+        if unknown.any():
+            self.messages.append("the formula has no value: the difference of two infinite signals, or 0/0")
+            self._drop(rows[unknown], t)
+            carry, rows = batch.take(carry, ~unknown), rows[~unknown]
+        if not rows.size:
+            return None, rows
         self._record(carry, rows, t)
         return carry, rows
 
+    def _drop(self, rows: Integers, t: int) -> None:
+        """Rows that broke down at step ``t`` keep the score that they had."""
+        self.error[rows] = True
+        if self.scored and t:
+            self.scores[rows, t:] = self.scores[rows, t - 1 : t]
+
     def _record(self, carry: Carry, rows: Integers, t: int) -> None:
-        self.scores[rows, t] = carry.verdicts[0].score
+        if self.scored:
+            self.scores[rows, t] = carry.verdicts[0].score
         for column, verdict in enumerate(carry.verdicts):
             self.robustness[rows, column] = verdict.robustness
+
+    def _count(self, carry: Carry, rows: Integers, sign: int) -> None:
+        counts = getattr(self.system, "counts", None)
+        for name, values in counts(carry.system).items() if counts is not None else ():
+            self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
 
     def _finish(self, carry: Carry, rows: Integers) -> None:
         for column, verdict in enumerate(carry.verdicts):
             self.violated[rows, column] = verdict.violated
-        counts = getattr(self.system, "counts", None)
-        if counts is not None:
-            for name, values in counts(carry.system).items():
-                self.counts[name] = np.zeros(self.request.rows, dtype=np.int64)
-                self.counts[name][rows] = values
+        self._count(carry, rows, 1)
 
 
-def _checked(signals: Signals, n: int) -> Signals:
-    for name, values in signals.items():
-        if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
-            shape = getattr(values, "shape", type(values).__name__)
-            raise UsageError(
-                f"signal {name!r} has shape {shape}, but a batch of {n} particles needs ({n},) or ({n}, ...)",
-                "return NumPy arrays with one entry a particle",
-            )
-    return signals
+def _checked(signals: Signals, n: int) -> dict[str, Any]:
+    if not isinstance(signals, Mapping):
+        raise UsageError(
+            f"signals(state) returned {type(signals).__name__}, not names with arrays",
+            'return a dict such as {"x": state.x}',
+        )
+    return {name: _rows(f"signal {name!r}", values, n) for name, values in signals.items()}
+
+
+def _rows(what: str, values: Any, n: int) -> NDArray[Any]:
+    """The values, if they are one array with a row for each particle."""
+    if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
+        shape = getattr(values, "shape", type(values).__name__)
+        raise UsageError(
+            f"{what} has shape {shape}, but a batch of {n} particles needs ({n},) or ({n}, ...)",
+            "return NumPy arrays with one entry a particle",
+        )
+    return values

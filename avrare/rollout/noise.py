@@ -42,7 +42,7 @@ def philox(counter: tuple[Words, Words, Words, Words], key: tuple[Words, Words])
 
 @lru_cache(maxsize=65536)
 def _run_key(seed: int, run: int) -> tuple[int, int]:
-    words = np.random.SeedSequence([seed, run]).generate_state(2, np.uint32)
+    words = np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(2, np.uint32)
     return int(words[0]), int(words[1])
 
 
@@ -64,37 +64,33 @@ class NoiseSource:
         self.noise_size = noise_size
 
     def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
-        """Standard normals (M, noise_size) of M addresses (arrays or scalars that broadcast to (M,))."""
-        run, stage, particle, step = np.broadcast_arrays(*np.atleast_1d(run, stage, particle, step))
-        if self.noise_size == 0:
-            return np.zeros((run.size, 0))
-        pairs = np.arange((self.noise_size + 1) // 2, dtype=np.uint64)
-        first, second = self._uniforms(run, stage, particle, step, pairs)
+        """Standard normals (*S, noise_size) of addresses that broadcast to the shape S."""
+        count = (self.noise_size + 1) // 2
+        first, second = self._uniforms(run, stage, particle, step, count)
         radius = np.sqrt(-2.0 * np.log(first))
         angle = (2.0 * np.pi) * second
+        if self.noise_size == 1:
+            return np.asarray(radius * np.cos(angle))
         both = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-        return np.ascontiguousarray(both.reshape(run.size, 2 * len(pairs))[:, : self.noise_size])
+        return np.ascontiguousarray(both.reshape(*first.shape[:-1], 2 * count)[..., : self.noise_size])
 
     def choices(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike) -> Floats:
-        """Uniforms in (0, 1), one for each address: an estimator's own choices."""
-        run, stage, particle = np.broadcast_arrays(*np.atleast_1d(run, stage, particle))
-        step = np.full(run.shape, _CHOICE_STEP)
-        return self._uniforms(run, stage, particle, step, np.zeros(1, dtype=np.uint64))[0][:, 0]
+        """Uniforms (*S,) in (0, 1), one for each address: an estimator's own choices."""
+        return self._uniforms(run, stage, particle, _CHOICE_STEP, 1)[0][..., 0]
 
     def _uniforms(
-        self, run: NDArray[np.int64], stage: NDArray[np.int64], particle: NDArray[np.int64],
-        step: NDArray[np.int64], pairs: Words,
-    ) -> tuple[Floats, Floats]:  # fmt: skip
-        """Two arrays (M, P) of uniforms in the open interval (0, 1), 53 bits each."""
+        self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike, count: int
+    ) -> tuple[Floats, Floats]:
+        """Two arrays (*S, count) of uniforms in the open interval (0, 1), 53 bits each."""
         runs, inverse = np.unique(run, return_inverse=True)
-        keys = np.array([_run_key(self.seed, int(r)) for r in runs], dtype=np.uint64).reshape(-1, 2)[inverse]
-        shape = (run.size, pairs.size)
-        column = [np.asarray(a, dtype=np.uint64)[:, None] for a in (step, particle, stage)]
-        counter = [np.ascontiguousarray(np.broadcast_to(c, shape)) for c in (pairs[None, :], *column)]
-        words = philox((counter[0], counter[1], counter[2], counter[3]), (keys[:, :1], keys[:, 1:]))
+        keys = np.array([_run_key(self.seed, int(r)) for r in runs], dtype=np.uint64).reshape(-1, 2)
+        keys = keys[inverse.reshape(np.shape(run))]
+        address = [np.asarray(part, dtype=np.uint64)[..., None] for part in (step, particle, stage)]
+        c0, c1, c2, c3 = np.broadcast_arrays(np.arange(count, dtype=np.uint64), *address, keys[..., :1])[:4]
+        words = philox((c0, c1, c2, c3), (keys[..., :1], keys[..., 1:]))
         return _unit(words[0], words[1]), _unit(words[2], words[3])
 
 
 def _unit(high: Words, low: Words) -> Floats:
     bits = ((high << _SHIFT) | low) >> np.uint64(11)
-    return np.asarray((bits.astype(np.float64) + 0.5) * 2.0**-53, dtype=np.float64)
+    return np.ascontiguousarray((bits.astype(np.float64) + 0.5) * 2.0**-53)

@@ -45,18 +45,21 @@ class Problem:
         *,
         chunk: int = DEFAULT_CHUNK,
     ) -> None:
-        if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
-            raise UsageError(f"steps must be an integer of at least 0, not {steps!r}")
+        _check_integer("steps", steps, 0)
+        _check_integer("chunk", chunk, 1)
         missing = [name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)]
         if missing:
             raise UsageError(
                 f"{type(system).__name__} is no system: it lacks {', '.join(missing)}",
                 "a system has noise_size, initial(noise), step(state, noise) and signals(state)",
             )
+        _check_integer(f"{type(system).__name__}.noise_size", system.noise_size, 0)
+        if not (score is None or callable(score) or score in SCORES):
+            raise UsageError(f"unknown score {score!r}", did_you_mean(str(score), SCORES))
         self.system = system
         self.steps = int(steps)
         self.score = score
-        self.chunk = chunk
+        self.chunk = int(chunk)
         named = specification if isinstance(specification, Mapping) else {_DEFAULT_NAME: specification}
         if not named:
             raise UsageError("a problem needs at least one specification")
@@ -83,7 +86,7 @@ class Problem:
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
         specifications = self.specifications if scored else self._plain
-        return simulate(self.system, specifications, self.steps, noise, request)
+        return simulate(self.system, specifications, self.steps, noise, request, scored=scored)
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
         """Run given noise (N, steps + 1, noise_size).
@@ -110,13 +113,9 @@ class Problem:
         return self.replay(np.zeros((1, self.steps + 1, self.noise_size)), keep_carries=keep_carries)
 
     def _with_score(self) -> tuple[Specification, ...]:
-        if self.score is None or self.score == "robustness":
-            return self._plain
-        if self.score == "margin":
-            return self._with_margin()
         if callable(self.score):
             return tuple(FunctionScored(spec, self.score) for spec in self._plain)
-        raise UsageError(f"unknown score {self.score!r}", did_you_mean(str(self.score), SCORES))
+        return self._with_margin() if self.score == "margin" else self._plain
 
     def _with_margin(self) -> tuple[Specification, ...]:
         carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
@@ -133,6 +132,11 @@ class Problem:
             # A rule that the noise-free run breaks has no margin to lose: its own robustness is the score.
             scored.append(spec if nominal.min() <= 0 else MarginScored(spec, nominal))  # type: ignore[arg-type]
         return tuple(scored)
+
+
+def _check_integer(name: str, value: object, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise UsageError(f"{name} must be an integer of at least {least}, not {value!r}")
 
 
 def _monitor(specification: Any) -> Specification:

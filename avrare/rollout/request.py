@@ -73,15 +73,15 @@ class Request:
 
     def slice(self, begin: int, end: int) -> Request:
         """Rows begin..end as a request of their own: one chunk of work."""
+        if begin <= 0 and end >= self.rows:
+            return self
         part = slice(begin, end)
-        first_carried = int(np.searchsorted(self.start, 0))
-        carries, position = [], first_carried
+        carries = []
         for step, carry in self.carries:
-            rows = batch.size(carry)
-            low, high = max(begin - position, 0), min(end - position, rows)
+            first, last = np.searchsorted(self.start, (step, step + 1))
+            low, high = max(begin, first), min(end, last)
             if low < high:
-                carries.append((step, batch.take(carry, slice(low, high))))
-            position += rows
+                carries.append((step, batch.take(carry, slice(low - first, high - first))))
         return replace(
             self,
             run=self.run[part], stage=self.stage[part], particle=self.particle[part], start=self.start[part],
@@ -98,8 +98,9 @@ class Rollouts:
         violated: (M, S) False for errored rows.
         error: (M,) the row broke down.
         scores: (M, steps + 1) running score of the first specification; -inf before a row's start.
+            (M, 0) where no score was asked for.
         simulated_steps: Rows passed to ``System.step``.
-        counts: The system's own counters at the end of each row, (M,) each.
+        counts: What each row added to the system's own counters, (M,) each; 0 for errored rows.
         messages: What broke down, the first few.
         carries: (t, row indices, carry) of every step when they were asked for.
     """

@@ -14,10 +14,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from avrare.errors import UsageError
 from avrare.protocols import Floats, Signals, Specification, Verdict
 
 ScoreFunction = Callable[[dict[str, Any], int], Floats]
 """``function(signals so far, t) -> (N,)``; signals have shape (N, t + 1, ...)."""
+_SCORE_HINT = "it gets the signals so far, (N, t + 1, ...) each, and t; it must return (N,)"
 
 
 class SteppedSpecification(Specification, Protocol):
@@ -60,7 +62,7 @@ class MarginScored:
         if margin is None:
             raise TypeError("a margin score needs a formula of the shape `always ...`")
         lost = 1.0 - margin / self.nominal[np.minimum(state.memory, len(self.nominal) - 1)]
-        score = np.maximum(state.score, lost)
+        score = np.fmax(state.score, lost)
         return ScoredState(inner, score, state.memory + 1), replace(verdict, score=score)
 
 
@@ -84,6 +86,15 @@ class FunctionScored:
                 name: np.concatenate([state.memory[name], values], axis=1) for name, values in history.items()
             }
         t = next(iter(history.values())).shape[1] - 1
-        value = np.asarray(self.function(history, t), dtype=np.float64)
-        score = np.maximum(state.score, np.where(np.isnan(value), -np.inf, value))
+        try:
+            value = np.asarray(self.function(history, t), dtype=np.float64)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise UsageError(f"the score function raised at step {t}: {reason}", _SCORE_HINT) from error
+        if value.shape != state.score.shape:
+            raise UsageError(
+                f"the score function returned shape {value.shape} for {len(state.score)} particles",
+                _SCORE_HINT,
+            )
+        score = np.fmax(state.score, value)
         return ScoredState(inner, score, history), replace(verdict, score=score)

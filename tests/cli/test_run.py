@@ -76,7 +76,7 @@ def test_a_threshold_gives_a_verdict_and_run_still_exits_zero(tmp_path):
     assert main(words) == 0
     result = json.loads((tmp_path / "result.json").read_text())
     verdicts = {entry["specification"]: entry["verdict"] for entry in result["estimates"]}
-    assert verdicts == {name: None for name in RULES} | {"no_collision": "inconclusive"}
+    assert verdicts == dict.fromkeys(RULES) | {"no_collision": "inconclusive"}
 
 
 def test_pictures_of_the_nominal_and_the_worst_drive(tmp_path):

@@ -29,8 +29,8 @@ def problem():
 
 def test_the_progress_line_says_where_splitting_stands(problem):
     info = Info(
-        stage=7, level=-0.42, probability=3.1e-5, survivors=34, particles=100, rollouts=520, failures=3, errors=1,
-        counts={"solves": 900, "fallback_solves": 2},
+        stage=7, level=-0.42, probability=3.1e-5, survivors=34, particles=100, rollouts=520, failures=3,
+        errors=1, counts={"solves": 900, "fallback_solves": 2},
     )  # fmt: skip
     line = Progress("safe_distance  ams", problem).line(info, 10.0)
     for part in (
@@ -52,7 +52,7 @@ def test_the_table_fits_eighty_columns_and_cuts_no_word(problem):
 
 
 def test_a_warning_shared_by_all_stands_once(problem):
-    result = avrare.estimate(problem, "ams", particles=4, discard=1, runs=1, seed=3)
+    result = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
     assert "single_run" in result.health
     lines = notes([result, result])
     assert sum("single_run" in line for line in lines) == 1

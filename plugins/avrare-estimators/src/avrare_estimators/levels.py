@@ -3,8 +3,8 @@
 Generalised adaptive multilevel splitting (Brehier et al. 2016, "Unbiasedness of some generalized adaptive
 multilevel splitting algorithms"): particles are ordered by (score, violated); the level is the K-th of them;
 all at or below it are discarded, ties included; a successor branches where its parent first lies strictly
-above. What is decided at a level depends on nothing that lies above it: that is what keeps the estimate
-unbiased, for any formula and any adapted score.
+above. What is decided at a level depends on nothing that lies above it, and a failure that a score has put
+below the level counts with the weight it had: that keeps the estimate unbiased, for any formula and score.
 """
 
 from __future__ import annotations

@@ -16,6 +16,23 @@ from avrare.rollout.request import Carry, Integers, Rollouts
 
 
 @dataclass(frozen=True)
+class Tapes:
+    """Where the noise of rollouts came from, enough to draw it again.
+
+    Attributes:
+        run: (F, 1).
+        stage: (F, T + 1) as in ``Population``.
+        particle: (F, T + 1) as in ``Population``.
+        robustness: (F,).
+    """
+
+    run: Integers
+    stage: NDArray[np.int32]
+    particle: NDArray[np.int32]
+    robustness: Floats
+
+
+@dataclass(frozen=True)
 class Population:
     """Slots of all runs; slot r * N + i is particle i of run r, T is the number of steps.
 
@@ -59,6 +76,11 @@ class Population:
         """(R N,) score of the whole trace."""
         return self.scores[:, -1]
 
+    def tapes(self, slots: Integers, particles: int) -> Tapes:
+        """The tapes of ``slots``."""
+        run = slots[:, None] // particles
+        return Tapes(run, self.stage[slots], self.particle[slots], self.robustness[slots])
+
     def store(self, slots: Integers, start: Integers, outcome: Rollouts) -> None:
         """Write the rollouts of ``slots``, which were started at ``start`` (-1: from the beginning)."""
         fresh = np.arange(self.scores.shape[1]) > start[:, None]
@@ -92,8 +114,5 @@ class Population:
                 lambda leaf: np.zeros((total, *leaf.shape[1:]), leaf.dtype), carry
             )
 
-        def write(whole: NDArray[np.generic], rows: NDArray[np.generic]) -> NDArray[np.generic]:
+        for whole, rows in zip(batch.leaves(self.history[t]), batch.leaves(carry), strict=True):
             whole[slots] = rows
-            return whole
-
-        batch.map_leaves(write, self.history[t], carry)

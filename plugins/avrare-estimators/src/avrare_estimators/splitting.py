@@ -7,14 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avrare.errors import UsageError
+from avrare.estimation.montecarlo import FAILURE_LIMIT
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import Integers, Request, Rollouts, total_counts
+from avrare.rollout.request import FROM_START, Integers, Request, Rollouts, total_counts
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.levels import choose_parents, first_above, next_level
-from avrare_estimators.population import Population
+from avrare_estimators.population import Population, Tapes
 from avrare_estimators.summary import summarise
+
+_STEPS_OF_FIRST_STAGE, _ROLLOUTS_OF_FIRST_STAGE = 4, 10
+"""Cost of a whole run in costs of its first stage, for budgets (docs/statistics.md)."""
 
 
 def build(config: AmsConfig, scene: object | None = None) -> Splitting:
@@ -49,6 +53,21 @@ class Tally:
 
 
 @dataclass(frozen=True)
+class Pending:
+    """The rollouts in hand, sorted by ``start``.
+
+    Attributes:
+        slots: (M,) where they go.
+        parents: (M,) slots that they branch from.
+        start: (M,) step that they branch at; -1: from the beginning.
+    """
+
+    slots: Integers
+    parents: Integers
+    start: Integers
+
+
+@dataclass(frozen=True)
 class AmsState:
     """State of R runs; the population and the per-run arrays are written in place.
 
@@ -58,10 +77,13 @@ class AmsState:
         population: R x N slots.
         weight: (R,) product of the surviving shares.
         pairs: (R,) factor of the genealogical variance estimate (docs/statistics.md).
+        retired: (R,) weight of the discarded failures: a score may put them below others.
+        undecided: (R,) weight of the discarded particles that had broken down.
         active: (R,) the run has not ended.
-        stage: Stages asked for.
-        pending: Slots and branch steps of the rollouts in hand.
+        stage: Stages done.
+        pending: The rollouts asked for next.
         levels: Level and number discarded of each stage, per run.
+        lost: Tapes of discarded failures, the first few.
         first: Robustness of the first stage's rollouts.
         tally: Costs so far.
     """
@@ -71,12 +93,21 @@ class AmsState:
     population: Population
     weight: Floats
     pairs: Floats
+    retired: Floats
+    undecided: Floats
     active: Bools
     stage: int
-    pending: tuple[Integers, Integers]
+    pending: Pending
     levels: tuple[list[tuple[float, int]], ...]
+    lost: list[Tapes]
     first: Floats
     tally: Tally
+
+    @property
+    def probabilities(self) -> Floats:
+        """(R,) unbiased at every stage: discarded failures count too, with the weight that they had."""
+        share = self.population.violated.reshape(self.runs, -1).mean(axis=1)
+        return np.asarray(self.retired + self.weight * share)
 
 
 class Splitting:
@@ -88,32 +119,33 @@ class Splitting:
     def __init__(self, config: AmsConfig) -> None:
         self.config = config
 
-    def init(self, plan: Plan) -> AmsState:
-        """State before the first rollout."""
+    def init(self, plan: Plan) -> tuple[AmsState, Info]:
+        """State before the first rollout, and what to show."""
         particles = self.config.particles
         runs = self._runs(plan)
         slots = np.arange(runs * particles)
-        return AmsState(
+        state = AmsState(
             plan, runs, Population.empty(len(slots), particles, plan.steps),
             weight=np.ones(runs), pairs=np.full(runs, 1.0 / (particles * (particles - 1))),
-            active=np.ones(runs, dtype=bool), stage=0, pending=(slots, np.full(len(slots), -1)),
-            levels=tuple([] for _ in range(runs)), first=np.zeros(0), tally=Tally(),
+            retired=np.zeros(runs), undecided=np.zeros(runs), active=np.ones(runs, dtype=bool), stage=0,
+            pending=Pending(slots, slots, np.full(len(slots), FROM_START)),
+            levels=tuple([] for _ in range(runs)), lost=[], first=np.zeros(0), tally=Tally(),
         )  # fmt: skip
+        return state, Info()
 
     def ask(self, state: AmsState) -> Request | None:
         """The first N of every run, then the successors of the discarded."""
-        slots, start = state.pending
-        if not len(slots):
+        pending = state.pending
+        if not len(pending.slots):
             return None
-        run, particle = np.divmod(slots, self.config.particles)
-        carried = start >= 0
-        carries = state.population.branch(slots[carried], start[carried]) if state.stage else ()
-        stage = np.full(len(slots), state.stage)
-        return Request(run, stage, particle, start, carries, keep_carries=True)
+        run, particle = np.divmod(pending.slots, self.config.particles)
+        stage = np.full(len(pending.slots), state.stage)
+        carries = state.population.branch(pending.parents, pending.start) if state.stage else ()
+        return Request(run, stage, particle, pending.start, carries, keep_carries=True)
 
     def tell(self, state: AmsState, rollouts: Rollouts) -> tuple[AmsState, Info]:
         """Store the rollouts, set the next levels, discard, and choose where to branch."""
-        state.population.store(*state.pending, rollouts)
+        state.population.store(state.pending.slots, state.pending.start, rollouts)
         if state.stage == 0:
             state = replace(state, first=np.where(rollouts.error, np.nan, rollouts.robustness[:, 0]))
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
@@ -125,31 +157,40 @@ class Splitting:
         return [summarise(self.name, self.config, state)]
 
     def _split(self, state: AmsState) -> tuple[AmsState, int]:
-        population, particles = state.population, self.config.particles
-        shape = (state.runs, particles)
-        level = next_level(
-            population.final.reshape(shape), population.violated.reshape(shape), self.config.discard
-        )
-        eligible = ~level.discarded & ~population.error.reshape(shape)
+        population = state.population
+        shape = (state.runs, self.config.particles)
+        violated, error = population.violated.reshape(shape), population.error.reshape(shape)
+        level = next_level(population.final.reshape(shape), violated, self.config.discard)
+        eligible = ~level.discarded & ~error
         state.active[:] &= ~level.reached & eligible.any(axis=1) & (state.weight >= self.config.floor)
+        if state.plan.steps == 0:  # nothing to branch from: this is Monte Carlo
+            state.active[:] = False
         discarded = level.discarded & state.active[:, None]
+        self._retire(state, discarded & violated)
+        state.undecided[:] += state.weight * (discarded & error).mean(axis=1)
         self._weigh(state, discarded.sum(axis=1), level.score)
+        survivors = int((~level.discarded)[state.active].sum())
+        return replace(state, pending=self._branch(state, discarded, eligible, level.score)), survivors
+
+    def _retire(self, state: AmsState, failures: Bools) -> None:
+        """Discarded failures count with the weight that they have now."""
+        state.retired[:] += state.weight * failures.mean(axis=1)
+        room = FAILURE_LIMIT - sum(len(tapes.run) for tapes in state.lost)
+        slots = np.flatnonzero(failures)[:room]
+        if len(slots):
+            state.lost.append(state.population.tapes(slots, self.config.particles))
+
+    def _branch(self, state: AmsState, discarded: Bools, eligible: Bools, level: Floats) -> Pending:
+        """Successors of the discarded, each with a parent of its own run and the step that it leaves it."""
         children = np.flatnonzero(discarded)
-        run, own = np.divmod(children, particles)
+        run, own = np.divmod(children, self.config.particles)
         stage = np.full(len(children), state.stage)
         parents = choose_parents(eligible, run, state.plan.noise.choices(run, stage, own))
-        start = first_above(population.scores[parents], level.score[run])
+        start = first_above(state.population.scores[parents], level[run])
         order = np.argsort(start, kind="stable")
-        children, parents, start = children[order], parents[order], start[order]
-        population.inherit(children, parents, start, stage, own[order])
-        self._copy(population, children, parents, start)
-        survivors = int((~level.discarded)[state.active].sum())
-        return replace(state, pending=(children, start)), survivors
-
-    def _copy(self, population: Population, children: Integers, parents: Integers, start: Integers) -> None:
-        """The branch state becomes the child's own: its parent may be replaced before it branches again."""
-        for t, carry in population.branch(parents, start):
-            population.remember(t, children[start == t], carry)
+        pending = Pending(children[order], parents[order], start[order])
+        state.population.inherit(pending.slots, pending.parents, pending.start, stage, own[order])
+        return pending
 
     def _weigh(self, state: AmsState, killed: Integers, level: Floats) -> None:
         particles = self.config.particles
@@ -161,20 +202,22 @@ class Splitting:
             state.levels[r].append((float(level[r]), int(killed[r])))
 
     def _info(self, state: AmsState, survivors: int) -> Info:
-        share = state.population.violated.reshape(state.runs, -1).mean(axis=1)
         latest = [entries[-1][0] for entries, on in zip(state.levels, state.active, strict=True) if on]
         tally = state.tally
         return Info(
             stage=state.stage,
             level=float(np.median(latest)) if latest else None,
-            probability=float((state.weight * share).mean()),
+            probability=float(state.probabilities.mean()),
             survivors=survivors if latest else None,
             particles=int(state.active.sum()) * self.config.particles if latest else None,
             rollouts=tally.rollouts, failures=tally.failures, errors=tally.errors, counts=dict(tally.counts),
         )  # fmt: skip
 
     def _runs(self, plan: Plan) -> int:
-        """Runs that the budget pays for, at twice the cost of their first stage: known before the start."""
+        """Runs that the budget pays for, at the cost of a run that goes down to 1e-4.
+
+        The true cost shows only afterwards; to stop by it would drop runs because of what they found.
+        """
         budget = plan.budget
         if budget is None:
             return self.config.runs
@@ -183,12 +226,13 @@ class Splitting:
                 "splitting cannot be stopped by the clock: a run that has started must finish",
                 "give the budget as steps=N or rollouts=N",
             )
-        first = self.config.particles * (plan.steps if budget.kind == "steps" else 1)
-        runs = int(budget.amount // (2 * max(first, 1)))
-        if runs < 1:
+        run = self.config.particles * (
+            _STEPS_OF_FIRST_STAGE * max(plan.steps, 1) if budget.kind == "steps" else _ROLLOUTS_OF_FIRST_STAGE
+        )
+        if budget.amount < run:
             raise UsageError(
                 f"a budget of {budget.kind}={budget.amount:g} does not pay for one run "
                 f"of {self.config.particles} particles",
-                f"raise it to {2 * first} or lower the particles",
+                f"raise it to {run} or lower the particles",
             )
-        return runs
+        return int(budget.amount // run)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avrare import batch
 from avrare.estimation import health, intervals
 from avrare.estimation.montecarlo import FAILURE_LIMIT
 from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.protocols import Bools, Floats
 from avrare_estimators.config import AmsConfig
+from avrare_estimators.population import Tapes
 
 if TYPE_CHECKING:
     from avrare_estimators.splitting import AmsState
@@ -21,21 +25,24 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """The result of runs that have all ended."""
     plan, population, tally = state.plan, state.population, state.tally
     violated = population.violated.reshape(state.runs, -1)
-    values = state.weight * violated.mean(axis=1)
+    values = state.probabilities
     probability = float(values.mean())
     roots = [_roots(state, r) for r in range(state.runs)]
     extinct = int((values == 0.0).sum())
     warnings = health.of_runs(values.tolist(), extinct, roots)
     warnings |= health.of_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
-    variance = _variances(state, violated)
+    if violated.all():
+        warnings |= health.warn("all_failed")
+    variance = _variances(state, values, violated)
+    relative_variance = _relative_variance(values, variance, config.particles)
     return Result(
         specification=plan.names[0],
         estimator=name,
         probability=probability,
-        interval=_interval(state, values, violated, variance),
+        interval_at=_bounds(state, values, violated, relative_variance),
         confidence=plan.confidence,
         run_probabilities=values,
-        relative_error=_relative_error(values, variance),
+        relative_error=math.sqrt(relative_variance),
         rollouts=tally.rollouts,
         simulated_steps=tally.steps,
         errors=tally.errors,
@@ -61,8 +68,11 @@ def _roots(state: AmsState, run: int) -> int:
     return len(np.unique(state.population.root[run * particles : (run + 1) * particles]))
 
 
-def _variances(state: AmsState, violated: Bools) -> Floats:
-    """(R,) unbiased variance of each run from its genealogy (Lee and Whiteley 2018, survivors kept)."""
+def _variances(state: AmsState, values: Floats, violated: Bools) -> Floats:
+    """(R,) variance of each run from its genealogy (Lee and Whiteley 2018, survivors kept).
+
+    Unbiased where no failure was discarded; else those are taken to scatter as the others do.
+    """
     roots = state.population.root.reshape(violated.shape)
     variances = np.empty(state.runs)
     for r in range(state.runs):
@@ -70,58 +80,60 @@ def _variances(state: AmsState, violated: Bools) -> Floats:
         failed = int(count.sum())
         different = failed**2 - int((count.astype(np.int64) ** 2).sum())
         p = state.weight[r] * failed / violated.shape[1]
-        variances[r] = p**2 - state.pairs[r] * different
+        relative = 1.0 - state.pairs[r] * different / p**2 if failed else 1.0
+        variances[r] = relative * values[r] ** 2
     return variances
 
 
-def _interval(state: AmsState, values: Floats, violated: Bools, variance: Floats) -> Interval:
-    confidence, mean = state.plan.confidence, float(values.mean())
-    errors = state.population.error.reshape(violated.shape)
-    if not any(state.levels):  # no level was needed: plain Monte Carlo
-        return (
-            intervals.clopper_pearson(int(violated.sum()), violated.size, confidence, int(errors.sum()))
-            if violated.any()
-            else (0.0, 1.0)
-        )
-    if mean == 0.0:
-        return 0.0, 1.0
-    if len(values) == 1:
-        relative = max(float(variance[0]) / mean**2, 0.0)
-        factor = intervals.normal_quantile(0.5 + confidence / 2.0)
-        low, high = intervals.log_normal(mean, relative, factor)
-    else:
-        low, high = intervals.of_runs(values.tolist(), confidence)
-    undecided = float((state.weight * errors.mean(axis=1)).mean())
-    return low, min(1.0, high + undecided)
-
-
-def _relative_error(values: Floats, variance: Floats) -> float:
+def _relative_variance(values: Floats, variance: Floats, particles: int) -> float:
+    """Of the mean, from the spread of the runs or the genealogy of a single one; NaN where all are zero."""
     mean = float(values.mean())
     if mean == 0.0:
         return math.nan
-    if len(values) == 1:
-        return math.sqrt(max(float(variance[0]), 0.0)) / mean
-    return float(values.std(ddof=1)) / math.sqrt(len(values)) / mean
+    if len(values) > 1:
+        return float(values.var(ddof=1)) / len(values) / mean**2
+    estimate = float(variance[0]) / mean**2
+    # The estimate is unbiased and may fall below zero: then the least that splitting can have.
+    return estimate if estimate > 0.0 else -math.log(mean) / particles
+
+
+def _bounds(
+    state: AmsState, values: Floats, violated: Bools, relative_variance: float
+) -> Callable[[float], Interval]:
+    """The interval as a function of the confidence."""
+    errors = state.population.error.reshape(violated.shape)
+    if not values.any():
+        return intervals.unknown
+    if not any(state.levels):  # no level was needed: plain Monte Carlo
+        return partial(
+            intervals.clopper_pearson, int(violated.sum()), violated.size, undecided=int(errors.sum())
+        )
+    return partial(
+        intervals.log_normal,
+        float(values.mean()),
+        relative_variance,
+        freedom=state.runs - 1,
+        undecided=float((state.undecided + state.weight * errors.mean(axis=1)).mean()),
+    )
 
 
 def _failures(state: AmsState, particles: int) -> Failures:
     slots = np.flatnonzero(state.population.violated)[:FAILURE_LIMIT]
-    return Failures(_tapes(state, slots, particles), state.population.robustness[slots], state.tally.failures)
+    tapes = batch.concatenate([state.population.tapes(slots, particles), *state.lost])
+    tapes = batch.take(tapes, slice(0, FAILURE_LIMIT))
+    return Failures(_noise(state, tapes), tapes.robustness, state.tally.failures)
 
 
 def _worst(state: AmsState, particles: int) -> Worst:
-    population = state.population
-    robustness = np.where(population.error, np.nan, population.robustness)
-    if np.isnan(robustness).all():
+    slots = np.flatnonzero(~state.population.error)
+    tapes = batch.concatenate([state.population.tapes(slots, particles), *state.lost])
+    if not len(tapes.robustness):
         return Worst(np.zeros((state.plan.steps + 1, state.plan.noise.noise_size)), math.nan)
-    slot = int(np.nanargmin(robustness))
-    return Worst(_tapes(state, np.array([slot]), particles)[0], float(robustness[slot]))
+    least = int(np.argmin(tapes.robustness))
+    noise = _noise(state, batch.take(tapes, slice(least, least + 1)))
+    return Worst(noise[0], float(tapes.robustness[least]))
 
 
-def _tapes(state: AmsState, slots: Any, particles: int) -> Any:
-    """Noise (F, steps + 1, noise_size) of slots, drawn again from the addresses of their pieces."""
-    population, plan, steps = state.population, state.plan, state.plan.steps + 1
-    run = np.repeat(slots // particles, steps)
-    stage, particle = population.stage[slots].reshape(-1), population.particle[slots].reshape(-1)
-    noise = plan.noise.normals(run, stage, particle, np.tile(np.arange(steps), len(slots)))
-    return noise.reshape(len(slots), steps, plan.noise.noise_size)
+def _noise(state: AmsState, tapes: Tapes) -> Floats:
+    """Noise (F, steps + 1, noise_size), drawn again."""
+    return state.plan.noise.normals(tapes.run, tapes.stage, tapes.particle, np.arange(state.plan.steps + 1))

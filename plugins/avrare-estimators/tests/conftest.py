@@ -1,0 +1,6 @@
+"""Puts ``splitting_problems`` on the path."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))

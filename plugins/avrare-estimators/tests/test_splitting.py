@@ -1,0 +1,266 @@
+"""Splitting's contracts: cost, replay, intervals, health, errors, edge cases."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import splitting_problems as exact
+from scipy import stats
+
+import avrare
+
+
+def walk(limit=1.5, system=None, steps=40, score=None, **keywords):
+    return avrare.Problem(
+        system or exact.Walk(), avrare.stl(f"always (x < {limit})"), steps, score, **keywords
+    )
+
+
+def estimate(problem, seed=0, particles=40, discard=8, runs=4, **keywords):
+    return avrare.estimate(
+        problem, "ams", seed=seed, particles=particles, discard=discard, runs=runs, **keywords
+    )
+
+
+@pytest.mark.parametrize("problem", [exact.WALK, exact.COUNT_DOWN, exact.REACH])
+def test_cost_is_what_was_passed_to_step(problem):
+    system = exact.CountingWalk()
+    system.__class__ = type("Counting", (exact.CountingWalk, type(problem.system)), {})
+    system.__dict__.update(problem.system.__dict__)
+    task = avrare.Problem(system, avrare.stl(problem.formula), problem.steps, problem.score)
+    result = estimate(task)
+    assert result.simulated_steps == system.rows
+    killed = sum(count for run in result.diagnostics["discarded"] for count in run)
+    assert killed > 0
+    assert result.rollouts == 4 * 40 + killed
+    assert 4 * 40 * problem.steps < system.rows < result.rollouts * problem.steps
+
+
+def test_counters_count_each_step_once():
+    result = estimate(walk(system=exact.Odometer()))
+    assert result.counts == {"steps": result.simulated_steps}
+
+
+@pytest.mark.parametrize("problem", [exact.WALK, exact.COUNT_DOWN, exact.PLUS_MINUS, exact.REACH])
+def test_failures_replay_bit_for_bit(problem):
+    result = estimate(problem.problem(), seed=1, runs=10)
+    failures, task = result.failures, problem.problem()
+    assert failures.noise.shape == (len(failures.robustness), problem.steps + 1, 1)
+    assert 0 < len(failures.robustness) <= 100
+    np.testing.assert_array_equal(task.robustness(failures.noise), failures.robustness)
+    assert task.replay(failures.noise).violated.all()
+    assert result.worst.robustness <= failures.robustness.min()
+    assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
+
+
+@pytest.mark.parametrize("score", [exact.backwards, exact.lag])
+def test_discarded_failures_are_not_lost(score):
+    """A score may put failures below other particles; they count, and their tapes are kept."""
+    task = walk(0.4, steps=6, score=score)
+    result = estimate(task, particles=20, discard=5, runs=10)
+    failures = result.failures
+    assert result.probability > 0.0
+    assert len(failures.robustness) > 0
+    np.testing.assert_array_equal(task.robustness(failures.noise), failures.robustness)
+    assert task.replay(failures.noise).violated.all()
+    assert result.worst.robustness <= failures.robustness.min()
+    assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
+
+
+def test_interval_is_t_delta_log():
+    result = estimate(walk(), runs=6, confidence=0.9)
+    values = result.run_probabilities
+    relative = values.std(ddof=1) / np.sqrt(6) / values.mean()
+    factor = stats.t.ppf(0.95, 5) * math.sqrt(math.log1p(relative**2))
+    expected = values.mean() * np.exp([-factor, factor])
+    assert result.interval == pytest.approx(tuple(expected), rel=1e-9)
+    assert result.relative_error == pytest.approx(relative)
+
+
+def test_interval_of_a_single_run_rests_on_its_genealogy():
+    result = estimate(walk(), runs=1)
+    relative = math.sqrt(result.diagnostics["genealogical_variance"][0]) / result.probability
+    factor = 1.959963984540054 * math.sqrt(math.log1p(relative**2))
+    expected = result.probability * np.exp([-factor, factor])
+    assert result.interval == pytest.approx(tuple(expected), rel=1e-9)
+    assert result.relative_error == pytest.approx(relative)
+    assert "single_run" in result.health
+
+
+def test_interval_is_never_a_point():
+    """The unbiased estimate of a single run's variance may fall below zero."""
+    met = 0
+    for seed in range(30):
+        result = estimate(walk(0.3, steps=10), seed, particles=4, discard=1, runs=1)
+        low, high = result.interval
+        assert 0.0 <= low <= result.probability <= high <= 1.0
+        assert low < high
+        if result.probability and result.diagnostics["genealogical_variance"][0] <= 0:
+            met += any(result.diagnostics["stages"])
+    assert met, "no such run was met: the test shows nothing"
+
+
+@pytest.mark.parametrize("runs", [1, 5])
+def test_extinction(runs):
+    result = estimate(walk(50.0, steps=5), particles=5, discard=4, runs=runs)
+    assert result.probability == 0.0
+    assert result.interval == (0.0, 1.0)
+    assert result.interval_at(0.5) == (0.0, 1.0)
+    assert set(result.health) == {"extinct"} | ({"single_run"} if runs == 1 else set())
+    assert result.run_probabilities.tolist() == [0.0] * runs
+    assert result.failures.noise.shape == (0, 6, 1)
+    assert json.loads(result.to_json())["relative_error"] is None
+
+
+@pytest.mark.parametrize("score", [None, exact.constant])
+def test_a_problem_that_cannot_fail(score):
+    task = avrare.Problem(exact.Lattice(0.5, 0, 0), avrare.stl("always (x < 1)"), 5, score)
+    result = estimate(task)
+    assert (result.probability, result.interval) == (0.0, (0.0, 1.0))
+    assert result.rollouts == 160
+
+
+def test_a_problem_that_always_fails():
+    result = estimate(walk(-1.0))
+    assert result.probability == 1.0
+    assert result.interval == (pytest.approx(0.05 ** (1 / 160)), 1.0)
+    assert result.diagnostics["stages"] == [0, 0, 0, 0]
+    assert list(result.health) == ["all_failed"]
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("runs", [1, 2, 5])
+def test_frequent_failures(limit, runs):
+    for seed in range(10):
+        result = estimate(walk(limit, steps=10), seed, particles=10, discard=1, runs=runs)
+        low, high = result.interval
+        assert math.isfinite(low)
+        assert 0.0 <= low <= result.probability <= high <= 1.0
+
+
+def test_extreme_confidence():
+    for confidence in (1e-9, 0.9999, 1 - 1e-12):
+        for runs in (1, 2):
+            result = estimate(walk(), runs=runs, confidence=confidence)
+            low, high = result.interval
+            assert 0.0 <= low <= result.probability <= high <= 1.0
+
+
+def test_static_problem_is_monte_carlo():
+    class Static(exact.Walk):
+        def initial(self, noise):
+            return {"x": noise[:, 0]}
+
+    task = avrare.Problem(Static(), avrare.stl("always (x < 1)"), 0)
+    result = estimate(task, runs=5)
+    assert result.rollouts == 200
+    assert result.probability == pytest.approx(result.failures.count / 200)
+    same = avrare.estimate(task, rollouts=40, runs=5)
+    np.testing.assert_array_equal(result.run_probabilities, same.run_probabilities)
+    assert result.interval == same.interval
+
+
+def test_health_of_scattered_runs():
+    result = estimate(exact.RARE_WALK.problem(), particles=10, discard=5, runs=10, seed=1)
+    assert {"extinct_runs", "scattered_runs", "few_roots"} & set(result.health)
+    assert all(isinstance(text, str) and "{" not in text for text in result.health.values())
+
+
+def test_a_run_may_end_below_the_floor():
+    result = estimate(walk(50.0), floor=1e-3)
+    assert result.probability < 1e-3
+    assert max(result.diagnostics["stages"]) < 60
+
+
+def test_errored_particles_are_never_parents():
+    """Who jumps at step 1 breaks down at step 2. A child of such a row would do so as well, others cannot."""
+
+    class Jump(exact.Walk):
+        def step(self, state, noise):
+            first = state["x"] == 0.0
+            x = np.where(first & (noise[:, 0] > 0.5), 3.0, state["x"] + 0.1 * noise[:, 0])
+            return {"x": np.where(state["x"] >= 3.0, np.nan, x)}
+
+    result = estimate(walk(9.0, system=Jump(), steps=6))
+    broken = np.isnan(result.robustness).sum()
+    assert 20 < broken < 80
+    assert result.rollouts > 300
+    assert result.errors == broken
+
+
+def test_errors_on_the_way_to_failure_are_not_failures():
+    task = walk(1.5, system=exact.Doomed(1.0))
+    result = estimate(task, particles=60, discard=6, runs=5)
+    healthy = estimate(walk(1.5), particles=60, discard=6, runs=5)
+    assert result.errors > 0
+    assert result.probability < 0.2 * healthy.probability
+    assert "errors" in result.health
+    assert result.interval[1] > healthy.probability, "the upper bound counts errors as failures"
+
+
+def test_errors_enter_the_upper_bound_even_when_they_are_discarded():
+    """Rows that break down at t = 0 have the least score and go first, but they might have failed."""
+    result = estimate(walk(system=exact.Breaking(0.3, at_start=True)), runs=10)
+    share = np.isnan(result.robustness).mean()
+    assert 0.2 < share < 0.4
+    assert share < result.interval[1] < share + 0.1
+
+
+def test_few_errors_raise_no_alarm():
+    result = estimate(walk(system=exact.Breaking(3e-5)), runs=10, particles=100, discard=10)
+    assert 0 < result.errors < 0.01 * result.rollouts
+    assert "errors" not in result.health
+
+
+@pytest.mark.parametrize("at_start", [True, False])
+def test_every_row_breaks_down(at_start):
+    result = estimate(walk(system=exact.Breaking(1 - 1e-9, at_start), steps=3))
+    assert (result.probability, result.errors, result.interval) == (0.0, 160, (0.0, 1.0))
+    assert {"extinct", "errors"} <= set(result.health)
+    assert math.isnan(result.worst.robustness)
+
+
+def test_infinite_scores():
+    class Far(exact.Walk):
+        def step(self, state, noise):
+            return {"x": np.where(noise[:, 0] > 1.0, np.inf, state["x"] + 0.1 * noise[:, 0])}
+
+    result = estimate(walk(system=Far(), steps=2), runs=50)
+    truth = 1 - 0.8413447460685429**2
+    assert abs(result.probability - truth) < 4 * truth * result.relative_error
+    assert np.isneginf(result.failures.robustness).all()
+
+
+def test_diagnostics_are_json_and_complete():
+    result = estimate(walk())
+    entry = json.loads(result.to_json())["diagnostics"]
+    assert set(entry) == {
+        "stages", "levels", "discarded", "extinct_runs", "roots", "genealogical_variance",
+    }  # fmt: skip
+    assert all(len(entry[name]) == 4 for name in entry if name != "extinct_runs")
+    assert all(1 <= roots <= 40 for roots in entry["roots"])
+
+
+def test_one_specification_at_a_time():
+    formulas = {name: avrare.stl("always (x < 1)") for name in ("one", "two")}
+    with pytest.raises(avrare.UsageError):
+        estimate(avrare.Problem(exact.Walk(), formulas, 5))
+
+
+def test_progress_shows_levels():
+    from avrare.estimation.loop import Settings, run
+    from avrare.execute.serial import SerialExecutor
+    from avrare_estimators.config import AmsConfig
+    from avrare_estimators.splitting import Splitting
+
+    seen = []
+    estimator = Splitting(AmsConfig(particles=40, discard=8, runs=2))
+    (result,) = run(walk(chunk=16), estimator, SerialExecutor(), Settings(), seen.append)
+    rollouts = [info.rollouts for info in seen]
+    assert rollouts == sorted(rollouts)
+    assert rollouts[-1] == result.rollouts
+    assert seen[-1].probability == result.probability
+    levels = [info.level for info in seen if info.level is not None]
+    assert len(levels) > 3
+    assert levels[-1] <= 0.0 < seen[-1].stage

@@ -1,0 +1,107 @@
+"""The loop: progress, budgets, verdicts."""
+
+import numpy as np
+import pytest
+import toy_systems as toy
+
+import avrare
+from avrare.estimation import loop
+from avrare.estimation.budget import Budget
+from avrare.estimation.config import McConfig
+from avrare.estimation.loop import Settings, run
+from avrare.estimation.montecarlo import MonteCarlo
+from avrare.estimation.verdict import verdict
+from avrare.execute.serial import SerialExecutor
+
+
+def problem(limit=0.5, system=None, **keywords):
+    return avrare.Problem(system or toy.Walk(), avrare.stl(f"always (x < {limit})"), steps=20, **keywords)
+
+
+def monte_carlo(task, settings=None, progress=None, **options):
+    return run(task, MonteCarlo(McConfig(**options)), SerialExecutor(), settings or Settings(), progress)
+
+
+def test_progress_counts_every_chunk():
+    seen = []
+    (result,) = monte_carlo(problem(chunk=10, system=toy.Odometer()), progress=seen.append, rollouts=95)
+    rollouts = [info.rollouts for info in seen]
+    assert rollouts == sorted(rollouts)
+    assert set(rollouts) == {10, 20, 30, 40, 50, 60, 70, 80, 90, 95}
+    assert seen[-1].failures == result.failures.count > 0
+    assert seen[-1].counts == result.counts == {"steps": 95 * 20}
+    assert {info.goal for info in seen} == {95}
+
+
+def test_all_specifications_share_one_pass():
+    formulas = {"low": avrare.stl("always (x < 0.3)"), "high": avrare.stl("always (x < 0.9)")}
+    system = toy.CountingWalk()
+    low, high = monte_carlo(avrare.Problem(system, formulas, steps=20), rollouts=500)
+    assert system.rows == 500 * 20
+    assert (low.specification, high.specification) == ("low", "high")
+    assert low.probability > high.probability > 0.0
+    for name, result in (("low", low), ("high", high)):
+        (alone,) = monte_carlo(avrare.Problem(toy.Walk(), {name: formulas[name]}, steps=20), rollouts=500)
+        assert alone.probability == result.probability
+        np.testing.assert_array_equal(alone.failures.noise, result.failures.noise)
+
+
+def test_an_estimator_of_one_specification_refuses_two():
+    estimator = MonteCarlo(McConfig())
+    estimator.single = True
+    formulas = {name: avrare.stl("always (x < 1)") for name in ("a", "b")}
+    with pytest.raises(avrare.UsageError, match="one specification at a time"):
+        run(avrare.Problem(toy.Walk(), formulas, steps=2), estimator, SerialExecutor(), Settings())
+
+
+def test_a_budget_of_seconds_stops_at_a_look_at_the_clock(monkeypatch):
+    clock = iter(range(100))
+    monkeypatch.setattr(loop.time, "perf_counter", lambda: next(clock))
+    (result,) = monte_carlo(problem(), Settings(budget=Budget("seconds", 3.0)))
+    assert result.rollouts == 64 + 64 + 128
+    assert len(result.run_probabilities) == 1
+
+
+def test_the_executor_is_closed_whatever_happens():
+    class Executor(SerialExecutor):
+        closed = False
+
+        def close(self):
+            self.closed = True
+
+    class Wrong(toy.Walk):
+        def signals(self, state):
+            return {}
+
+    executor = Executor()
+    with pytest.raises(avrare.UsageError):
+        run(problem(system=Wrong()), MonteCarlo(McConfig()), executor, Settings())
+    assert executor.closed
+
+
+def test_max_error_rate_is_a_setting():
+    task = problem(system=toy.Fragile("nan", beyond=2.5))
+    assert "errors" in monte_carlo(task, Settings(max_error_rate=0.01))[0].health
+    (tolerant,) = monte_carlo(task, Settings(max_error_rate=0.5))
+    assert tolerant.errors > 0
+    assert not tolerant.health
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(2.0, "pass"), (0.5, "fail"), (1.0, "inconclusive")])
+def test_verdict(factor, expected):
+    (result,) = monte_carlo(problem(1.0), rollouts=2000)
+    assert verdict(result, factor * result.probability, strict=True, confidence=0.95) == expected
+
+
+def test_verdict_asks_for_the_interval_at_its_own_confidence():
+    (result,) = monte_carlo(problem(1.0), rollouts=2000)
+    between = (result.interval[1] + result.interval_at(0.9999)[1]) / 2
+    assert verdict(result, between, True, 0.95) == "pass"
+    assert verdict(result, between, True, 0.9999) == "inconclusive"
+
+
+def test_verdict_at_the_limit():
+    (never,), (always,) = (monte_carlo(problem(limit), rollouts=10) for limit in (99.0, -1.0))
+    high, low = never.interval[1], always.interval[0]
+    assert [verdict(never, high, strict, 0.95) for strict in (False, True)] == ["pass", "inconclusive"]
+    assert [verdict(always, low, strict, 0.95) for strict in (False, True)] == ["inconclusive", "fail"]

@@ -1,0 +1,126 @@
+"""Monte Carlo: unbiased, covering, honest about cost and errors."""
+
+import math
+
+import numpy as np
+import pytest
+import toy_systems as toy
+
+import avrare
+from avrare.estimation.intervals import clopper_pearson
+
+
+def walk(limit=2.5, system=None, steps=100, **keywords):
+    return avrare.Problem(system or toy.Walk(), avrare.stl(f"always (x < {limit})"), steps=steps, **keywords)
+
+
+def test_unbiased_and_covering_over_two_hundred_seeds():
+    problem = avrare.Problem(toy.Static(), avrare.stl("always (x < 2)"), steps=0)
+    truth, rollouts = 0.0227501319481792, 400
+    results = [avrare.estimate(problem, seed=seed, rollouts=rollouts, confidence=0.9) for seed in range(200)]
+    error = math.sqrt(truth * (1 - truth) / rollouts / len(results))
+    assert abs(np.mean([result.probability for result in results]) - truth) < 4 * error
+    covered = np.mean([result.interval[0] <= truth <= result.interval[1] for result in results])
+    assert covered > 0.9 - 4 * math.sqrt(0.09 / len(results))
+
+
+def test_unbiased_on_the_walk_over_two_hundred_runs():
+    result = avrare.estimate(walk(), seed=0, rollouts=200, runs=200)
+    values, truth = result.run_probabilities, toy.WALK[2.5]
+    assert abs(values.mean() - truth) < 4 * math.sqrt(truth * (1 - truth) / result.rollouts)
+    assert values.var(ddof=1) == pytest.approx(truth * (1 - truth) / 200, rel=0.5)
+
+
+@pytest.mark.parametrize("rollouts", [1, 7, 300])
+def test_interval_is_clopper_pearson(rollouts):
+    result = avrare.estimate(walk(1.0), rollouts=rollouts, confidence=0.8)
+    assert result.interval == clopper_pearson(result.failures.count, rollouts, 0.8)
+    assert result.interval_at(0.99) == clopper_pearson(result.failures.count, rollouts, 0.99)
+
+
+def test_certain_failure_and_certain_pass():
+    never, always = (avrare.estimate(walk(limit), rollouts=50) for limit in (99.0, -1.0))
+    assert (never.probability, never.interval) == (0.0, (0.0, pytest.approx(1 - 0.05 ** (1 / 50))))
+    assert (always.probability, always.interval) == (1.0, (pytest.approx(0.05 ** (1 / 50)), 1.0))
+    assert never.failures.noise.shape == (0, 101, 1)
+    assert math.isnan(never.relative_error)
+    assert list(always.health) == ["all_failed"]
+    assert not never.health
+
+
+def test_cost_is_what_was_passed_to_step():
+    system = toy.CountingWalk()
+    result = avrare.estimate(walk(system=system, chunk=64), rollouts=150, runs=2)
+    assert result.simulated_steps == system.rows == 300 * 100
+    assert result.rollouts == 300
+
+
+def test_failures_are_kept_up_to_a_limit():
+    result = avrare.estimate(walk(0.1), rollouts=2000)
+    assert result.failures.count > 1000
+    assert len(result.failures.robustness) == len(result.failures.noise) == 100
+
+
+def test_failures_of_every_run_replay():
+    result = avrare.estimate(walk(1.5), rollouts=100, runs=5, seed=1)
+    assert (result.run_probabilities > 0).sum() > 2
+    assert len(result.failures.robustness) == result.failures.count
+    np.testing.assert_array_equal(walk(1.5).robustness(result.failures.noise), result.failures.robustness)
+    assert walk(1.5).robustness(result.worst.noise[None])[0] == np.min(result.robustness)
+
+
+def test_counters_are_summed():
+    assert avrare.estimate(walk(system=toy.Odometer()), rollouts=30).counts == {"steps": 3000}
+
+
+def test_the_course_of_the_scores_is_not_kept():
+    """A long run must hold a few numbers a rollout, whatever the number of steps."""
+    from avrare.estimation.config import McConfig
+    from avrare.estimation.loop import Settings, run
+    from avrare.estimation.montecarlo import MonteCarlo
+    from avrare.execute.serial import SerialExecutor
+
+    states = []
+
+    class Spy(MonteCarlo):
+        def tell(self, state, rollouts):
+            states.append(super().tell(state, rollouts))
+            return states[-1]
+
+    run(walk(), Spy(McConfig(rollouts=500)), SerialExecutor(), Settings())
+    (state, _), *_ = states
+    assert sum(part.scores.nbytes for part in state.parts) == 0
+
+
+@pytest.mark.parametrize("how", ["nan", "fault", "raise"])
+def test_errors_are_no_failures_and_no_passes(how):
+    problem = walk(0.8, system=toy.Fragile(how, beyond=3.0), steps=30)
+    result = avrare.estimate(problem, rollouts=1000, seed=4)
+    healthy = avrare.estimate(walk(0.8, system=toy.Fragile("never"), steps=30), rollouts=1000, seed=4)
+    expected = 1000 * (1 - (1 - 1.35e-3) ** 30)
+    assert abs(result.errors - expected) < 4 * math.sqrt(expected)
+    assert result.probability == result.failures.count / 1000
+    lost = healthy.failures.count - result.failures.count
+    assert 0 < lost <= result.errors
+    assert result.interval == clopper_pearson(result.failures.count, 1000, 0.95, result.errors)
+    assert result.interval[1] > healthy.interval[1]
+    assert list(result.health) == ["errors"]
+    assert f"{result.errors} of 1000" in result.health["errors"]
+    assert ("the planner gave up" in result.health["errors"]) == (how == "raise")
+    assert np.isnan(result.robustness).sum() == result.errors
+    np.testing.assert_array_equal(problem.robustness(result.failures.noise), result.failures.robustness)
+
+
+def test_few_errors_are_counted_but_no_reason_for_alarm():
+    result = avrare.estimate(walk(system=toy.Fragile("nan", beyond=3.9), steps=100), rollouts=1000)
+    assert 0 < result.errors <= 10
+    assert not result.health
+
+
+@pytest.mark.parametrize("system", [toy.Broken(), toy.Fragile("raise", beyond=-np.inf, at_start=True)])
+def test_a_system_that_raises_on_every_row(system):
+    result = avrare.estimate(walk(system=system, steps=5), rollouts=40)
+    assert (result.probability, result.errors, result.interval) == (0.0, 40, (0.0, 1.0))
+    assert "errors" in result.health
+    assert math.isnan(result.worst.robustness)
+    assert result.to_json()

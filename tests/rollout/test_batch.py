@@ -1,0 +1,50 @@
+"""Batches of particles."""
+
+import numpy as np
+import pytest
+import toy_systems as toy
+
+from avrare import batch
+from avrare.errors import UsageError
+
+X = np.arange(5.0)
+STATE = toy.Nested(toy.Position(X), (X + 1, np.stack([X, -X], axis=1)))
+
+
+def test_take_and_concatenate():
+    picked = batch.take(STATE, np.array([3, 0, 3]))
+    assert picked.inner.x.tolist() == [3, 0, 3]
+    assert picked.pair[1].tolist() == [[3, -3], [0, 0], [3, -3]]
+    assert (picked.label, picked.nothing) == ("car", None)
+    halves = [batch.take(STATE, slice(0, 2)), batch.take(STATE, np.arange(5) >= 2)]
+    for joined, whole in zip(batch.leaves(batch.concatenate(halves)), batch.leaves(STATE), strict=True):
+        np.testing.assert_array_equal(joined, whole)
+
+
+def test_size():
+    assert batch.size(STATE) == 5
+    for odd in ({"a": X, "b": X[1:]}, {"a": None}):
+        with pytest.raises(UsageError, match="leading axis"):
+            batch.size(odd)
+
+
+def test_copies_are_copies():
+    picked = batch.take(STATE, np.array([1, 1]))
+    picked.inner.x[0] = 9.0
+    assert picked.inner.x[1] == 1.0
+    assert STATE.inner.x[1] == 1.0
+
+
+def test_every_container():
+    state = {"a": X, "b": toy.Point(X), "c": [None, 1, 2.5, "s", True, np.int64(3)][-1], "d": ()}
+    picked = batch.take(state, slice(1, 3))
+    assert picked["b"] == toy.Point(picked["b"].x)
+    assert isinstance(picked["b"], toy.Point)
+    assert picked["c"] == 3
+    assert [leaf.tolist() for leaf in batch.leaves(picked)] == [[1, 2], [1, 2]]
+
+
+@pytest.mark.parametrize("state", [[X], {"a": {X.size}}, {"a": np.array(1.0)}, object(), toy.Position])
+def test_what_a_state_may_not_hold(state):
+    with pytest.raises(UsageError, match="state"):
+        batch.take(state, slice(0, 1))

@@ -1,0 +1,160 @@
+"""A row that breaks down is an error: no failure, no pass, and no concern of its neighbours."""
+
+import numpy as np
+import pytest
+import toy_systems as toy
+
+import avrare
+from avrare.errors import UsageError
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+
+STEPS = 30
+ROWS = 300
+NOISE = NoiseSource(2, 2)
+HOWS = ("nan", "fault", "raise")
+
+
+def problem(system, formula="always (x < 0.8)"):
+    return avrare.Problem(system, avrare.stl(formula), steps=STEPS)
+
+
+def simulate(system, rows=ROWS, **keywords):
+    return problem(system, **keywords).simulate(
+        NOISE, Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
+    )
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return simulate(toy.Fragile("never"))
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_exactly_the_rows_that_break_down_are_errors(how, healthy):
+    noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
+    bad = noise[:, :, 1] > 2.5
+    bad[:, 0] = False
+    expected = bad.any(axis=1)
+    outcome = simulate(toy.Fragile(how))
+    assert 20 < expected.sum() < 200
+    np.testing.assert_array_equal(outcome.error, expected)
+    assert not outcome.violated[expected].any()
+    for name in ("violated", "robustness", "scores"):
+        np.testing.assert_array_equal(getattr(outcome, name)[~expected], getattr(healthy, name)[~expected])
+    assert healthy.violated[expected].any(), "some rows would have failed had they not broken down"
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_an_errored_row_keeps_the_score_that_it_had(how, healthy):
+    outcome = simulate(toy.Fragile(how))
+    noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
+    bad = noise[:, :, 1] > 2.5
+    bad[:, 0] = False
+    for row in np.flatnonzero(outcome.error):
+        at = int(bad[row].argmax())
+        np.testing.assert_array_equal(outcome.scores[row, :at], healthy.scores[row, :at])
+        np.testing.assert_array_equal(outcome.scores[row, at:], healthy.scores[row, at - 1])
+        assert outcome.robustness[row, 0] == -healthy.scores[row, at - 1]
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_errors_at_the_start(how):
+    outcome = simulate(toy.Fragile(how, beyond=1.0, at_start=True))
+    expected = NOISE.normals(0, 0, np.arange(ROWS), 0)[:, 1] > 1.0
+    np.testing.assert_array_equal(outcome.error, expected)
+    assert np.isneginf(outcome.scores[expected]).all()
+    assert outcome.simulated_steps == (~expected).sum() * STEPS
+
+
+@pytest.mark.parametrize("how", HOWS)
+def test_all_rows_may_break_down(how):
+    for at_start in (False, True):
+        outcome = simulate(toy.Fragile(how, beyond=-np.inf, at_start=at_start))
+        assert outcome.error.all()
+        assert not outcome.violated.any()
+
+
+def test_only_the_good_rows_are_stepped_on():
+    """After the bisection at step 1, the rows that raised are never passed again."""
+
+    class Early(toy.CountingWalk):
+        def step(self, state, noise):
+            if (state["x"] == 0.0).any() and (noise[:, 0] > 2.0).any():
+                self.rows += len(noise)
+                raise RuntimeError("early")
+            return super().step(state, noise)
+
+    system = Early()
+    outcome = avrare.Problem(system, avrare.stl("always (x < 9)"), steps=3).simulate(
+        NoiseSource(0, 1), Request.from_start(np.zeros(64, dtype=np.int64), np.arange(64))
+    )
+    good = (~outcome.error).sum()
+    assert 0 < outcome.error.sum() < 10
+    assert outcome.simulated_steps == system.rows
+    assert system.rows > 64 + 2 * good, "what the bisection repeats is paid for"
+
+
+def test_infinity_is_a_value():
+    class Far(toy.Walk):
+        def step(self, state, noise):
+            return {"x": np.where(noise[:, 0] > 0, np.inf, -np.inf)}
+
+    task = avrare.Problem(Far(), avrare.stl("always (x < 4)"), steps=1)
+    tape = np.array([[[0.0], [1.0]], [[0.0], [-1.0]]])
+    outcome = task.replay(tape)
+    assert not outcome.error.any()
+    assert outcome.violated[:, 0].tolist() == [True, False]
+    assert task.robustness(tape).tolist() == [-np.inf, 4.0]
+
+
+def test_a_formula_without_a_value_is_an_error_and_no_pass():
+    task = avrare.Problem(toy.Infinite(), avrare.stl("always (x - y < 4)"), steps=2)
+    tape = np.zeros((3, 3, 1))
+    tape[:, 0, 0] = -1.0, 0.5, 2.0  # 0 - 0, inf - 0, inf - inf
+    outcome = task.replay(tape)
+    assert outcome.error.tolist() == [False, False, True]
+    assert outcome.violated[:, 0].tolist() == [False, True, False]
+    assert "no value" in outcome.messages[0]
+    assert outcome.simulated_steps == 2 * 2, "the third row has left the batch"
+    assert np.isnan(task.robustness(tape)[2])
+
+
+def test_nan_in_a_signal_that_no_formula_reads():
+    class Chatty(toy.Walk):
+        def signals(self, state):
+            return {"x": state["x"], "aside": np.where(state["x"] > 0.5, np.nan, 0.0)}
+
+    outcome = avrare.Problem(Chatty(), avrare.stl("always (x < 9)"), steps=STEPS).simulate(
+        NoiseSource(2, 1), Request.from_start(np.zeros(100, dtype=np.int64), np.arange(100))
+    )
+    assert 0 < outcome.error.sum() < 100
+
+
+def test_messages_name_the_cause_once():
+    assert simulate(toy.Fragile("raise")).messages == ("RuntimeError: the planner gave up",)
+    assert simulate(toy.Fragile("nan")).messages == simulate(toy.Fragile("fault")).messages
+    assert simulate(toy.Broken()).messages == ("ZeroDivisionError: no row survives this",)
+
+
+def test_robustness_of_an_errored_row_is_nan():
+    tape = np.zeros((2, STEPS + 1, 2))
+    tape[1, 4, 1] = 9.0
+    np.testing.assert_array_equal(problem(toy.Fragile("raise")).robustness(tape), [0.8, np.nan])
+
+
+@pytest.mark.parametrize("faults", [np.zeros((1, 4)), np.zeros(3, dtype=bool), False])
+def test_faults_of_the_wrong_shape(faults):
+    system = toy.Fragile("never")
+    system.faults = lambda state: faults
+    with pytest.raises(UsageError, match="faults"):
+        problem(system).robustness(np.zeros((4, STEPS + 1, 2)))
+
+
+def test_errors_of_ours_are_not_swallowed():
+    class Wrong(toy.Walk):
+        def step(self, state, noise):
+            raise UsageError("a wrong argument")
+
+    with pytest.raises(UsageError, match="a wrong argument"):
+        avrare.estimate(avrare.Problem(Wrong(), avrare.stl("always (x < 1)"), steps=2), rollouts=3)

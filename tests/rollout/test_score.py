@@ -1,0 +1,80 @@
+"""Importance scores: adapted, monotone, and no part of the answer."""
+
+import numpy as np
+import pytest
+import toy_systems as toy
+
+import avrare
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+
+STEPS = 12
+NOISE = NoiseSource(4, 1)
+
+
+def simulate(score, formula="always (x < 0.3)", rows=50, system=None):
+    problem = avrare.Problem(system or toy.Walk(), avrare.stl(formula), STEPS, score)
+    request = Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
+    return problem.simulate(NOISE, request)
+
+
+def test_function_sees_the_signals_so_far():
+    seen = []
+
+    def latest(signals, t):
+        seen.append((t, signals["x"].shape))
+        return signals["x"][:, t]
+
+    outcome = simulate(latest, "eventually (x > 0.3)")
+    assert seen == [(t, (50, t + 1)) for t in range(STEPS + 1)]
+    x = 0.1 * NOISE.normals(0, 0, np.arange(50)[:, None], np.arange(STEPS + 1))[:, :, 0]
+    x[:, 0] = 0.0
+    expected = np.maximum.accumulate(np.cumsum(x, axis=1), axis=1)
+    np.testing.assert_allclose(outcome.scores, expected, atol=1e-12)
+
+
+def test_score_does_not_change_the_verdict():
+    plain = simulate(None)
+    for score in ("robustness", "margin", toy.height):
+        np.testing.assert_array_equal(simulate(score).violated, plain.violated)
+        np.testing.assert_array_equal(simulate(score).robustness, plain.robustness)
+
+
+def test_nan_in_a_score_is_no_progress():
+    outcome = simulate(lambda signals, t: np.where(t % 2, np.nan, float(t)) * np.ones(len(signals["x"])))
+    assert (outcome.scores == (np.arange(STEPS + 1) // 2) * 2.0).all()
+    assert not outcome.error.any()
+
+
+@pytest.mark.parametrize("wrong", [lambda signals, t: signals["x"], lambda signals, t: 1.0])
+def test_function_of_the_wrong_shape(wrong):
+    with pytest.raises(avrare.UsageError, match="score function"):
+        simulate(wrong)
+
+
+class Approach(toy.Walk):
+    """Comes near the limit whatever the noise: x = 0, 1, ..., and the noise adds a little."""
+
+    def step(self, state, noise):
+        return {"x": state["x"] + 1.0 + 0.01 * noise[:, 0]}
+
+
+def test_margin_measures_from_the_noise_free_run():
+    """The robustness itself would be tied: the last sample decides it whatever the noise."""
+    outcome = simulate("margin", "always (x < 12.01)", system=Approach(), rows=200)
+    failed = outcome.violated[:, 0]
+    assert 0 < failed.sum() < 200
+    assert (outcome.scores[failed, -1] >= 1.0).all()
+    assert (outcome.scores[:, 0] == 0.0).all()
+    assert (np.diff(outcome.scores, axis=1) >= 0.0).all()
+    assert len(np.unique(outcome.scores[:, 3])) > 50
+
+
+def test_margin_needs_always_phi():
+    with pytest.raises(avrare.UsageError, match="margin"):
+        simulate("margin", "eventually (x > 0.3)")
+
+
+def test_margin_of_a_rule_that_the_noise_free_run_breaks():
+    broken, own = (simulate(score, "always (x < -1)") for score in ("margin", "robustness"))
+    np.testing.assert_array_equal(broken.scores, own.scores)

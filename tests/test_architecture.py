@@ -1,0 +1,83 @@
+"""The shape of the code: sizes, imports, and who may know whom."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CORE = sorted((ROOT / "avrare").rglob("*.py"))
+MODULES = [*CORE, *sorted(ROOT.glob("plugins/*/src/**/*.py"))]
+HEAVY = {"torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy"}
+
+
+def imported(path):
+    """Top-level packages that a module imports anywhere."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (name.name.split(".")[0] for name in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.split(".")[0]
+
+
+def loaded_by(code):
+    """Modules that are loaded after running ``code`` in a fresh interpreter."""
+    script = f"{code}\nimport sys\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_there_is_something_to_look_at():
+    assert len(CORE) > 40
+    assert len(MODULES) > len(CORE)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_modules_are_short(path):
+    assert len(path.read_text().splitlines()) <= 400
+
+
+def test_most_modules_are_about_a_hundred_lines():
+    lines = sorted(len(path.read_text().splitlines()) for path in MODULES if path.name != "__init__.py")
+    assert lines[len(lines) // 2] <= 130
+
+
+def test_no_module_is_called_utils():
+    assert not [path for path in MODULES if path.stem in {"utils", "helpers", "common", "misc"}]
+
+
+def test_the_core_knows_no_plugin():
+    for path in CORE:
+        assert not {name for name in imported(path) if name.startswith("avrare_")}, path
+
+
+def test_import_avrare_costs_next_to_nothing():
+    loaded = loaded_by("import avrare")
+    assert not loaded & {"numpy", "pydantic", "pluggy", "rich", "lark", "yaml"}
+    assert len([name for name in loaded if name.startswith("avrare")]) == 1
+
+
+def test_monte_carlo_and_splitting_import_nothing_heavy():
+    code = """
+import numpy as np, avrare
+class Walk:
+    noise_size = 1
+    def initial(self, noise): return {"x": np.zeros(len(noise))}
+    def step(self, state, noise): return {"x": state["x"] + noise[:, 0]}
+    def signals(self, state): return state
+problem = avrare.Problem(Walk(), avrare.stl("always (x < 2)"), steps=5)
+for name in ("mc", "ams"): avrare.estimate(problem, name)
+"""
+    assert not {name.split(".")[0] for name in loaded_by(code)} & HEAVY
+
+
+def test_plugins_are_described_without_their_weight():
+    code = """
+from avrare.plugin.registry import default_registry
+for row in default_registry().rows(): row.component.load_config()
+"""
+    loaded = loaded_by(code)
+    assert "avrare_estimators" in loaded
+    assert not {name.split(".")[0] for name in loaded} & HEAVY

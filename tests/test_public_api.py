@@ -1,0 +1,306 @@
+"""The public interface, on the ten-line walk of the README."""
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import toy_systems as toy
+
+import avrare
+
+
+def walk(limit=2.5, system=None, **keywords):
+    return avrare.Problem(system or toy.Walk(), avrare.stl(f"always (x < {limit})"), steps=100, **keywords)
+
+
+SETTINGS = {"mc": {"rollouts": 2000}, "ams": {"particles": 50, "discard": 10, "runs": 4}}
+
+
+@pytest.fixture(scope="module", params=SETTINGS)
+def result(request):
+    return avrare.estimate(walk(), request.param, seed=3, **SETTINGS[request.param])
+
+
+def test_attributes(result):
+    low, high = result.interval
+    assert isinstance(result.probability, float)
+    assert type(low) is float
+    assert type(high) is float
+    assert 0.0 <= low < result.probability < high <= 1.0
+    assert result.confidence == 0.95
+    assert result.run_probabilities.shape == ((1,) if result.estimator == "mc" else (4,))
+    assert result.run_probabilities.mean() == result.probability
+    assert result.errors == 0
+    assert result.relative_error > 0.0
+    assert result.seconds > 0.0
+    if result.estimator == "mc":
+        assert (result.rollouts, result.simulated_steps) == (2000, 200_000)
+        assert not result.health
+    else:
+        assert result.rollouts > 200
+        assert 20_000 < result.simulated_steps < result.rollouts * 100
+
+
+def test_failures_are_tapes_that_fail_again(result):
+    failures = result.failures
+    kept = len(failures.robustness)
+    assert 0 < kept <= failures.count
+    assert failures.noise.shape == (kept, 101, 1)
+    np.testing.assert_array_equal(walk().robustness(failures.noise), failures.robustness)
+    assert (failures.robustness <= 0.0).all()
+    assert walk().robustness(result.worst.noise[None])[0] == result.worst.robustness
+    assert result.worst.robustness == np.nanmin([*failures.robustness, result.worst.robustness])
+
+
+def test_json_round_trip(result):
+    entry = json.loads(result.to_json())
+    for name in ("probability", "confidence", "rollouts", "simulated_steps", "errors", "relative_error"):
+        assert entry[name] == getattr(result, name)
+    assert tuple(entry["interval"]) == result.interval
+    assert entry["failures"] == result.failures.count
+    assert entry["run_probabilities"] == result.run_probabilities.tolist()
+    assert entry["health"] == list(result.health)
+    assert entry["verdict"] is None
+
+
+def test_json_has_no_nan_and_no_infinity():
+    result = avrare.estimate(walk(50.0), rollouts=10)
+    assert math.isnan(result.relative_error)
+    entry = json.loads(result.to_json(), parse_constant=lambda word: pytest.fail(word))
+    assert entry["relative_error"] is None
+
+
+def test_monte_carlo_is_the_default_and_right():
+    result = avrare.estimate(walk(), seed=1, rollouts=40_000)
+    truth = toy.WALK[2.5]
+    assert result.estimator == "mc"
+    assert abs(result.probability - truth) < 4 * math.sqrt(truth * (1 - truth) / 40_000)
+
+
+def test_splitting_finds_a_rare_failure():
+    result = avrare.estimate(walk(3.8), "ams", seed=1, particles=100, discard=10, runs=40)
+    assert abs(result.probability - toy.WALK[3.8]) < 4 * result.relative_error * result.probability
+    assert result.relative_error < 0.3
+    assert result.interval[0] < toy.WALK[3.8] < result.interval[1]
+
+
+@pytest.mark.parametrize("estimator", SETTINGS)
+@pytest.mark.parametrize("system", [toy.DataclassWalk(), toy.TupleWalk(), toy.ArrayWalk()])
+def test_states_may_be_dataclasses_tuples_or_arrays(estimator, system):
+    ours, dicts = (
+        avrare.estimate(walk(1.0, one), estimator, seed=5, **SETTINGS[estimator])
+        for one in (system, toy.Walk())
+    )
+    np.testing.assert_array_equal(ours.run_probabilities, dicts.run_probabilities)
+    np.testing.assert_array_equal(ours.failures.noise, dicts.failures.noise)
+
+
+@pytest.mark.parametrize("estimator", SETTINGS)
+def test_static_problem(estimator):
+    problem = avrare.Problem(toy.Static(), avrare.stl("always (x < 2)"), steps=0)
+    result = avrare.estimate(problem, estimator, seed=2, **SETTINGS[estimator])
+    truth = 0.0227501319481792
+    trials = result.rollouts
+    assert abs(result.probability - truth) < 4 * math.sqrt(truth / trials)
+    assert result.simulated_steps == 0
+    assert result.failures.noise.shape == (len(result.failures.robustness), 1, 3)
+    np.testing.assert_array_equal(problem.robustness(result.failures.noise), result.failures.robustness)
+
+
+def test_robustness_of_given_noise():
+    noise = np.zeros((3, 101, 1))
+    noise[1, 1:26] = 1.0
+    noise[2, 0] = 100.0  # row 0 goes to initial, which does not use it
+    np.testing.assert_allclose(walk().robustness(noise), [2.5, 0.0, 2.5], atol=1e-14)
+    assert walk().robustness(np.zeros((0, 101, 1))).shape == (0,)
+
+
+def test_failure_is_the_boolean_evaluation():
+    class Fixed(toy.Walk):
+        def step(self, state, noise):
+            return {"x": np.full(len(noise), 4.0)}
+
+    touching, allowed = (
+        avrare.estimate(avrare.Problem(Fixed(), avrare.stl(text), steps=1), rollouts=10)
+        for text in ("always (x < 4)", "always (x <= 4)")
+    )
+    assert (touching.probability, allowed.probability) == (1.0, 0.0)
+    assert touching.failures.robustness.tolist() == [0.0] * 10
+
+
+USAGE = {
+    "option": ({"rolouts": 5}, "rolouts", "rollouts"),
+    "argument": ({"worker": 2}, "worker", "workers"),
+    "option of another": ({"particles": 5}, "particles", "rollouts"),
+    "bad value": ({"rollouts": 0}, "rollouts", None),
+    "no number": ({"rollouts": "many"}, "rollouts", None),
+    "discard": ({"estimator": "ams", "particles": 10, "discard": 10}, "discard", None),
+    "negative seed": ({"seed": -1}, "seed", None),
+    "float seed": ({"seed": 1.5}, "seed", None),
+    "workers": ({"workers": 0}, "workers", None),
+    "workers is a flag": ({"workers": True}, "workers", None),
+    "confidence 0": ({"confidence": 0.0}, "confidence", None),
+    "confidence 1": ({"confidence": 1}, "confidence", None),
+    "confidence in percent": ({"confidence": 95}, "confidence", None),
+    "confidence nan": ({"confidence": math.nan}, "confidence", None),
+    "confidence text": ({"confidence": "high"}, "confidence", None),
+    "budget kind": ({"budget": "step=100"}, "step", "steps"),
+    "budget amount": ({"budget": "steps=lots"}, "lots", None),
+    "budget zero": ({"budget": {"steps": 0}}, "steps", None),
+    "budget negative": ({"budget": {"rollouts": -5}}, "rollouts", None),
+    "budget number": ({"budget": 1000}, "1000", "steps=1e6"),
+    "two budgets": ({"budget": {"steps": 5, "rollouts": 5}}, "budget", "steps=1e6"),
+    "too small": ({"budget": "steps=99"}, "does not pay", "100"),
+    "too small for splitting": ({"estimator": "ams", "budget": "rollouts=99"}, "does not pay", "particles"),
+    "clock and runs": ({"budget": "seconds=1", "runs": 3}, "seconds", "steps=N"),
+    "splitting by the clock": ({"estimator": "ams", "budget": "seconds=1"}, "clock", "steps=N"),
+}
+
+
+@pytest.mark.parametrize("name", USAGE)
+def test_usage_errors_say_what_and_what_to_do(name):
+    arguments, message, hint = USAGE[name]
+    with pytest.raises(avrare.UsageError) as caught:
+        avrare.estimate(walk(), **arguments)
+    assert message in str(caught.value)
+    assert hint is None or hint in caught.value.hint
+
+
+def test_unknown_estimator():
+    with pytest.raises(avrare.PluginError) as caught:
+        avrare.estimate(walk(), "amss")
+    assert caught.value.hint == "did you mean 'ams'?"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"steps": -1}, "steps"),
+        ({"steps": 2.0}, "steps"),
+        ({"steps": True}, "steps"),
+        ({"score": "margine"}, "margine"),
+        ({"chunk": 0}, "chunk"),
+        ({"specification": "always (x < 4)"}, "no specification"),
+        ({"specification": {}}, "specification"),
+        ({"system": object()}, "noise_size, initial, step, signals"),
+    ],
+)
+def test_problem_checks_its_arguments(arguments, message):
+    default = {"system": toy.Walk(), "specification": avrare.stl("always (x < 4)"), "steps": 10}
+    with pytest.raises(avrare.UsageError, match=message):
+        avrare.Problem(**{**default, **arguments})
+
+
+def test_misspelt_score_has_a_hint():
+    with pytest.raises(avrare.UsageError) as caught:
+        walk(score="margine")
+    assert caught.value.hint == "did you mean 'margin'?"
+
+
+def test_noise_size_must_be_a_count():
+    system = toy.Walk()
+    system.noise_size = 1.0
+    with pytest.raises(avrare.UsageError, match="noise_size"):
+        walk(system=system)
+
+
+def test_not_a_problem():
+    with pytest.raises(avrare.UsageError, match="Problem"):
+        avrare.estimate(toy.Walk())
+
+
+def test_several_specifications_need_the_command_line():
+    formulas = {name: avrare.stl("always (x < 4)") for name in ("one", "two")}
+    with pytest.raises(avrare.UsageError, match="2 specifications"):
+        avrare.estimate(avrare.Problem(toy.Walk(), formulas, steps=3))
+
+
+@pytest.mark.parametrize(
+    ("signals", "message"),
+    [
+        (lambda x: {"x": x[:-1]}, r"'x' has shape \(9,\)"),
+        (lambda x: {"x": x, "y": 3.0}, "'y' has shape float"),
+        (lambda x: {"x": x.sum()}, r"'x' has shape \(\)"),
+        (lambda x: {"x": list(x)}, "'x' has shape list"),
+        (lambda x: x, "signals"),
+        (lambda x: {"y": x}, "'x' is missing"),
+        (lambda x: {"x": np.stack([x, x], axis=1)}, "trailing ax"),
+    ],
+)
+def test_signals_of_the_wrong_shape(signals, message):
+    class Odd(toy.Walk):
+        def signals(self, state):
+            return signals(state["x"])
+
+    with pytest.raises(avrare.UsageError, match=message):
+        avrare.estimate(walk(system=Odd()), rollouts=10)
+
+
+@pytest.mark.parametrize("state", [[np.zeros(50)], {"x": np.zeros(50), "t": np.array(0)}, {"x": {1, 2}}])
+def test_states_that_cannot_be_copied(state):
+    class Odd(toy.Walk):
+        def initial(self, noise):
+            return state
+
+        def step(self, state, noise):
+            return state
+
+        def signals(self, state):
+            return {"x": np.zeros(50)}
+
+    with pytest.raises(avrare.UsageError, match="state"):
+        avrare.estimate(walk(system=Odd()), "ams", particles=50, discard=5, runs=1)
+
+
+def test_noise_of_the_wrong_shape():
+    with pytest.raises(avrare.UsageError, match=r"\(N, 101, 1\)"):
+        walk().robustness(np.zeros((4, 100, 1)))
+
+
+@pytest.mark.parametrize(
+    "budget", ["rollouts=300", {"rollouts": 300}, avrare.Budget("rollouts", 300), "steps=30_099", "steps=3e4"]
+)
+def test_budget_forms(budget):
+    assert avrare.estimate(walk(), budget=budget).rollouts == 300
+
+
+def test_budget_is_shared_by_the_runs():
+    result = avrare.estimate(walk(), budget="rollouts=100", runs=3)
+    assert (result.rollouts, len(result.run_probabilities)) == (99, 3)
+    result = avrare.estimate(walk(1.0), "ams", budget={"steps": 40_000}, particles=20, discard=5)
+    assert len(result.run_probabilities) == 5
+
+
+def test_budget_of_seconds():
+    result = avrare.estimate(walk(), budget="seconds=0.2")
+    assert result.rollouts >= 64
+    assert result.seconds < 5.0
+    same = avrare.estimate(walk(), rollouts=result.rollouts)
+    assert same.probability == result.probability
+
+
+def test_public_names():
+    for name in avrare.__all__:
+        assert getattr(avrare, name) is not None
+        assert name in dir(avrare)
+    with pytest.raises(AttributeError, match="estimatte"):
+        _ = avrare.estimatte
+    assert issubclass(avrare.FormulaError, avrare.UsageError)
+
+
+def test_the_readme_example_runs_in_a_bare_process():
+    code = """
+import numpy as np, avrare
+class Walk:
+    noise_size = 1
+    def initial(self, noise): return {"x": np.zeros(len(noise))}
+    def step(self, state, noise): return {"x": state["x"] + 0.1 * noise[:, 0]}
+    def signals(self, state): return {"x": state["x"]}
+problem = avrare.Problem(Walk(), avrare.stl("always (x < 2.5)"), steps=100)
+print(avrare.estimate(problem, rollouts=2000, seed=3).probability)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == avrare.estimate(walk(), rollouts=2000, seed=3).probability
