@@ -12,7 +12,7 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """What the command line tells its caller (DESIGN section 5)."""
+    """What the command line tells its caller."""
 
     PASS = 0
     """The run finished; for ``check``: every threshold holds."""

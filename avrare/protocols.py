@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Action, Observation, Prediction, Scene, Vehicles
+from avrare.driving import Action, Observation, Prediction, Vehicles
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -116,10 +116,3 @@ class Specification(Protocol):
 
     def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
         """Monitor state and verdict after one more sample."""
-
-
-class SpecificationFactory(Protocol):
-    """Builds a specification for a scene."""
-
-    def __call__(self, config: Any, scene: Scene | None) -> Specification:
-        """The specification."""

@@ -92,9 +92,11 @@ def _rebuild(definition: Scenario, names: tuple[str, ...]) -> ScenarioProblem:
 
 
 def _score(scenario: BuildableScenario, name: str) -> str | None:
-    """The score that orders particles: as written, else by what the specification can tell."""
+    """The score that orders particles: as written, else `margin` for formulas of the shape `always ...`."""
     part = scenario.definition.specifications[name]
-    if isinstance(part, Formula):
-        return part.score
-    own = getattr(part.config, "score", None)
-    return own if own is not None else getattr(scenario.stack.specifications[name], "score", None)
+    monitor = scenario.stack.specifications[name]
+    own = part.score if isinstance(part, Formula) else getattr(part.config, "score", None)
+    if own is not None:
+        return own
+    margin = getattr(monitor, "margin", None)
+    return "margin" if margin is not None and margin(monitor.start(1)) is not None else None

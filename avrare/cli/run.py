@@ -16,7 +16,7 @@ from avrare.scenario.schema import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of DESIGN's ``avrare run``."""
+    """Options of ``avrare run``."""
     add_scenario_arguments(parser)
     parser.add_argument(
         "--seed", type=int, metavar="N", help="seed of all random numbers; the scenario's by default"

@@ -74,7 +74,7 @@ class MonteCarlo:
         if done >= state.total:
             return None
         if state.info.goal is None:
-            wave = min(wave, max(_FIRST_WAVE, done))
+            wave = min(wave, max(min(_FIRST_WAVE, state.plan.chunk), done))
         index = np.arange(done, min(done + wave, state.total))
         return Request.from_start(index // state.per_run, index % state.per_run)
 

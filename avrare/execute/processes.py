@@ -41,6 +41,7 @@ class ProcessExecutor:
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self._pool: ProcessPoolExecutor | None = None
+        self._added: list[str] = []
 
     def open(self, work: Work) -> None:
         """Start the workers.
@@ -49,8 +50,9 @@ class ProcessExecutor:
             UsageError: The problem cannot be sent to another process.
         """
         payload = _pickled(work)
-        for name in _ONE_THREAD:
-            os.environ.setdefault(name, "1")
+        # Workers start with the first chunk and read these before anything of ours runs in them.
+        self._added = [name for name in _ONE_THREAD if name not in os.environ]
+        os.environ.update(dict.fromkeys(self._added, "1"))
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(self.workers, context, initializer=_start, initargs=(payload,))
 
@@ -71,6 +73,9 @@ class ProcessExecutor:
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
+        for name in self._added:
+            os.environ.pop(name, None)
+        self._added = []
 
 
 def _pickled(work: Work) -> bytes:

@@ -212,11 +212,6 @@ def history(node: Node) -> float:
     return _reach(node, PAST)
 
 
-def is_past_only(node: Node) -> bool:
-    """Whether the value at a sample depends on that sample and earlier ones only."""
-    return horizon(node) == 0
-
-
 def settling(node: Node) -> int:
     """Samples after which the formula's value repeats once its signals do.
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import platform
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from datetime import datetime
@@ -51,14 +54,37 @@ def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
+def provenance(scenario: Scenario) -> dict[str, Any]:
+    """Where a result comes from: command, Python, and the commit that the scenario belongs to, if any."""
+    folder = Path(scenario.path).resolve().parent
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return {
+        "command": sys.argv,
+        "python": platform.python_version(),
+        "commit": _git(folder, "rev-parse", "HEAD"),
+        "uncommitted_changes": None if changes is None else bool(changes),
+    }
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    try:
+        answer = subprocess.run(
+            ["git", *words], cwd=folder, capture_output=True, text=True, timeout=10, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip()
+
+
 def write(folder: Path, scenario: Scenario, content: dict[str, Any]) -> None:
-    """Write result.json and the resolved scenario.
+    """Write result.json, the resolved scenario, and provenance.json.
 
     Raises:
         UsageError: The folder cannot be written to.
     """
     try:
         _write_text(folder / "scenario.yaml", dump(scenario.resolved))
+        _write_text(folder / "provenance.json", json.dumps(provenance(scenario), indent=2) + "\n")
         _write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
     except OSError as error:
         raise UsageError(

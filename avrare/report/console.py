@@ -91,7 +91,7 @@ def table(title: str, results: Sequence[Result]) -> Table:
     ):
         view.add_column(name, justify="right", no_wrap=True)
     if verdicts:
-        view.add_column("verdict")
+        view.add_column("verdict", no_wrap=True)
     for result in results:
         low, high = result.interval
         row = [

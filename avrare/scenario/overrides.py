@@ -53,10 +53,19 @@ def _put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
         return Node(items, node.mark, node.key)
     if node.value is not None and not isinstance(node.value, dict):
         raise ScenarioError([(f"{mark}: there is no {step!r} inside {node.value!r}", "shorten the path")])
+    if step == "plugin" and not rest and "plugin" in node.entries:
+        node = _renamed(node, value)
     empty = Node({}, mark, mark)
     return Node(
         {**node.entries, step: _put(node.entries.get(step, empty), rest, value, mark)}, node.mark, node.key
     )
+
+
+def _renamed(block: Node, plugin: Node) -> Node:
+    """A component block without its options when it gets another plugin: they mean nothing to that one."""
+    if block.entries["plugin"].value == plugin.value:
+        return block
+    return Node({}, block.mark, block.key)
 
 
 def _index(items: list[Node], step: str, mark: Mark) -> int:

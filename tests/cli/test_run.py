@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from avrare.build.scenario import BuildableScenario
 from avrare.cli.main import main
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
@@ -36,6 +37,8 @@ def test_run_writes_the_promised_result(tmp_path, capsys):
     again = load(tmp_path / "scenario.yaml")
     assert (again.steps, again.seed) == (6, 7)
     assert fingerprint(again) == result["fingerprint"]
+    provenance = json.loads((tmp_path / "provenance.json").read_text())
+    assert set(provenance) == {"command", "python", "commit", "uncommitted_changes"}
     table = capsys.readouterr().out
     for rule in RULES:
         assert rule in table
@@ -111,3 +114,10 @@ def test_a_folder_that_cannot_be_made(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path / "file" / "run")]) == 4
     assert "cannot make this folder" in capsys.readouterr().err
+
+
+def test_formulas_of_the_shape_always_are_ordered_by_their_margin():
+    specifications = "specifications={a: {stl: 'always (gap > 0.2)'}, b: {stl: 'eventually (ego_x > 200)'}}"
+    scenario = BuildableScenario(load(LANE_CHANGE, [specifications, "steps=5"]))
+    assert scenario.problem("a").score == "margin"
+    assert scenario.problem("b").score is None

@@ -189,3 +189,8 @@ def test_a_missing_file_names_its_neighbour(tmp_path, monkeypatch, registry):
     assert refused("nowhere/a.yaml", registry)[1] == "hint: there is no folder nowhere"
     assert "cannot be read" in refused("scenarios", registry)[0]
     assert "cannot be read" in refused("a\0b", registry)[0]
+
+
+def test_setting_another_plugin_drops_the_options_of_the_old_one(read, good):
+    assert read(good, ["estimator.plugin=mc"]).estimator.config.rollouts == 1000
+    assert read(good, ["tracker.plugin=straight"]).tracker.config.delay == 2

@@ -264,3 +264,11 @@ def test_progress_shows_levels():
     levels = [info.level for info in seen if info.level is not None]
     assert len(levels) > 3
     assert levels[-1] <= 0.0 < seen[-1].stage
+
+
+def test_equal_runs_are_no_certainty_and_no_alarm():
+    tries = (estimate(walk(steps=100), seed, particles=20, discard=2, runs=2) for seed in range(100, 150))
+    result = next(r for r in tries if r.run_probabilities[0] == r.run_probabilities[1])
+    low, high = result.interval
+    assert low < result.probability < high
+    assert "all_failed" not in result.health

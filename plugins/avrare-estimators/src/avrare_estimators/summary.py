@@ -31,7 +31,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     extinct = int((values == 0.0).sum())
     warnings = health.of_runs(values.tolist(), extinct, roots)
     warnings |= health.of_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
-    if violated.all():
+    if probability == 1.0:
         warnings |= health.warn("all_failed")
     variance = _variances(state, values, violated)
     relative_variance = _relative_variance(values, variance, config.particles)
@@ -90,11 +90,11 @@ def _relative_variance(values: Floats, variance: Floats, particles: int) -> floa
     mean = float(values.mean())
     if mean == 0.0:
         return math.nan
-    if len(values) > 1:
-        return float(values.var(ddof=1)) / len(values) / mean**2
-    estimate = float(variance[0]) / mean**2
-    # The estimate is unbiased and may fall below zero: then the least that splitting can have.
-    return estimate if estimate > 0.0 else -math.log(mean) / particles
+    runs = len(values)
+    spread = float(values.var(ddof=1)) / runs if runs > 1 else float(variance[0])
+    # Runs may be equal by chance, and the unbiased estimate may fall below zero: then the least that
+    # splitting can have.
+    return spread / mean**2 if spread > 0.0 else -math.log(mean) / (particles * runs)
 
 
 def _bounds(
