@@ -8,12 +8,13 @@ truth minus estimate, as in the training data, so an observation is truth minus 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Observation, World
+from avrare.driving import Observation, Scene, World
 from avrare_gp_pem import normal
 from avrare_gp_pem.student import student
 
@@ -96,3 +97,26 @@ class ErrorLaw:
             return np.where(error == 0, 0.0, -np.inf)
         standard = error / self.speed_sd
         return -0.5 * standard * standard - math.log(self.speed_sd * math.sqrt(2 * math.pi))
+
+
+class LawPem(ABC):
+    """A perception error model that is given by its law (an ``avrare.protocols.PerceptionErrorModel``)."""
+
+    scene: Scene
+
+    @abstractmethod
+    def law(self, world: World) -> ErrorLaw:
+        """The distribution of the observation of ``world``."""
+
+    @property
+    def noise_size(self) -> int:
+        """Standard normal numbers per particle and step."""
+        return NOISE_PER_VEHICLE * len(self.scene.names)
+
+    def observe(self, world: World, noise: Floats) -> Observation:
+        """One observation of every other vehicle, from noise (N, noise_size)."""
+        return self.law(world).draw(world, noise)
+
+    def log_prob(self, world: World, observation: Observation) -> Floats:
+        """(N,) log density of ``observation`` under this model."""
+        return self.law(world).log_prob(world, observation)

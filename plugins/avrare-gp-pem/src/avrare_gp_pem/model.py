@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Observation, Scene, World
+from avrare.driving import Scene, World
 from avrare_gp_pem import normal
 from avrare_gp_pem.config import GpPemConfig
 from avrare_gp_pem.features import Box, box_of, features
-from avrare_gp_pem.law import NOISE_PER_VEHICLE, ErrorLaw
+from avrare_gp_pem.law import ErrorLaw, LawPem
 from avrare_gp_pem.relative import relative
 from avrare_gp_pem.store import FittedPem, load, locate
 from avrare_gp_pem.visibility import category, visibility
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GpPem:
+class GpPem(LawPem):
     """Detections and position errors as a Gaussian-process fit to a detector predicts them.
 
     Attributes:
@@ -32,19 +32,6 @@ class GpPem:
     config: GpPemConfig
     scene: Scene
     fitted: FittedPem
-
-    @property
-    def noise_size(self) -> int:
-        """Standard normal numbers per particle and step."""
-        return NOISE_PER_VEHICLE * len(self.scene.names)
-
-    def observe(self, world: World, noise: Floats) -> Observation:
-        """One observation of every other vehicle, from noise (N, noise_size)."""
-        return self.law(world).draw(world, noise)
-
-    def log_prob(self, world: World, observation: Observation) -> Floats:
-        """(N,) log density of ``observation`` under this model."""
-        return self.law(world).log_prob(world, observation)
 
     def law(self, world: World) -> ErrorLaw:
         """The distribution of the observation of ``world``."""

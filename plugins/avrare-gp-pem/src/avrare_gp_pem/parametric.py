@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Observation, Scene, World
+from avrare.driving import Scene, World
 from avrare_gp_pem.config import ParametricPemConfig
-from avrare_gp_pem.law import NOISE_PER_VEHICLE, ErrorLaw
+from avrare_gp_pem.law import ErrorLaw, LawPem
 from avrare_gp_pem.relative import relative
 from avrare_gp_pem.visibility import visibility
 
@@ -26,7 +26,7 @@ _STEEPEST = 700.0  # exp of this is still finite
 
 
 @dataclass(frozen=True)
-class ParametricPem:
+class ParametricPem(LawPem):
     """Logistic detection and Student-t errors.
 
     Attributes:
@@ -36,19 +36,6 @@ class ParametricPem:
 
     config: ParametricPemConfig
     scene: Scene
-
-    @property
-    def noise_size(self) -> int:
-        """Standard normal numbers per particle and step."""
-        return NOISE_PER_VEHICLE * len(self.scene.names)
-
-    def observe(self, world: World, noise: Floats) -> Observation:
-        """One observation of every other vehicle, from noise (N, noise_size)."""
-        return self.law(world).draw(world, noise)
-
-    def log_prob(self, world: World, observation: Observation) -> Floats:
-        """(N,) log density of ``observation`` under this model."""
-        return self.law(world).log_prob(world, observation)
 
     def law(self, world: World) -> ErrorLaw:
         """The distribution of the observation of ``world``."""
