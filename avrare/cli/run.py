@@ -127,7 +127,7 @@ def _show(definition: Scenario, results: Sequence[Any], folder: Path, pictures: 
 
     from avrare.report.console import notes, table
 
-    console = Console(soft_wrap=True)
+    console = Console(soft_wrap=True, highlight=False)
     how = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
     title = f"{definition.name}  {how}"
     console.print(table(title, results))

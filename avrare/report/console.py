@@ -48,7 +48,7 @@ class Progress:
         """Show the newest state."""
         now = time.monotonic()
         if self.console.is_terminal:
-            self._live.update(Text(self.line(info, now - self.began), no_wrap=True, overflow="ellipsis"))
+            self._live.update(Text(self.line(info, now - self.began)))
         elif now - self.printed >= _PLAIN_INTERVAL:
             self.printed = now
             print(self.line(info, now - self.began), file=sys.stderr, flush=True)
