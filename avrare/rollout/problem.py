@@ -29,7 +29,8 @@ class Problem:
         specification: A formula from ``avrare.stl``, any ``Specification``, or a mapping of names to them.
         steps: States t = 0..steps are simulated; 0 is a static problem.
         score: Importance score for splitting: ``function(signals so far, t) -> (N,)`` or a name:
-            "robustness" (the formula's own, the default) or "margin" (see ``avrare.rollout.score``).
+            "robustness" (the formula's own, the default) or "margin" (see ``avrare.rollout.score``; where the
+            noise-free run has no margin, as "robustness").
         chunk: Rollouts per unit of work; never changes a result of a system whose rows are independent.
 
     Raises:
@@ -81,7 +82,7 @@ class Problem:
 
     def gamma(self, level: float) -> float:
         """The robustness threshold of a score's level: 0 at failure, as the papers count."""
-        return 1.0 - level if self.score == "margin" else -level
+        return 1.0 - level if isinstance(self.specifications[0], MarginScored) else -level
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
@@ -123,14 +124,16 @@ class Problem:
         for index, spec in enumerate(self._plain):
             margin = getattr(spec, "margin", None)
             along = [margin(carry.monitors[index]) for carry in carries] if margin else [None]
-            if any(value is None for value in along) or len(along) != self.steps + 1:
+            if any(value is None for value in along):
                 raise UsageError(
                     f"score 'margin' does not fit {self.names[index]}",
-                    "it needs a formula of the shape `always ...` and a noise-free run without errors",
+                    "it needs a formula of the shape `always ...`; leave the score out, or give a function",
                 )
             nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
-            # A rule that the noise-free run breaks has no margin to lose: its own robustness is the score.
-            scored.append(spec if nominal.min() <= 0 else MarginScored(spec, nominal))  # type: ignore[arg-type]
+            # Where the noise-free run breaks down or breaks the rule there is no margin to lose: the
+            # formula's own robustness is the score.
+            lost = len(nominal) <= self.steps or nominal.min() <= 0
+            scored.append(spec if lost else MarginScored(spec, nominal))  # type: ignore[arg-type]
         return tuple(scored)
 
 

@@ -1,7 +1,7 @@
 """Importance scores: how near to failure a particle has come, for setting the levels of splitting.
 
 Any adapted score leaves the estimate unbiased; a good one spreads the particles. The running minimum of
-robustness ties when the first, deterministic steps fix it, and splitting dies out on ties. ``Margin``
+robustness ties when the first, deterministic steps fix it, and splitting dies out on ties. ``MarginScored``
 measures instead which part of the noise-free drive's robustness is lost at each step: 0 where the particle is
 as safe as the noise-free one, 1 exactly where the rule is broken.
 """

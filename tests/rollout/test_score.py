@@ -78,3 +78,29 @@ def test_margin_needs_always_phi():
 def test_margin_of_a_rule_that_the_noise_free_run_breaks():
     broken, own = (simulate(score, "always (x < -1)") for score in ("margin", "robustness"))
     np.testing.assert_array_equal(broken.scores, own.scores)
+
+
+class Quiet(toy.Walk):
+    """Breaks down where there is no noise at all."""
+
+    def step(self, state, noise):
+        return {"x": np.where(noise[:, 0] == 0.0, np.nan, state["x"] + 0.1 * noise[:, 0])}
+
+
+def test_margin_where_the_noise_free_run_breaks_down():
+    broken, own = (simulate(score, system=Quiet()) for score in ("margin", "robustness"))
+    np.testing.assert_array_equal(broken.scores, own.scores)
+
+
+def test_gamma_is_zero_at_failure_for_the_score_that_is_used():
+    margin, fallen_back = (
+        avrare.Problem(toy.Walk(), avrare.stl(f"always (x < {limit})"), STEPS, "margin")
+        for limit in (0.3, -1)
+    )
+    assert (margin.gamma(1.0), margin.gamma(0.25)) == (0.0, 0.75)
+    assert fallen_back.gamma(-0.4) == 0.4
+
+
+def test_a_score_function_that_raises_is_named():
+    with pytest.raises(avrare.UsageError, match="score function raised at step 0: KeyError"):
+        simulate(lambda signals, t: signals["y"])
