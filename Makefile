@@ -50,6 +50,6 @@ clean:  ## remove .venv and what the tools left
 .venv/test.stamp: .venv/run.stamp
 	@echo "installing what the tests need (torch among it: this takes a few minutes) ..."
 	$(PIP) 'torch==2.13.0'
-	$(PIP) --no-build-isolation --editable '.[plot,test,lint]' --editable './plugins/avrare-gp-pem[train]' \
+	$(PIP) --no-build-isolation --editable '.[plot,test,lint,commonroad]' --editable './plugins/avrare-gp-pem[train]' \
 		--editable './plugins/avrare-imm[test]'
 	@touch $@

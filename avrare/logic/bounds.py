@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -11,6 +12,7 @@ from avrare.errors import FormulaError
 from avrare.logic.complaints import complain
 
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
+_MAX_DIGITS = 400
 
 
 @dataclass(frozen=True)
@@ -35,17 +37,26 @@ class Period:
         return cls(seconds)
 
 
-def sample_bounds(text: str, interval: Any, period: Period) -> tuple[int, float]:
+def sample_bounds(
+    text: str, interval: Any, period: Period, constant: Callable[[Any], Any]
+) -> tuple[int, float]:
     """First and last sample of an interval ``[lo, hi]`` (lark tree).
 
     A bound without a unit is in seconds, except that the left one takes over the unit of the right one.
+
+    Args:
+        text: What the user wrote.
+        interval: Where the bounds are in it.
+        period: Sampling period.
+        constant: The number (token) that a name (token) stands for.
 
     Raises:
         FormulaError: A bound falls between samples, the first is infinite, or they are in the wrong order.
     """
     left, right = interval.children
     inherited = str(right.children[1]) if len(right.children) > 1 else "s"
-    lo, hi = _samples(text, left, inherited, period), _samples(text, right, "s", period)
+    lo = _samples(text, left, inherited, period, constant)
+    hi = _samples(text, right, "s", period, constant)
     if math.isinf(lo):
         raise complain(text, left.meta, "the first bound is infinite", "only the second bound may be inf")
     if lo > hi:
@@ -53,13 +64,15 @@ def sample_bounds(text: str, interval: Any, period: Period) -> tuple[int, float]
     return int(lo), hi
 
 
-def _samples(text: str, bound: Any, unit: str, period: Period) -> float:
+def _samples(text: str, bound: Any, unit: str, period: Period, constant: Callable[[Any], Any]) -> float:
     token = bound.children[0]
     if token == "inf":
         return math.inf
+    if token.type == "NAME":
+        token = constant(token)
     unit = str(bound.children[1]) if len(bound.children) > 1 else unit
     if not _is_sane(token):
-        raise complain(text, token, "the bound is out of range")
+        raise complain(text, bound.meta, "the bound is out of range")
     if unit.startswith("sample"):
         samples = Fraction(token)
         wrong = "the bound is not a whole number of samples"
@@ -75,6 +88,8 @@ def _samples(text: str, bound: Any, unit: str, period: Period) -> float:
 
 def _is_sane(token: str) -> bool:
     """Whether the number fits a float: the exact fraction of 1e999999999 would fill the memory."""
+    if len(token) > _MAX_DIGITS:
+        return False
     value = float(token)
     mantissa = token.lower().split("e")[0]
     return math.isfinite(value) and (value != 0 or float(mantissa) == 0)

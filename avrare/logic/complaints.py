@@ -1,9 +1,11 @@
-"""Errors in a formula's text: where, what, and what to write instead."""
+"""Errors in and warnings about a formula's text: where, what, and what to write instead."""
 
 from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from avrare.errors import FormulaError
@@ -18,16 +20,43 @@ _NAMES = {
     "LSQB": "an opening bracket",
 }
 _BOUNDS_HINT = "bounds look like [0,3], [0:3s], [0:inf] or [0:3 samples]"
-_CHARACTER_HINTS = {"=": "write == to compare", "^": "power is pow(x, 2)", "{": _BOUNDS_HINT}
+_CHARACTER_HINTS = {
+    "^": "power is pow(x, 2), exclusive or is xor", "∧": "write and", "∨": "write or", "¬": "write not",
+    "⊕": "write xor", "→": "write ->", "⇒": "write ->", "↔": "write <->", "⇔": "write <->", "≤": "write <=",
+    "≥": "write >=", "≠": "write !=", "□": "write always", "◇": "write eventually", "−": "write -",
+    "–": "write -", "×": "write *", "·": "write *", "÷": "write /", "∞": "write inf", "∀": "write forall",
+    "∃": "write exists", "%": "comments start with # or //",
+}  # fmt: skip
 _OPERAND = {"NAME", "NUMBER", "LPAR"}
+_NEAR = 200
+"""Characters around the place of an error that hints look at."""
 
 
-def complain(text: str, place: Any, message: str, hint: str | None = None) -> FormulaError:
-    """The error, pointing at ``place``: anything with ``line`` and ``column``, counted from 1."""
+@dataclass(frozen=True)
+class Complaint:
+    """A warning about a formula's text.
+
+    Attributes:
+        message: Place, text and mark in the layout of an error's message:
+            ``line 1, column 3: what is odd``, the line itself, and a mark below the place.
+        hint: What to write instead.
+    """
+
+    message: str
+    hint: str | None = None
+
+
+def pointed(text: str, place: Any, message: str) -> str:
+    """The message with its place: anything with ``line`` and ``column``, counted from 1."""
     line, column = place.line, place.column
     shown = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
     mark = " " * (column - 1) + "^"
-    return FormulaError(f"line {line}, column {column}: {message}\n  {shown}\n  {mark}", hint)
+    return f"line {line}, column {column}: {message}\n  {shown}\n  {mark}"
+
+
+def complain(text: str, place: Any, message: str, hint: str | None = None) -> FormulaError:
+    """The error, pointing at ``place``."""
+    return FormulaError(pointed(text, place, message), hint)
 
 
 def explain(text: str, error: Any) -> FormulaError:
@@ -37,19 +66,30 @@ def explain(text: str, error: Any) -> FormulaError:
         return complain(text, error, f"{character!r} means nothing here", _CHARACTER_HINTS.get(character))
     token = error.token
     if token.type == "$END":
-        return complain(text, _End(text), f"the formula ends early: {_expected(error)}", _misspelt(text))
-    before = text[: token.start_pos]
+        message = f"the formula ends early: {_expected(error)}"
+        return complain(text, _Behind(token), message, _misspelt(text[: token.end_pos][-_NEAR:]))
+    start = token.start_pos
+    before, rest = text[max(0, start - _NEAR) : start], text[start : start + _NEAR]
+    if rest.startswith("/*") or (before.endswith("/") and rest.startswith("*")):
+        return complain(text, token, "a comment starts here and does not end", "close it with */")
     message = f"{str(token)!r} does not fit here: {_expected(error)}"
-    return complain(text, token, message, _hint(before, token))
+    return complain(text, token, message, _hint(before, rest, token))
 
 
-class _End:
-    """The place just after the last character that is not blank."""
+def guess(word: str, known: Iterable[str], cutoff: float = 0.7) -> str | None:
+    """The known name that ``word`` was most likely meant to be."""
+    names = list(known) if len(word) < _NEAR else []
+    alike = [name for name in names if name.lower() == word.lower()]
+    close = alike or difflib.get_close_matches(word.lower(), names, n=1, cutoff=cutoff)
+    return close[0] if close else None
 
-    def __init__(self, text: str) -> None:
-        lines = text.rstrip().split("\n")
-        self.line = len(lines)
-        self.column = len(lines[-1].expandtabs(1)) + 1
+
+class _Behind:
+    """The place just after a token; the first place of a text without any."""
+
+    def __init__(self, token: Any) -> None:
+        self.line = token.end_line or 1
+        self.column = token.end_column or 1
 
 
 def _expected(error: Any) -> str:
@@ -59,23 +99,42 @@ def _expected(error: Any) -> str:
     named = [name for kind, name in _NAMES.items() if kind in accepted]
     if "INFINITY" in accepted:
         named = ["a bound"]
-    elif accepted & {"UNIT", "AND"} and not named:
-        named = ["an operator"] if "AND" in accepted else ["a unit"]
+    elif "AND" in accepted:
+        named = ["a closing parenthesis"] if "RPAR" in accepted else ["an operator"]
+    elif "UNIT" in accepted and not named:
+        named = ["a unit"]
     elif accepted == {"NAME"}:
         named = ["a name"]
+    elif accepted == {"NAME", "NUMBER"}:
+        named = ["a number"]
     return f"{' or '.join(named) or 'an operator or the end'} is expected"
 
 
-def _hint(before: str, token: Any) -> str | None:
-    if token.type == "QUANTIFIER":
-        return f"put '{token} ...' in parentheses"
+def _hint(before: str, rest: str, token: Any) -> str | None:
     if token.type == "INFINITY":
         return "inf is only a bound"
-    if re.search(r"\[[^\]]*$", before):
+    if token.type == "EQUAL":
+        return _equal_hint(before)
+    if token == ">" and before.endswith("="):
+        return "write >= to compare, -> for implies"
+    if re.search(r"\[[^\]\n]*$", before):
         return _BOUNDS_HINT
     if token.type == "LSQB":
+        if re.search(r"\b(exists|forall)\s*$", before):
+            return "write at_least 2 o in others: ... for two or more"
         return _misspelt(before) or "only temporal operators take bounds"
+    if re.match(r"[^\W\d][\w.]*\s*(\([^()]*\))?\s*=[^=]", rest):
+        if re.search(r"(^|[\n;])\s*((in|out)put\s+)?[^\W\d]\w*\s+$", before):
+            return "only constants are declared with a value: const float x = 3.0"
+        return "start a definition on a new line, or put ';' before it"
     return _misspelt(before + str(token)) or _misspelt(before)
+
+
+def _equal_hint(before: str) -> str:
+    word = re.search(r"(\w+)\s*(\([^()]*\)\s*)?$", before)
+    if word and (word[1] in WORDS or word[1] in FUNCTIONS):
+        return f"{word[1]!r} is a word of the language: choose another name"
+    return "write == to compare"
 
 
 def _misspelt(text: str) -> str | None:
@@ -83,5 +142,5 @@ def _misspelt(text: str) -> str | None:
     last = re.search(r"([^\W\d]\w{2,})\s*$", text)
     if not last or last[1] in WORDS or last[1] in FUNCTIONS:
         return None
-    close = difflib.get_close_matches(last[1].lower(), [*WORDS, *FUNCTIONS], n=1, cutoff=0.7)
-    return f"did you mean {close[0]!r}?" if close else None
+    close = guess(last[1], [*WORDS, *FUNCTIONS])
+    return f"did you mean {close!r}?" if close else None

@@ -11,8 +11,8 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-FUTURE = frozenset({"always", "eventually", "until", "unless", "next", "s_next"})
-PAST = frozenset({"historically", "once", "since", "prev", "s_prev", "rise", "fall"})
+FUTURE = frozenset({"always", "eventually", "until", "release", "unless", "next", "s_next"})
+PAST = frozenset({"historically", "once", "since", "trigger", "prev", "s_prev", "rise", "fall"})
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,19 @@ class Number(Term):
 
 @dataclass(frozen=True)
 class Signal(Term):
-    """The sample of a named signal."""
+    """The sample of a named signal, or of a relation between vehicles such as ``in_front_of(o, ego)``.
+
+    Attributes:
+        name: The key of its samples: ``speed``, or ``in_front_of(others, ego)``, where a quantified vehicle
+            stands as the group that it ranges over.
+        arguments: The vehicles as written: ``("o", "ego")``; empty for a plain signal.
+        axes: Of a relation, per quantified argument the number of quantifiers around the one that binds it:
+            the samples' trailing axes in the same order belong to them.
+    """
 
     name: str
+    arguments: tuple[str, ...] = ()
+    axes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,7 +124,10 @@ class Window(Node):
 
 @dataclass(frozen=True)
 class Until(Node):
-    """``left op right`` with op one of until, since, unless; the witness is ``lo`` to ``hi`` samples away."""
+    """``left op right`` with op one of until, since, unless; the witness is ``lo`` to ``hi`` samples away.
+
+    Monitors also make release and trigger, the duals of until and since.
+    """
 
     op: str
     lo: int
@@ -132,17 +145,24 @@ class Step(Node):
 
 
 @dataclass(frozen=True)
-class Forall(Node):
-    """The minimum over the last trailing axis of an array-valued formula."""
+class Quantifier(Node):
+    """``op variable in group: child``, an order statistic over one trailing axis of the child's values.
 
+    Attributes:
+        op: forall (the minimum), exists (the maximum) or at_least (the ``count``-th largest).
+        variable: The name that stands for a member of the group.
+        group: What it ranges over, such as ``others``.
+        child: The formula.
+        depth: Number of quantifiers around this one, which is also the trailing axis that it reduces.
+        count: Of at_least.
+    """
+
+    op: str
+    variable: str
+    group: str
     child: Node
-
-
-@dataclass(frozen=True)
-class Exists(Node):
-    """The maximum over the last trailing axis of an array-valued formula."""
-
-    child: Node
+    depth: int = 0
+    count: int = 1
 
 
 @dataclass(frozen=True)
@@ -159,7 +179,7 @@ def parts(item: Node | Term) -> Iterator[Node | Term]:
         if isinstance(value, Node | Term):
             yield value
         elif isinstance(value, tuple):
-            yield from value
+            yield from (part for part in value if isinstance(part, Node | Term))
 
 
 def children(node: Node) -> list[Node]:

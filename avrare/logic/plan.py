@@ -1,143 +1,166 @@
-"""How to follow a formula's value at sample 0 from one prefix to the next."""
+"""A formula cut into leaves and cells: what a monitor computes at every sample.
+
+Nested unbounded future operators are carried by ``corners`` tables, so that a step costs the same at every
+sample. Where that does not work, the leaf is evaluated anew on the whole history: more than ``MAX_CORNERS``
+of them in a formula, or one below iff, xor or a quantifier that is itself below a temporal operator.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.logic import formula as f
-from avrare.logic.leaves import Fold, Leaf, Recompute, Wait
-from avrare.logic.memory import Memory, remember
-from avrare.logic.robustness import Evaluator, align
+from avrare.logic.cells import Atom, Cell, Joined, Negated, Quantified, Truth
+from avrare.logic.corners import MAX_CORNERS
+from avrare.logic.leaves import Fold, Leaf, Point, Race, Replay
+from avrare.logic.normal import core, is_endless, obligations, place_quantifiers
+from avrare.logic.robustness import joining
+from avrare.logic.temporal import (
+    FutureWindow,
+    Obligation,
+    PastFold,
+    PastWindow,
+    Since,
+    SinceFold,
+    Until,
+)
 
-Array = NDArray[Any]
 
-
-@dataclass(frozen=True)
+@dataclass
 class Plan:
     """A formula cut into leaves.
 
     Attributes:
         skeleton: Connectives and quantifiers over ``Slot(k)``, the value of leaf k.
         leaves: The parts that change with time.
-        memories: Unbounded past operators below the leaves, as ``Slot(k)`` of the leaves' formulas.
-        window: Samples to keep; ``math.inf``: all.
+        cells: The sub-formulas below the leaves, operands first.
+        obligations: The unbounded future operators among them, by corner axis.
         horizon: The last sample that matters.
-        is_invariant: The formula is ``always φ`` where φ looks only back; its leaf is the only one.
+        settling: Samples after which values repeat once the signals do.
+        reach: Samples that the cells look ahead.
+        body: For ``always φ``, φ looking only back: φ's cell, else None.
     """
 
     skeleton: f.Node
-    leaves: tuple[Leaf, ...]
-    memories: tuple[Memory, ...]
-    window: float
-    horizon: float
-    is_invariant: bool
+    leaves: list[Leaf] = field(default_factory=list)
+    cells: list[Cell] = field(default_factory=list)
+    obligations: list[Obligation] = field(default_factory=list)
+    horizon: float = math.inf
+    settling: int = 0
+    reach: int = 0
+    body: Cell | None = None
 
 
-def make_plan(node: f.Node, memories: bool) -> Plan:
-    """The plan of a formula.
-
-    Args:
-        node: The formula.
-        memories: Whether unbounded past operators are carried along rather than evaluated on all samples.
-    """
-    builder = _Builder(memories)
-    skeleton = builder.cut(hoist(node))
-    kept = tuple(builder.memories)
-    windows = [leaf.window for leaf in builder.leaves] + [memory.window for memory in kept]
-    invariant = isinstance(skeleton, f.Slot) and _is_invariant(builder.leaves[0])
-    return Plan(skeleton, tuple(builder.leaves), kept, max(windows), f.horizon(node), invariant)
-
-
-def hoist(node: f.Node) -> f.Node:
-    """The formula with ``forall (always φ)`` at its root turned into ``always (forall φ)``, its equal."""
-    if not isinstance(node, f.Forall):
-        return node
-    child = hoist(node.child)
-    if isinstance(child, f.Window) and child.op == "always":
-        return f.rebuild(child, f.Forall)
-    return f.Forall(child)
-
-
-def _is_invariant(leaf: Leaf) -> bool:
-    return isinstance(leaf, Fold) and (leaf.op, leaf.lo, leaf.hi, leaf.ahead) == ("always", 0, math.inf, 0)
+def make_plan(node: f.Node, closed: bool) -> Plan:
+    """The plan of a formula; ``closed`` is the reading of until and since."""
+    builder = _Builder(place_quantifiers(core(node)), closed)
+    plan = builder.plan
+    plan.horizon, plan.settling = f.horizon(node), f.settling(builder.root)
+    plan.reach = max((cell.delay for cell in plan.cells), default=0)
+    root = plan.leaves[0]
+    if isinstance(plan.skeleton, f.Slot) and isinstance(root, Fold):
+        looks_back = not (root.cell.delay or root.cell.depends)
+        if looks_back and (root.join, root.lo, root.hi) == (np.minimum, 0, math.inf):
+            plan.body = root.cell
+    return plan
 
 
 class _Builder:
-    def __init__(self, memories: bool) -> None:
-        self.leaves: list[Leaf] = []
-        self.memories: list[Memory] = []
-        self.use_memories = memories
+    def __init__(self, root: f.Node, closed: bool) -> None:
+        self.root, self.closed = root, closed
+        self.cells: dict[f.Node, Cell] = {}
+        self.plan = Plan(root)
+        self.axes: dict[f.Node, int] = {}
+        self.plan.skeleton = self._cut(root, self._collect)
+        self.plan.skeleton = self._cut(root, self._leaf)
 
-    def cut(self, node: f.Node) -> f.Node:
-        """The skeleton of ``node``; its leaves are collected."""
-        match node:
-            case f.Not() | f.Connective() | f.Forall() | f.Exists() if f.horizon(node) > 0:
-                return f.rebuild(node, self.cut)
-            case f.Until(op="unless"):
-                return self.cut(f.expand_unless(node))
-        self.leaves.append(self._leaf(node))
-        return f.Slot(len(self.leaves) - 1)
+    def _cut(self, node: f.Node, visit: Callable[[f.Node], f.Node]) -> f.Node:
+        """The formula with its leaves visited."""
+        if isinstance(node, f.Not | f.Connective | f.Quantifier) and f.horizon(node) > 0:
+            return f.rebuild(node, functools.partial(self._cut, visit=visit))
+        return visit(node)
 
-    def _leaf(self, node: f.Node) -> Leaf:
+    def _collect(self, node: f.Node) -> f.Node:
+        if _fits(node):
+            for part in _below(node):
+                self.axes.setdefault(part, len(self.axes))
+        return node
+
+    def _leaf(self, node: f.Node) -> f.Node:
+        self.plan.leaves.append(self._make(node))
+        return f.Slot(len(self.plan.leaves) - 1)
+
+    def _make(self, node: f.Node) -> Leaf:
+        if not _fits(node) or (len(self.axes) > MAX_CORNERS and _below(node)):
+            return Replay(node, self.closed)
         match node:
-            case f.Window("always" | "eventually" as op, lo, hi, child) if math.isfinite(f.horizon(child)):
-                child, ahead = self._carry(child), int(f.horizon(child))
-                return Fold(op, lo, hi, child, ahead, ahead + f.history(child) + 1)
-            case f.Until("until", lo, hi, left, right) if f.horizon(left) == f.horizon(right) == 0:
-                left, right = self._carry(left), self._carry(right)
-                return Wait(lo, hi, left, right, max(f.history(left), f.history(right)) + 1)
+            case f.Window("always" | "eventually" as op, lo, hi, child):
+                return Fold(joining(op), lo, hi, self._cell(child))
+            case f.Until("until" | "release" as op, lo, hi, left, right):
+                return Race(joining(op), lo, hi, (self._cell(left), self._cell(right)), self.closed)
             case _:
-                return Recompute(node, f.horizon(node))
+                return Point(self._cell(node))
 
-    def _carry(self, node: f.Node) -> f.Node:
-        return remember(node, self.memories) if self.use_memories else node
+    def _cell(self, node: f.Node) -> Cell:
+        if node not in self.cells:
+            cell = self._new(node, [self._cell(child) for child in f.children(node)])
+            cell.index = len(self.plan.cells)
+            self.plan.cells.append(cell)
+            self.cells[node] = cell
+        return self.cells[node]
+
+    def _new(self, node: f.Node, children: list[Cell]) -> Cell:
+        match node:
+            case f.Comparison():
+                return Atom(node)
+            case f.Constant(value):
+                return Truth(math.inf if value else -math.inf)
+            case f.Connective(op):
+                return Joined(op, *children)
+            case f.Not():
+                return Negated(*children)
+            case f.Quantifier():
+                return Quantified(node, *children)
+            case f.Window(op, lo, hi) | f.Until(op, lo, hi):
+                return self._temporal(node, op, lo, hi, children)
+        raise TypeError(f"not a formula: {node!r}")
+
+    def _temporal(self, node: f.Node, op: str, lo: int, hi: float, children: list[Cell]) -> Cell:
+        join, closed, past = joining(op), self.closed, op in f.PAST
+        single = len(children) == 1
+        if is_endless(node):
+            obligation = Obligation(join, children, closed=closed)
+            obligation.bind(self.axes[node], len(self.axes))
+            self.plan.obligations.append(obligation)
+            self.plan.obligations.sort(key=lambda cell: cell.obligation or 0)
+            return obligation
+        if math.isinf(hi):
+            cell = (PastFold if single else SinceFold)(join, children, past=True, closed=closed)
+            cell.keep = 1
+            return cell
+        kinds = (PastWindow, Since) if past else (FutureWindow, Until)
+        return kinds[0 if single else 1](join, children, (lo, int(hi)), past=past, closed=closed)
 
 
-def prefix_values(plan: Plan, evaluate: Evaluator) -> Array:
-    """The value at sample 0 of every prefix: (T, N).
-
-    Args:
-        plan: Made without memories.
-        evaluate: Evaluator of the whole traces.
-    """
-    values = [_series(leaf, evaluate) for leaf in plan.leaves]
-    return combine(plan, evaluate, values)
+def _below(leaf: f.Node) -> list[f.Node]:
+    """The unbounded future operators below a leaf's own operator."""
+    if isinstance(leaf, f.Window | f.Until) and leaf.op in f.FUTURE:
+        return list(dict.fromkeys(part for child in f.children(leaf) for part in obligations(child)))
+    return obligations(leaf)
 
 
-def combine(plan: Plan, evaluate: Evaluator, values: Sequence[Array]) -> Array:
-    """The formula's value from its leaves' values, (T, N, ...) each."""
-    root = Evaluator({}, len(values[0]), evaluate.rows, evaluate.algebra, evaluate.closed, values)
-    return root(plan.skeleton)
-
-
-def _series(leaf: Leaf, evaluate: Evaluator) -> Array:
-    if isinstance(leaf, Fold) and leaf.ahead == 0:
-        return _running(leaf.lo, leaf.hi, *evaluate.reduction(leaf.op), evaluate(leaf.child))
-    if isinstance(leaf, Wait):
-        left, right = np.broadcast_arrays(*align(evaluate(leaf.left), evaluate(leaf.right)))
-        held = np.minimum.accumulate(left, axis=0)
-        if not evaluate.closed:
-            held = np.concatenate([np.full_like(held[:1], evaluate.algebra.top), held[:-1]])
-        return _running(leaf.lo, leaf.hi, np.maximum, evaluate.algebra.bottom, np.minimum(right, held))
-    carried, values = None, []
-    for t in range(int(min(leaf.horizon + 1, evaluate.steps))):
-        carried, value = leaf.step(evaluate.last(t + 1, leaf.window), t, carried)
-        values.append(value)
-    values += values[-1:] * (evaluate.steps - len(values))
-    return np.stack(values)
-
-
-def _running(lo: int, hi: float, join: np.ufunc, empty: Any, x: Array) -> Array:
-    """``y[t]`` = join over ``x[lo .. min(hi, t)]``."""
-    y = np.full_like(x, empty)
-    end = int(min(hi + 1, len(x)))
-    if lo < end:
-        y[lo:end] = join.accumulate(x[lo:end], axis=0)
-        y[end:] = y[end - 1]
-    return y
+def _fits(leaf: f.Node) -> bool:
+    """Whether tables over corners can carry the leaf."""
+    if len(_below(leaf)) > MAX_CORNERS:
+        return False
+    return not any(
+        obligations(part)
+        for part in f.walk(leaf)
+        if isinstance(part, f.Not | f.Quantifier)
+        or (isinstance(part, f.Connective) and part.op in ("iff", "xor"))
+    )

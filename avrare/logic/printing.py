@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from avrare.logic import formula as f
+from avrare.logic.tokens import PREFIX_LETTERS
 
 _TIGHT = (f.Number, f.Signal, f.Call, f.Constant)
 
@@ -16,8 +17,8 @@ def text(item: f.Node | f.Term) -> str:
             return _formula(item)
         case f.Number(value):
             return repr(value).removesuffix(".0")
-        case f.Signal(name):
-            return name
+        case f.Signal(name, arguments):
+            return f"{name.split('(')[0]}({', '.join(arguments)})" if arguments else name
         case f.Negative(operand):
             # Without parentheses a minus before a number would be read as part of the number.
             return f"-({text(operand)})"
@@ -41,25 +42,32 @@ def _formula(node: f.Node) -> str:
         case f.Connective(op, left, right):
             return f"{_inside(left)} {'->' if op == 'implies' else op} {_inside(right)}"
         case f.Window(op, lo, hi, child):
-            return f"{op}{_bounds(lo, hi)} {_inside(child)}"
+            return f"{op}{bounds(lo, hi)} {_inside(child)}"
         case f.Until(op, lo, hi, left, right):
-            return f"{_inside(left)} {op}{_bounds(lo, hi)} {_inside(right)}"
+            return f"{_inside(left)} {op}{bounds(lo, hi)} {_inside(right)}"
         case f.Step(op, child):
             return f"{op} ({text(child)})"
-        case f.Forall(child):
-            return f"forall o in others: {text(child)}"
-        case f.Exists(child):
-            return f"exists o in others: {text(child)}"
+        case f.Quantifier(child=child):
+            return f"{head(node)} {text(child)}"
     raise TypeError(f"not a formula: {node!r}")
 
 
 def _inside(item: f.Node | f.Term) -> str:
     if isinstance(item, f.Predicate):
         return _inside(item.term)
-    return text(item) if isinstance(item, _TIGHT) else f"({text(item)})"
+    # G - 1 would be refused: G may be the operator.
+    letter = isinstance(item, f.Signal) and item.name in PREFIX_LETTERS
+    return text(item) if isinstance(item, _TIGHT) and not letter else f"({text(item)})"
 
 
-def _bounds(lo: int, hi: float) -> str:
+def head(node: f.Quantifier) -> str:
+    """A quantifier up to its colon."""
+    count = f" {node.count}" if node.op == "at_least" else ""
+    return f"{node.op}{count} {node.variable} in {node.group}:"
+
+
+def bounds(lo: int, hi: float) -> str:
+    """Bounds in samples; none for ``[0, inf]``."""
     if lo == 0 and math.isinf(hi):
         return ""
     return f"[{lo}:{'inf' if math.isinf(hi) else int(hi)} samples]"

@@ -13,6 +13,8 @@ from avrare.errors import FormulaError, did_you_mean
 
 Array = NDArray[Any]
 
+_BLOCK = 7_500
+"""Numbers per array of a block: small enough that allocating and walking it is cheap."""
 _SHAPE_HINT = "give arrays (N, T), or (T,) for one trace"
 
 
@@ -21,7 +23,7 @@ class Trace:
     """Signals over time.
 
     Attributes:
-        samples: name -> (T, N, ...).
+        samples: name -> (T, N, ...), views of the user's arrays.
         steps: T.
         rows: N.
         single: The user gave (T,) arrays, one trace without a batch axis.
@@ -31,6 +33,21 @@ class Trace:
     steps: int
     rows: int
     single: bool
+
+    def at(self, t: int) -> dict[str, Array]:
+        """Sample ``t``, (N, ...) each."""
+        return {name: x[t] for name, x in self.samples.items()}
+
+    def blocks(self) -> list[slice]:
+        """The rows in blocks whose arrays stay in the processor's cache."""
+        size = max(x[:, :1].size for x in self.samples.values()) if self.rows else 1
+        count = max(1, _BLOCK // max(size, 1))
+        return [slice(first, first + count) for first in range(0, max(self.rows, 1), count)]
+
+    def take(self, rows: slice) -> Trace:
+        """The traces ``rows``."""
+        samples = {name: x[:, rows] for name, x in self.samples.items()}
+        return Trace(samples, self.steps, next(iter(samples.values())).shape[1], self.single)
 
 
 def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
@@ -54,7 +71,7 @@ def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
     rows, steps = next(iter(arrays.values())).shape[:2]
     if steps == 0:
         raise FormulaError("the signals have no samples", "a trace has at least one sample")
-    samples = {name: np.ascontiguousarray(np.moveaxis(array, 1, 0)) for name, array in arrays.items()}
+    samples = {name: array.swapaxes(0, 1) for name, array in arrays.items()}
     return Trace(samples, steps, rows, single)
 
 

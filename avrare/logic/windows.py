@@ -7,12 +7,27 @@ holds for until, seen as the composition of the maps ``x -> max(p, min(q, x))`` 
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+_NARROW, _WIDE = 32, 96
+"""Numbers per sample below which ``ufunc.accumulate`` is the fastest way along time, from which a loop is."""
+
+
+def neutral(join: np.ufunc) -> float:
+    """The value of ``np.minimum`` or ``np.maximum`` over nothing."""
+    return math.inf if join is np.minimum else -math.inf
+
+
+def other(join: np.ufunc) -> np.ufunc:
+    """``np.maximum`` for ``np.minimum`` and the other way round."""
+    return np.maximum if join is np.minimum else np.minimum
 
 
 def shift(x: Array, by: int, fill: Any) -> Array:
@@ -28,33 +43,49 @@ def shift(x: Array, by: int, fill: Any) -> Array:
     return y
 
 
-def sliding(x: Array, lo: int, hi: float, join: np.ufunc, empty: Any) -> Array:
-    """``y[i]`` = join over ``x[i + lo .. i + hi]`` clipped to the trace; ``empty`` where nothing is left.
+def accumulate(join: np.ufunc, x: Array, own: bool = False) -> Array:
+    """``y[i]`` = join over ``x[0 .. i]``, in place if ``x`` is no longer needed."""
+    if not len(x) or x[0].size < _NARROW:
+        return np.asarray(join.accumulate(x, axis=0))
+    y = x if own else x.copy()
+    for before, row in itertools.pairwise(y):
+        join(before, row, out=row)
+    return y
+
+
+def sliding(x: Array, lo: int, hi: float, join: np.ufunc, own: bool = False) -> Array:
+    """``y[i]`` = join over ``x[i + lo .. i + hi]`` clipped to the trace; neutral where nothing is left.
 
     Args:
         x: (T, ...).
         lo: First sample of the window, at least 0.
         hi: Last sample of the window, at least ``lo``; may be infinite.
         join: ``np.minimum`` or ``np.maximum``.
-        empty: The neutral element of ``join``.
+        own: ``x`` is no longer needed and may be overwritten.
     """
     steps = x.shape[0]
     if lo >= steps:
-        return np.full_like(x, empty)
-    if hi >= steps - 1:
-        y: Array = join.accumulate(x[::-1], axis=0)[::-1]
-        return shift(y, lo, empty)
-    width, covered = int(hi) - lo + 1, 1
-    y = x
+        return np.full_like(x, neutral(join))
+    if hi >= steps - 1 and not _NARROW <= x[0].size < _WIDE:
+        return shift(accumulate(join, x[::-1], own)[::-1], lo, neutral(join))
+    width, covered = int(min(hi, steps - 1)) - lo + 1, 1
+    y, spare = x, None
     while covered < width:
         by = min(covered, width - covered)
-        y = y.copy() if y is x else y
-        join(y[:-by], y[by:], out=y[:-by])
+        y, spare = _joined(join, y, by, spare), (y if own or y is not x else None)
         covered += by
-    return shift(y, lo, empty)
+    return shift(y, lo, neutral(join))
 
 
-def until(left: Array, right: Array, lo: int, hi: float, closed: bool, top: Any, bottom: Any) -> Array:
+def _joined(join: np.ufunc, x: Array, by: int, out: Array | None) -> Array:
+    """``y[i]`` = join of ``x[i]`` and ``x[i + by]``; two arrays in turn, as NumPy copies what overlaps."""
+    y = np.empty(x.shape, x.dtype) if out is None else out
+    join(x[:-by], x[by:], out=y[:-by])
+    y[-by:] = x[-by:]
+    return y
+
+
+def until(left: Array, right: Array, lo: int, hi: float, closed: bool, join: np.ufunc = np.maximum) -> Array:
     """``max over k in [i+lo, i+hi] of min(right[k], min of left[i..k])`` clipped to the trace.
 
     Args:
@@ -63,21 +94,31 @@ def until(left: Array, right: Array, lo: int, hi: float, closed: bool, top: Any,
         lo: First sample where the witness may be.
         hi: Last sample where the witness may be; may be infinite.
         closed: Whether ``left`` must hold at the witness too (else on ``i..k-1`` only).
-        top: Value of true.
-        bottom: Value of false.
+        join: ``np.maximum``; ``np.minimum`` gives the dual, with minimum and maximum changing places.
     """
-    steps = left.shape[0]
+    meet, steps = other(join), left.shape[0]
     if lo >= steps:
-        return np.full_like(left, bottom)
+        return np.full_like(left, neutral(join))
     width, covered = int(min(hi, steps - 1)) - lo + 1, 1
-    p = np.minimum(left, right) if closed else right.copy()
-    q = left.copy()
+    p = np.asarray(meet(left, right)) if closed else right.copy()
+    q, spare = left, None
     while covered < width:
         by = min(covered, width - covered)
-        np.maximum(p[:-by], np.minimum(q[:-by], p[by:]), out=p[:-by])
-        np.minimum(q[:-by], q[by:], out=q[:-by])
+        join(p[:-by], meet(q[:-by], p[by:]), out=p[:-by])
         covered += by
+        if covered < width:
+            q, spare = _joined(meet, q, by, spare), (None if q is left else q)
     if lo == 0:
         return p
-    waiting = sliding(left, 0, lo - 1, np.minimum, top)
-    return np.minimum(waiting, shift(p, lo, bottom))
+    return np.asarray(meet(sliding(left, 0, lo - 1, meet), shift(p, lo, neutral(join))))
+
+
+def until_first(left: Array, right: Array, lo: int, closed: bool, join: np.ufunc = np.maximum) -> Array:
+    """``until(left, right, lo, inf, ...)[0]``, in one pass."""
+    meet = other(join)
+    if lo >= len(left):
+        return np.full_like(left[0], neutral(join))
+    held = accumulate(meet, left)
+    if not closed:
+        held = np.concatenate([np.full_like(held[:1], neutral(meet)), held[:-1]])
+    return np.asarray(join.reduce(meet(right[lo:], held[lo:]), axis=0))

@@ -145,7 +145,7 @@ GOOD = np.zeros((2, 3))
         ("p", {"p": np.zeros((2, 0))}, "no samples"),
         ("p", {"p": np.array([1.0, np.nan])}, "NaN at index"),
         ("p", {"p": np.zeros((2, 3, 4))}, "trailing axis"),
-        ("forall o in others: p", {"p": GOOD}, "axis to reduce"),
+        ("forall o in others: p", {"p": GOOD}, "depends on o"),
         ("log(p - 1) > 0", {"p": GOOD}, "no value"),
         ("forall o in o: p and q", {"p": np.zeros((2, 3, 4)), "q": np.zeros((2, 3, 5))}, "meet"),
         ("true", {}, "no signals"),

@@ -95,7 +95,7 @@ def test_precedence(text, reading):
         ("others > 1 and samples > 2", ("others", "samples")),
         ("true", ()),
         ("p > q and q > p", ("p", "q")),
-        ("forall in in in: in > 0", ("in",)),
+        ("forall in in in: in(in) > 0", ("in(in)",)),
     ],
 )
 def test_names(text, names):
@@ -154,7 +154,7 @@ def test_bounds_are_exact(text, dt, horizon):
         ("inf > 2", 1, "'inf'", "bound"),
         ("abs(p, q) > 1", 1, "abs takes 1 argument", ""),
         ("max(p) > 1", 1, "two or more", ""),
-        ("a -> forall o in b: c", 6, "'forall'", "parentheses"),
+        ("a forall o in b: c", 3, "'forall'", ""),
         ("1e999 > p", 1, "too large", ""),
         ("always[0,1e999999999] p", 10, "out of range", ""),
         ("F[1e-999999999,1] p", 3, "out of range", ""),

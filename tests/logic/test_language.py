@@ -1,0 +1,449 @@
+"""Definitions, vehicles, warnings, printing, odd texts, and every example of docs/formulas.md."""
+
+import itertools
+import random
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from avrare.errors import FormulaError
+from avrare.logic import formula as f
+from avrare.logic import stl
+from avrare.logic.complaints import Complaint
+from avrare.logic.layout import pretty
+from avrare.logic.parse import parse, parse_with_warnings
+from avrare.logic.printing import text as printed
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "formulas.md").read_text()
+
+
+def rows(*header):
+    """The rows of the page's tables with this header, the backticked texts of each cell."""
+    found, inside = [], False
+    for line in PAGE.splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        inside = bool(cells) and (inside or cells == list(header))
+        if inside and cells != list(header) and not set(line) <= set("|-"):
+            found.append([cell.replace("\\|", "|") for cell in cells])
+    assert found
+    return found
+
+
+def code(cell):
+    return re.findall(r"`([^`]+)`", cell)
+
+
+@pytest.mark.parametrize("text", re.findall(r"```stl\n(.*?)```", PAGE, re.DOTALL))
+def test_the_page_s_formulas_are_read_without_a_warning(text):
+    node, warnings = parse_with_warnings(text)
+    assert not warnings
+    assert parse(printed(node)) == node
+
+
+@pytest.mark.parametrize("row", rows("You may write", "It reads as"), ids=str)
+def test_the_page_s_readings(row):
+    assert parse(code(row[0])[0]) == parse(code(row[1])[0])
+
+
+@pytest.mark.parametrize("row", rows("Operator", "Also written", "True at a sample if"), ids=str)
+def test_the_page_s_spellings(row):
+    (name,) = code(row[0])
+    assert all(parse(other) == parse(name) for other in code(row[1]))
+
+
+@pytest.mark.parametrize("row", rows("Refused", "Because"), ids=str)
+def test_what_the_page_says_is_refused(row):
+    with pytest.raises(FormulaError) as caught:
+        parse(code(row[0])[0])
+    assert row[1] in caught.value.message
+
+
+@pytest.mark.parametrize("row", rows("Warned", "Because"), ids=str)
+def test_what_the_page_says_is_warned_about(row):
+    (warning,) = parse_with_warnings(code(row[0])[0])[1]
+    assert row[1] in warning.message
+
+
+def test_the_page_s_quantifiers_and_order_of_binding():
+    for cells in rows("Quantifier", "True if the formula holds for", "Robustness"):
+        assert isinstance(parse(code(cells[0])[0]), f.Quantifier)
+    names = [code(cells[0])[0] for cells in rows("Operator", "Also written", "True at a sample if")]
+    infix = [re.fullmatch(r"p (\S+) q", name)[1] for name in names if name.startswith("p ")]
+    for tight, loose in itertools.pairwise(infix):
+        assert parse(f"p {tight} q {loose} r") == parse(f"(p {tight} q) {loose} r")
+        assert parse(f"p {loose} q {tight} r") == parse(f"p {loose} (q {tight} r)")
+
+
+@pytest.mark.parametrize(
+    ("text", "filled_in"),
+    [
+        ("out = always (p > 0)", "always (p > 0)"),
+        ("a = p > 0\nout = always a\n", "always (p > 0)"),
+        ("a = p > 0; out = always a;", "always (p > 0)"),
+        (";;a = p > 0;\n\n;out = always a;;", "always (p > 0)"),
+        ("a = p > 0\nalways\n  (a)\n  and a", "(always (p > 0)) and p > 0"),
+        ("gap = front - rear\nalways (2 * gap > 1)", "always (2 * (front - rear) > 1)"),
+        ("gap = front - rear\ngap and q", "front - rear and q"),
+        ("a = x(c)\nb(o) = a and y(o)\nb(d)", "x(c) and y(d)"),
+        ("f(o) = x(o) and prev not x(o)\nforall p in others: f(p)",
+         "forall p in others: x(p) and prev not x(p)"),
+        ("f(a, b) = x(b, a)\nforall a in others: f(ego, a)", "forall a in others: x(a, ego)"),
+        ("n(a) = exists o in others: x(a, o)\nn(car) and n(ego)",
+         "(exists o in others: x(car, o)) and (exists o in others: x(ego, o))"),
+        ("n(a) = exists o in others: x(a, o)\nforall o in others: n(o)",
+         "forall o in others: exists o_2 in others: x(o, o_2)"),
+        ("n(a) = exists o in others: x(a, o)\nforall o_2 in others: forall o in others: n(o) and y(o_2)",
+         "forall o_2 in others: forall o in others: (exists o_3 in others: x(o, o_3)) and y(o_2)"),
+        ("n(a) = exists o in others: x(a, o)\nn(o)", "exists o_2 in others: x(o, o_2)"),
+        ("const float c = 2.5\nconst int n = 2\nalways[0:n] (p * n > c)", "always[0,2] (p * 2 > 2.5)"),
+        ("const float c = -2.5\np > c", "p > -2.5"),
+        ("const int n = 500\nF[0,n ms] p", "F[0,500ms] p"),
+        ("const int k = 2\nat_least k o in others: x(o)", "at_least 2 o in others: x(o)"),
+        ("k = 3\nonce[k,inf] p", "once[3,inf] p"),
+        ("a = G > 0\nF a", "F (G > 0)"),
+        ("a = p > 0\nG a", "always (p > 0)"),
+        ("a = p > 0\n[]{a}", "always (p > 0)"),
+        ("U = p > 0\nq U U", "q until (p > 0)"),
+        ("float x\ninput float y; output T z\nx > y // z\n", "x > y"),
+        ("specification a\nfrom m.n import T\n@ topic(x, r/x)\nT x\ninput T c\nx.v > 0", "x.v > 0"),
+        ("/* a\nfloat b */ x # y\n and // z\r\n q", "x and q"),
+        ("float > 0 and const and input", "(float > 0) and const and input"),
+        ("a = x\n(a > 1)", "x > 1"),
+        ("x > 1\n- y", "x > (1 - y)"),
+        ("at_least 2\no in others: x(o)", "at_least 2 o in others: x(o)"),
+        ("a.b = p > 0\na.b", "p > 0"),
+    ],
+)  # fmt: skip
+def test_definitions_are_filled_in(text, filled_in):
+    assert parse(text, dt=0.5) == parse(filled_in, dt=0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "filled_in"),
+    [
+        ("p and exists o in others: x(o) or q", "p and (exists o in others: (x(o) or q))"),
+        ("p -> forall o in others: x(o) -> q", "p -> (forall o in others: (x(o) -> q))"),
+        ("always forall o in others: x(o) and p", "always (forall o in others: (x(o) and p))"),
+        ("not exists o in others: x(o)", "not (exists o in others: x(o))"),
+        ("p until[0,2] exists o in cars: x(o) since q", "p until[0,2] (exists o in cars: (x(o) since q))"),
+        ("(forall o in others: x(o)) and p", "p and q and (forall o in others: x(o))"),
+    ],
+)
+def test_a_quantifier_extends_as_far_right_as_possible(text, filled_in):
+    same = parse(text) == parse(filled_in)
+    assert same == (not text.startswith("("))
+
+
+def test_relations_know_their_axes_wherever_a_definition_is_used():
+    text = "n(a) = exists b in cars: x(b, a, ego)\nforall c in others: (n(c) or not n(c)) and n(car_1)"
+    relations = [part for part in f.walk(parse(text)) if isinstance(part, f.Signal)]
+    assert {(each.name, each.axes) for each in relations} == {
+        ("x(cars, others, ego)", (1, 0)), ("x(cars, car_1, ego)", (1,)),
+    }  # fmt: skip
+
+
+def test_a_text_with_definitions_evaluates_like_one_without():
+    rng = np.random.default_rng(0)
+    signals = {name: rng.normal(size=(7, 12, 3)) for name in ("cut(others, ego)", "safe(ego, others)")}
+    formula = stl("new(o) = cut(o, ego) and prev not cut(o, ego)\n"
+                  "forall o in others: always (new(o) -> once[0,2] (safe(ego, o)))")  # fmt: skip
+    plain = stl("forall o in others: always "
+                "((cut(o, ego) and prev not cut(o, ego)) -> once[0,2] (safe(ego, o)))")  # fmt: skip
+    together = formula.robustness(signals)
+    assert np.array_equal(together, plain.robustness(signals))
+    alone = [formula.robustness({name: x[i : i + 1] for name, x in signals.items()})[0] for i in range(7)]
+    assert np.array_equal(together, np.stack(alone))
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "message", "hint"),
+    [
+        ("a = p\na = q\na", (2, 1), "defined twice", "line 1"),
+        ("a = b\nb = p\na", (1, 5), "below its use", "line 2"),
+        ("a = not a\na", (1, 9), "by itself", ""),
+        ("f(o) = x(o)\nf(o, p)", (2, 1), "takes 1 argument, not 2", "f(o)"),
+        ("f(o) = x(o)\nf", (2, 1), "takes 1 argument, not 0", "f(o)"),
+        ("a = p\na(o)", (2, 1), "takes no arguments, not 1", ""),
+        ("f(o, o) = x(o)\nf(p, q)", (1, 1), "the same name", ""),
+        ("f(3) = x(o)\nf(p)", (1, 3), "no name of a parameter", ""),
+        ("f(o) = x(o)", (1, 1), "only defined", "forall"),
+        ("f(o) = o > 1\nf(p)", (1, 8), "stands for a vehicle", ""),
+        ("near_o = x(o)\nforall o in others: near_o", (1, 12), "not the one of the quantifier", "parameter"),
+        ("high = o > 1\nforall o in others: x(o) and high", (1, 8), "not the one of the quantifier", ""),
+        ("a = p > 0\na + 1 > 2", (2, 1), "a number is needed", ""),
+        ("a = p > 0\nforall a in others: x(a)", (2, 8), "the name of a definition", ""),
+        ("const float c = 3", (1, 15), "defines a number", "last statement"),
+        ("p > 0\nq > 0", (2, 1), "ended before", "join"),
+        ("a = p > 1\n-q > 0", (2, 1), "may go on", ""),
+        ("a = p b = q", (1, 7), "'b'", "new line"),
+        ("always = p", (1, 8), "'='", "another name"),
+        ("min(o) = p", (1, 8), "'='", "another name"),
+        ("float x = 3\nx", (1, 7), "'x'", "const float"),
+        ("p => q", (1, 4), "'>'", "->"),
+        ("F[0,c] p", (1, 5), "c is not defined", "const"),
+        ("const float c = -1\nF[0,c] p", (2, 5), "not a number of zero or above", ""),
+        ("const float c = 0.5\nF[0,c] p", (2, 5), "not a whole multiple", ""),
+        ("at_least 2.5 o in others: x(o)", (1, 10), "no whole number", ""),
+        ("at_least o in others: x(o)", (1, 15), "'in' is expected", ""),
+        ("near(o, 3)", (1, 9), "not about numbers", ""),
+        ("near(o, -o2)", (1, 9), "not about numbers", ""),
+        ("near(ego, x > 3)", (1, 11), "not about formulas", ""),
+        ("sqr(x) > 1", (1, 4), "no operator", "'sqrt'"),
+        ("Always (x < 4)", (1, 8), "no operator", "'always'"),
+        ("floor(x / 2) > 1", (1, 6), "no operator", "relations"),
+        ("forall other in others: x(othr)", (1, 27), "binds othr", "'other'"),
+        ("forall o in others: x(O)", (1, 23), "binds O", "'o'"),
+        ("forall o in cars: x(o, cars)", (1, 24), "a group", "forall"),
+        ("exists[2] o in others: x(o)", (1, 7), "'['", "at_least"),
+        ("(p > 0}", (1, 7), "does not close", ""),
+        ("p > 0}", (1, 6), "'}'", ""),
+        ("p ∧ q", (1, 3), "'∧'", "and"),
+        ("p > ٣", (1, 5), "'٣'", ""),
+        ("p $ q", (1, 3), "'$'", ""),
+        ("p and /* q", (1, 7), "a comment starts", "*/"),
+        ("p /* q", (1, 4), "a comment", "*/"),
+        ("# only\n// comments", (1, 1), "ends early", ""),
+        ("p and # q\n", (1, 6), "ends early", ""),
+        (" ; \n ;", (1, 1), "ends early", ""),
+        ("always[0,3", (1, 11), "closing bracket", ""),
+        ("p until[0 q", (1, 11), "'q'", "[0,3]"),
+        ("forall o in others p", (1, 20), "a colon", ""),
+        ("F[0," + "1" * 5000 + "] p", (1, 5), "out of range", ""),
+    ],
+)  # fmt: skip
+def test_errors_point_at_the_place(text, place, message, hint):
+    with pytest.raises(FormulaError) as caught:
+        parse(text)
+    first, shown, mark = caught.value.message.split("\n")
+    assert first.startswith(f"line {place[0]}, column {place[1]}: ")
+    assert message in first
+    assert (shown, mark) == ("  " + text.split("\n")[place[0] - 1], "  " + " " * (place[1] - 1) + "^")
+    assert hint in (caught.value.hint or "")
+
+
+@pytest.mark.parametrize(
+    "text", ["next_to(o, ego)", "forall o in others: exits(o)", "speed(car_13) > 3", "rises(ego)", "G > 1"]
+)
+def test_names_like_those_of_operators_are_fine_where_they_are_clear(text):
+    assert parse_with_warnings(text)[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ("always p and q", [1]),
+        ("p > 1 -> always[0,3] p -> q", None),
+        ("p and G not q or r", [7]),
+        ("always p until q", [1]),
+        ("F p xor (q)", [1, 5]),
+        ("not once p -> q", [5]),
+        ("prev p and q or r", [1]),
+        ("(always p) and q", []),
+        ("always (p) and q", []),
+        ("always {p} and q", []),
+        ("p and always q", []),
+        ("always eventually[0,2] (p > 1) and (q)", []),
+        ("not p and q", []),
+        ("rise(p) and q", []),
+        ("p and not once[0,1](a and prev not b) -> q", []),
+        ("forall o in others: always x(o) -> y(o)", [21]),
+        ("p iff q iff r", [3]),
+        ("p == 1 and q == 2 and q !== 2", [3, 25]),
+        ("a = p; b = a; c = q; c", [8]),
+        ("a = b", [3]),
+        ("a = b; c = a", []),
+    ],
+)
+def test_warnings(text, columns):
+    if columns is None:
+        with pytest.raises(FormulaError):
+            parse(text)
+        return
+    node, warnings = parse_with_warnings(text)
+    assert node == parse(text)
+    assert [int(re.search(r"column (\d+): ", each.message)[1]) for each in warnings] == columns
+    for warning, column in zip(warnings, columns, strict=True):
+        assert isinstance(warning, Complaint)
+        assert warning.message.split("\n")[1:] == ["  " + text, "  " + " " * (column - 1) + "^"]
+        assert warning.hint
+
+
+# --- printing -----------------------------------------------------------------------------------------------
+
+NAMES = ("p", "q.r", "G", "U", "ev", "min", "s", "in", "float")
+STEPS = ["next", "prev", "s_next", "s_prev", "rise", "fall"]
+WINDOWS = st.sampled_from(["always", "eventually", "historically", "once"])
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False).map(f.Number)
+
+
+def terms(bound):
+    """Random terms; ``bound``: the quantified vehicles, outermost first, and their groups."""
+    vehicles = st.lists(st.sampled_from(["ego", "bus", *(name for name, _ in bound)]), min_size=1, max_size=3)
+    leaves = (
+        NUMBERS | st.sampled_from(NAMES).map(f.Signal) | vehicles.map(lambda words: relation(words, bound))
+    )
+    return st.recursive(
+        leaves,
+        lambda inner: st.one_of(
+            inner.map(f.Negative),
+            st.builds(f.Arithmetic, st.sampled_from("+-*/"), inner, inner),
+            st.tuples(inner).map(lambda x: f.Call("sqrt", x)),
+            st.tuples(inner, inner).map(lambda x: f.Call("max", x)),
+        ),
+        max_leaves=4,
+    )  # fmt: skip
+
+
+def relation(words, bound):
+    depth = {name: i for i, (name, _) in enumerate(bound)}
+    groups = [bound[depth[word]][1] if word in depth else word for word in words]
+    axes = tuple(depth[word] for word in words if word in depth)
+    return f.Signal(f"near({', '.join(groups)})", tuple(words), axes)
+
+
+@st.composite
+def formulas(draw, bound=(), size=4):
+    kind = draw(st.integers(0, 8)) if size else draw(st.integers(0, 2))
+    below = formulas(bound, size - 1)
+    match kind:
+        case 0:
+            return f.Predicate(draw(terms(bound)))
+        case 1:
+            return f.Comparison(
+                draw(st.sampled_from(["<", "<=", ">", ">=", "==", "!="])),
+                draw(terms(bound)),
+                draw(terms(bound)),
+            )
+        case 2:
+            return f.Constant(draw(st.booleans()))
+        case 3:
+            return f.Not(draw(below))
+        case 4:
+            return f.Connective(
+                draw(st.sampled_from(["and", "or", "implies", "iff", "xor"])), draw(below), draw(below)
+            )
+        case 5:
+            return f.Step(draw(st.sampled_from(STEPS)), draw(below))
+        case 6:
+            return f.Window(draw(WINDOWS), *draw(spans()), draw(below))
+        case 7:
+            op = draw(st.sampled_from(["until", "since", "unless"]))
+            return f.Until(op, *draw(spans()), draw(below), draw(below))
+        case _:
+            depth, count = len(bound), draw(st.integers(1, 3))
+            op = "at_least" if count > 1 else draw(st.sampled_from(["forall", "exists", "at_least"]))
+            new = (f"o{depth}", draw(st.sampled_from(["others", "cars"])))
+            used = f.Predicate(relation([new[0], "ego"], (*bound, new)))
+            child = f.Connective("and", draw(formulas((*bound, new), size - 1)), used)
+            return f.Quantifier(op, *new, child, depth, count)
+
+
+def spans():
+    return st.tuples(st.integers(0, 9), st.integers(9, 20) | st.just(float("inf")))
+
+
+@settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(formulas())
+def test_printed_formulas_parse_to_the_same(node):
+    node = parse(printed(node))  # the tree may say -3 as Number(-3) or as Negative(Number(3))
+    assert parse(printed(node), dt=0.1) == node
+    for width in (1, 30, 88):
+        again, warnings = parse_with_warnings(pretty(node, width), dt=0.1)
+        assert again == node
+        assert not [each for each in warnings if "binds tighter" in each.message]
+
+
+def test_pretty_breaks_long_lines():
+    node = parse(
+        "forall o in others: always (in_front(o, ego) and near(o, ego) -> (speed(o) > 3 or (p until q)))"
+    )
+    assert pretty(node, 200) == (
+        "forall o in others: always (in_front(o, ego) and near(o, ego) -> speed(o) > 3 or p until q)"
+    )
+    assert (
+        pretty(node, 42)
+        == """\
+forall o in others:
+    always (
+        in_front(o, ego) and near(o, ego)
+        -> speed(o) > 3 or p until q
+    )"""
+    )
+
+
+# --- odd texts ----------------------------------------------------------------------------------------------
+
+SEEDS = [
+    *re.findall(r"```stl\n(.*?)```", PAGE, re.DOTALL),
+    "always[0:3s] (p > 0.2) and not (q - 1 >= -2 * r) until[1,inf] rise(x)",
+    "at_least 2 o in others: F[0,2 samples] {near(o, ego)} <-> []{p} || !q; ",
+]
+PIECES = [
+    *sorted({token for text in SEEDS for token in re.findall(r"\w+|[^\w\s]+|\s+", text)}),
+    "\n", "=", "G", "F", "U", "S", "X", "ev", "alw_", "const float ", "float x\n", "inf", "/*", "//", "é",
+    "\x00", "1e999", "[t]", "{", "}", "[", "]", "(", ")", "<>", "^", "@", "in", "not", "-", ":", ",", "\r",
+    "\t", "forall",
+]  # fmt: skip
+
+
+def attempt(text):
+    """The formula, or the error; anything else than a FormulaError fails the test."""
+    try:
+        node, warnings = parse_with_warnings(text, 0.1)
+    except FormulaError as error:
+        return error.message
+    assert all(isinstance(each, Complaint) for each in warnings)
+    assert parse(printed(node), 0.1) == node
+    return node
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_tokens_are_formulas_or_errors(seed):
+    rng = random.Random(seed)
+    found = [
+        attempt("".join(rng.choice(PIECES) + rng.choice(["", " "]) for _ in range(rng.randint(1, 12))))
+        for _ in range(500)
+    ]
+    assert any(isinstance(each, f.Node) for each in found)
+    assert any(isinstance(each, str) for each in found)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_changes_of_formulas_are_formulas_or_errors(seed):
+    rng = random.Random(seed)
+    found = []
+    for _ in range(300):
+        tokens = re.findall(r"\w+|[^\w\s]|\s+", rng.choice(SEEDS))
+        for _ in range(rng.randint(1, 4)):
+            i, j = rng.randrange(len(tokens) + 1), rng.randrange(len(tokens) + 1)
+            tokens[i : i + rng.randint(0, 2)] = rng.choice([[], [rng.choice(PIECES)], tokens[j : j + 3]])
+        found.append(attempt("".join(tokens)))
+    assert {isinstance(each, f.Node) for each in found} == {True, False}
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.text(max_size=30))
+def test_any_text_is_a_formula_or_an_error(text):
+    attempt(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * 20000 + "p", "p" + ")" * 20000, "(" * 20000 + "p" + ")" * 20000, "-" * 20000 + "p > 0",
+        "always " * 5000 + "p", "[" * 20000, "{" * 20000, "not(" * 5000 + "p" + ")" * 5000, "p -> (" * 5000,
+        "x" * 100000 + " y", "p\n" * 5000, "p = p;" * 5000, "/*" * 20000, "p " * 20000, "1" * 20000 + " > p",
+        "forall o in others: " * 2000 + "p", "\n".join(f"a{i + 1} = a{i}" for i in range(2000)),
+        "\n".join([f"a{i + 1} = a{i} and a{i}" for i in range(40)] + ["a40"]), "=" * 20000, "f(" * 5000,
+        "p until " * 5000 + "p", "f(o) = " * 3000 + "p", "forall " * 5000, "@topic(" * 5000, "input " * 5000,
+    ],
+)  # fmt: skip
+def test_huge_texts_are_answered_quickly(text):
+    start = time.process_time()
+    attempt(text)
+    assert time.process_time() - start < 10
