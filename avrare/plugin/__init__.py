@@ -2,5 +2,6 @@
 
 from avrare.plugin.component import KINDS, Component
 from avrare.plugin.hookspecs import hookimpl
+from avrare.plugin.rulecard import RuleCard, RuleParameter
 
-__all__ = ["KINDS", "Component", "hookimpl"]
+__all__ = ["KINDS", "Component", "RuleCard", "RuleParameter", "hookimpl"]

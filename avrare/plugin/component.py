@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from avrare.plugin.rulecard import RuleCard
+
 KINDS = (
     "simulator",
     "perception",
@@ -35,6 +37,8 @@ class Component:
         summary: One line for ``avrare plugins``.
         needs: Modules that the factory imports beyond NumPy.
         api: Version of the plugin interface it was written for.
+        rules: ``"package.module:function"`` returning a list of ``RuleCard``, for a specification that offers
+            rules by name (its option ``rule``); empty for everything else. Must import nothing heavy.
     """
 
     kind: str
@@ -44,6 +48,7 @@ class Component:
     summary: str
     needs: tuple[str, ...] = ()
     api: int = 1
+    rules: str = ""
 
     def load_config(self) -> type[Any]:
         """The pydantic model of the part's options."""
@@ -52,6 +57,10 @@ class Component:
     def load_factory(self) -> Callable[..., Any]:
         """The function that builds the part; may import heavy packages."""
         return resolve(self.factory)  # type: ignore[no-any-return]
+
+    def load_rules(self) -> list[RuleCard]:
+        """The rules that the part offers; empty where it offers none by name."""
+        return list(resolve(self.rules)()) if self.rules else []
 
 
 def resolve(reference: str) -> Any:

@@ -232,6 +232,10 @@ def _component(item: object) -> Component:
             raise TypeError(
                 f"component {item.name!r}: {field} is {value!r}; expected 'package.module:attribute'"
             )
+    if not isinstance(item.rules, str) or (item.rules and ":" not in item.rules):
+        raise TypeError(
+            f"component {item.name!r}: rules is {item.rules!r}; expected 'package.module:function'"
+        )
     return item
 
 

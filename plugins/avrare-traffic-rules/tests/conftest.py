@@ -8,6 +8,15 @@ from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.rule import build
 
 ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,))
+NAMES = "abcdefgh"
+CALLS = (
+    "brakes_abruptly(ego)", "preserves_flow(ego)", "on_access_ramp(ego)", "brakes(ego)", "slow({o})",
+    "drives_faster(ego, {o})", "drives_slightly_faster(ego, {o})", "brakes_abruptly_relative(ego, {o})",
+    "keeps_safe_distance(ego, {o})", "in_same_lane(ego, {o})", "in_slow_traffic({o})", "single_lane({o})",
+    "on_main_carriageway({o})", "cut_in({o}, ego)", "in_front_of({o}, ego)", "precedes({o}, ego)",
+    "left_of({o}, ego)",
+)  # fmt: skip
+CALL = {call.split("(")[0]: call for call in CALLS}
 FIELDS = ("x", "y", "heading", "speed", "acceleration")
 EGO = {"x": 0.0, "y": 1.75, "heading": 0.0, "speed": 20.0, "acceleration": 0.0}
 
@@ -20,26 +29,25 @@ class Lab:
     def rule(self, name, count=1, moving=None, road=ROAD, sizes=None, **options):
         """A rule over so many other vehicles, called a, b, c, ..."""
         moving = np.ones(count, dtype=bool) if moving is None else np.array(moving)
-        names = tuple("abcdefgh"[:count])
+        names = tuple(NAMES[:count])
         lengths, widths = sizes or (np.full(count, 4.0), np.full(count, 2.0))
         scene = Scene(0.1, road, 4.0, 2.0, names, lengths, widths, moving)
         return build(TrafficRuleConfig(rule=name, **options), scene)
 
-    def signals(self, *others, distance=100.0, **ego):
+    def signals(self, *others, **ego):
         """One row: the ego drives at 20 m/s in the middle lane at x = 0 but for what is said."""
         signals = {f"ego_{name}": np.array([{**EGO, **ego}[name]]) for name in FIELDS}
         for name in FIELDS:
             values = [float({**EGO, **other}[name]) for other in others]
             signals[f"others_{name}"] = np.array(values).reshape(1, len(others))
-        return {**signals, "distance": np.full((1, len(others)), distance)}
+        return signals
 
-    def value(self, rule, predicate, *others, **ego):
-        """A predicate of the first row, whatever the rule's formula reads: (V,) or (1,)."""
-        from avrare_traffic_rules.traffic import read_traffic
-
-        predicates = rule._predicates
-        traffic = read_traffic(self.signals(*others, **ego), rule.scene, rule._chosen, predicates.extents)
-        return getattr(predicates, predicate)(traffic)[0]
+    def value(self, predicate, *others, road=ROAD, options=None, **ego):
+        """A predicate or definition of the ego and each other vehicle, (V,), or of the ego alone, (1,)."""
+        call, signals = CALL.get(predicate, predicate), self.signals(*others, **ego)
+        formulas = [call.format(o=name) for name in NAMES[: len(others)]] if "{o}" in call else [call]
+        rules = [self.rule(None, len(others), road=road, formula=one, **(options or {})) for one in formulas]
+        return np.array([self.run(rule, [signals]).robustness[0] for rule in rules])
 
     def run(self, rule, samples):
         """The verdict after some samples, each of one row."""
@@ -68,7 +76,7 @@ class Lab:
         ego, others = vehicles(n), vehicles(n, v)
         signals = {f"ego_{name}": values for name, values in ego.items()}
         signals |= {f"others_{name}": values for name, values in others.items()}
-        return {**signals, "distance": rng.normal(10.0, 8.0, (n, v))}
+        return signals
 
 
 @pytest.fixture(scope="session")

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from avrare.driving import Road
+from avrare_traffic_rules.definitions import RECOMMENDED
+from avrare_traffic_rules.vocabulary import UNITS
 
 AHEAD, ASIDE = {"x": 24.0}, {"y": 5.25}
 
 
 @pytest.fixture
 def value(lab):
-    def value(predicate, *others, rule=None, **ego):
-        rule = rule or lab.rule("R_G1", len(others))
-        found = lab.value(rule, predicate, *others, **ego)
-        return found if np.ndim(found) == 0 or found.size != 1 else float(found[0])
+    def value(predicate, *others, **ego):
+        found = lab.value(predicate, *others, **ego)
+        return float(found[0]) if len(found) == 1 else found
 
     return value
 
@@ -163,10 +164,27 @@ def test_too_few_vehicles_are_no_queue(value, count):
     assert (found == -np.inf).all()  # a vehicle is not ahead of itself
 
 
-def test_queue_size_is_an_option(lab, value):
+def test_queue_size_is_an_option(value):
     pair = [{"x": 10.0 * k, "speed": 10.0} for k in range(2)]
-    rule = lab.rule("R_I2", 2, queue_size=1)
-    np.testing.assert_allclose(value("in_slow_traffic", *pair, rule=rule), [0.6, -1.4], atol=1e-12)
+    found = value("in_slow_traffic", *pair, options={"queue_size": 1})
+    np.testing.assert_allclose(found, [0.6, -1.4], atol=1e-12)
+
+
+def test_each_kind_of_slow_traffic_has_its_own_speed_and_size(value):
+    row = [{"x": 10.0 * k, "speed": 2.0} for k in range(4)]
+    for kind, limit in [("in_congestion", 2.78), ("in_slow_moving_traffic", 8.33), ("in_queue", 16.67)]:
+        assert value(f"{kind}(a)", *row) == near(min((limit - 2.0) / 5.0, 0.6))
+        assert value(f"{kind}(a)", *row, {**row[0], "x": 40.0, "speed": limit}) == near(
+            min((limit - 2.0) / 5.0, 0.6)
+        )
+        assert value(f"{kind}(a)", *row[:3], {**row[3], "speed": limit + 1.0}) == near(-0.2)
+    options = {"queue_size": 9, "slow_traffic_size": 9, "congestion_size": 2}
+    assert value("in_slow_traffic(a)", *row, options=options) == near((2.78 - 2.0) / 5.0)
+
+
+def test_the_ego_counts_in_nobodys_queue(value):
+    pair = [{"x": 20.0 * k, "speed": 1.0} for k in range(3)]
+    assert value("in_queue(a)", *pair, x=10.0, speed=1.0) == -np.inf
 
 
 def test_ramp_and_carriageway(value):
@@ -177,57 +195,174 @@ def test_ramp_and_carriageway(value):
     assert value("on_main_carriageway", {"y": -1.75}) == near(-0.75 / 1.75)
 
 
-def test_roads_without_a_ramp_or_nothing_but_a_ramp(lab, value):
+def test_roads_without_a_ramp_or_nothing_but_a_ramp(value):
     for ramp, on_ramp, on_main in [((), -np.inf, 2.75 / 1.75), ((0, 1), 2.75 / 1.75, -np.inf)]:
-        rule = lab.rule("R_I2", road=Road((-1.75, 1.75), 3.5, ramp))
-        assert value("on_access_ramp", AHEAD, rule=rule) == on_ramp
-        assert value("on_main_carriageway", AHEAD, rule=rule) == on_main
+        road = Road((-1.75, 1.75), 3.5, ramp)
+        assert value("on_access_ramp", AHEAD, road=road) == on_ramp
+        assert value("on_main_carriageway", AHEAD, road=road) == on_main
 
 
-def test_scales_are_units(lab, value):
-    fine = lab.rule("R_G1", scales={"longitudinal": 1.0, "speed": 1.0})
-    assert value("in_front_of", AHEAD, rule=fine) == near(20.0)
-    assert value("drives_faster", {"speed": 15.0}, rule=fine) == near(5.0)
+def test_scales_are_units(value):
+    fine = {"scales": {"longitudinal": 1.0, "speed": 1.0}}
+    assert value("in_front_of", AHEAD, options=fine) == near(20.0)
+    assert value("drives_faster", {"speed": 15.0}, options=fine) == near(5.0)
 
 
-ALL = [
-    "in_same_lane", "in_front_of", "cut_in", "keeps_safe_distance", "precedes", "brakes_abruptly",
-    "brakes_abruptly_relative", "slow", "preserves_flow", "left_of", "drives_faster", "in_slow_traffic",
-    "drives_slightly_faster", "on_access_ramp", "on_main_carriageway", "single_lane",
-]  # fmt: skip
-OF_THE_EGO = {"brakes_abruptly", "preserves_flow", "on_access_ramp", "brakes"}
+def test_lanes_by_role(value):
+    road, shoulder = Road((-1.75, 1.75, 5.25, 8.75), 3.5, (3,)), {"shoulder": (0,)}
+    for y, found in [(-1.75, "on_shoulder"), (1.75, "in_right_lane"), (5.25, "in_leftmost_lane")]:
+        for name in ("on_shoulder", "in_right_lane", "in_leftmost_lane"):
+            held = value(f"{name}(ego)", y=y, road=road, options=shoulder) > 0.0
+            assert held == (name == found), (y, name)
+    assert value("on_main_carriageway(ego)", y=-1.75, road=road, options=shoulder) < 0.0
+    assert value("on_shoulder(ego)") == -np.inf
+
+
+@pytest.mark.parametrize(("lanes", "broad"), [(1, False), (2, True), (3, True)])
+def test_broad_roads(value, lanes, broad):
+    road = Road(tuple(3.5 * k for k in range(lanes)), 3.5)
+    assert value("on_broad_road(ego)", road=road) == (np.inf if broad else -np.inf)
+    assert value("on_broad_road(ego)", road=road, options={"broad_road": 7.1}) == (
+        np.inf if lanes > 2 else -np.inf
+    )
+
+
+def test_keeping_to_a_border_is_asked_of_every_lane_touched(value):
+    # y 1.1: right side 0.1 m inside the lane [0, 3.5]
+    assert value("keeps_right(ego)", y=1.1) == near(0.1 / 1.75)
+    assert value("keeps_left(ego)", y=2.4) == near(0.1 / 1.75)
+    # over the line by 0.5 m: right of its left lane, but far from the right border of the other
+    assert value("keeps_right(ego)", y=4.0) == near(-0.5 / 1.75)
+    assert value("keeps_left(ego)", y=4.0) == near(-1.5 / 1.75)
+
+
+def test_raw_quantities_have_units(value):
+    other = {"x": 24.0, "speed": 15.0, "acceleration": -1.0, "heading": 0.1}
+    assert value("speed(ego)") == 20.0
+    assert value("speed(a)", other) == 15.0
+    assert value("acceleration(a)", other) == -1.0
+    assert value("heading(a)", other) == 0.1
+    assert value("gap(ego, a)", AHEAD) == near(20.0)
+    assert value("gap(a, ego)", AHEAD) == near(-28.0)
+    assert value("distance(ego, a)", {"x": 7.0, "y": 7.75}) == near(5.0)
+
+
+@pytest.mark.parametrize(
+    ("other", "seconds"),
+    [
+        ({"x": 24.0, "speed": 10.0}, 2.0),
+        ({"x": 24.0, "speed": 20.0}, np.inf),
+        ({"x": 24.0, "speed": 30.0}, np.inf),
+        ({"x": -24.0, "speed": 30.0}, 2.0),  # who closes in from behind
+        ({"x": 24.0, "speed": 10.0, "y": 5.25}, np.inf),
+        ({"x": 3.0}, 0.0),  # they overlap
+        ({"x": 4.0}, np.inf),  # touching, not closing
+        ({"x": 24.0, "speed": -20.0}, 0.5),
+        # crosses from the left: the ego is there between 37 / 20 and 43 / 20 s, the other's front after 2 m
+        ({"y": 6.75, "speed": 1.0, "heading": -np.pi / 2, "x": 40.0}, 2.0),
+        ({"y": 6.75, "speed": 0.9, "heading": -np.pi / 2, "x": 40.0}, np.inf),
+    ],
+)
+def test_time_to_collision(value, other, seconds):
+    assert value("time_to_collision(ego, a)", other) == near(seconds)
+    assert value("time_to_collision(a, ego)", other) == near(seconds)
+
+
+def test_time_to_collision_is_when_moving_rectangles_first_touch(value):
+    rng = np.random.default_rng(3)
+    times = np.arange(0.0, 6.0, 0.002)
+    met = 0
+    for _ in range(60):
+        other = {"x": rng.uniform(-30, 30), "y": rng.uniform(-8, 8), "speed": rng.uniform(0, 30)}
+        other["heading"] = rng.normal(0.0, 0.4)
+        length, width = 4.0, 2.0
+        cos, sin = abs(np.cos(other["heading"])), abs(np.sin(other["heading"]))
+        x = other["x"] + (other["speed"] * np.cos(other["heading"]) - 20.0) * times
+        y = other["y"] + other["speed"] * np.sin(other["heading"]) * times - 1.75
+        reach_x, reach_y = 2.0 + 0.5 * (length * cos + width * sin), 1.0 + 0.5 * (length * sin + width * cos)
+        touching = (np.abs(x) < reach_x) & (np.abs(y) < reach_y)
+        found = value("time_to_collision(ego, a)", other)
+        if touching.any():
+            met += 1
+            assert found == pytest.approx(times[touching.argmax()], abs=0.0021)
+        else:
+            assert found > 5.99
+    assert 10 < met < 50
+
+
+def test_rss_longitudinal(value):
+    # 20 + 3.5/2 + 23.5^2/8 - v^2/16
+    needed = 20.0 + 1.75 + 23.5**2 / 8.0 - 100.0 / 16.0
+    assert value("rss_longitudinal(ego, a)", {"x": 24.0, "speed": 10.0}) == near(20.0 - needed)
+    assert value("rss_longitudinal(ego, a)", {"x": 24.0, "speed": 60.0}) == near(20.0)  # none is needed
+
+
+def test_rss_lateral(value):
+    aside = {"y": 5.25}
+    assert value("rss_lateral(ego, a)", aside) == near(1.5 - 0.1 - 0.25)
+    assert value("rss_lateral(a, ego)", aside) == near(1.5 - 0.1 - 0.25)
+    # moves away by more than it can turn back in the response time: nothing is needed, the margin is
+    assert value("rss_lateral(ego, a)", {**aside, "speed": 30.0, "heading": 0.05}) == near(
+        5.25 - 1.75 - 1.0 - 2.0 * np.sin(0.05) - np.cos(0.05) - 0.1
+    )
+
+
+def test_the_published_rss_formula(value):
+    """For cars that come towards each other: mu + sum of the ways during the response and the braking."""
+    v1, v2, rho, a, b, mu = 0.4, 0.7, 1.0, 0.2, 0.8, 0.1
+    after1, after2 = v1 + rho * a, -v2 - rho * a  # c1 is the left one; positive is to the right
+    way1 = (v1 + after1) / 2 * rho + after1**2 / (2 * b)
+    way2 = (-v2 + after2) / 2 * rho - after2**2 / (2 * b)
+    left = {"y": 9.0, "heading": -np.arcsin(v1 / 20.0)}
+    right = {"heading": np.arcsin(v2 / 20.0)}
+    room = 9.0 - 1.75 - sum(2.0 * abs(np.sin(c["heading"])) + np.cos(c["heading"]) for c in (left, right))
+    assert value("rss_lateral(ego, a)", left, **right) == near(room - mu - max(way1 - way2, 0.0))
+
+
+EVERY_PREDICATE = sorted(RECOMMENDED.predicates)
+ONES, PAIRS = [("ego",), ("o",)], [("ego", "o"), ("o", "ego"), ("o", "p")]
 
 
 @pytest.mark.parametrize("definitions", ["recommended", "published"])
 @pytest.mark.parametrize("vehicles", [0, 1, 4])
 def test_shapes_and_rows_bit_for_bit(lab, definitions, vehicles):
-    from avrare_traffic_rules.traffic import read_traffic
-
     rng = np.random.default_rng(vehicles)
-    rule = lab.rule("R_G1", vehicles, definitions=definitions)
-    names = ALL + (["brakes"] if definitions == "published" else [])
-
-    def values(signals, name):
-        traffic = read_traffic(signals, rule.scene, rule._chosen, rule._predicates.extents)
-        return getattr(rule._predicates, name)(traffic)
-
+    options = {"definitions": definitions, "lane_limit": (20.0, None, 30.0), "shoulder": (2,)}
     n = 23
     signals = lab.random(rng, n, vehicles)
-    for name in names:
-        together = values(signals, name)
-        assert together.shape == ((n,) if name in OF_THE_EGO else (n, vehicles)), name
-        for i in range(n):
-            row = {key: array[i : i + 1] for key, array in signals.items()}
-            assert np.array_equal(values(row, name)[0], together[i]), name
+    rows = [{field: array[i : i + 1] for field, array in signals.items()} for i in range(n)]
+    for name in EVERY_PREDICATE:
+        for words in ONES if len(RECOMMENDED.predicates[name].arguments) == 1 else PAIRS:
+            bound = "".join(f"exists {word} in others: " for word in words if word != "ego")
+            rule = lab.rule(None, vehicles, formula=f"{bound}{name}({', '.join(words)})", **options)
+            ((key, together),) = rule.sample(signals).items()
+            assert together.shape == (n,) + (vehicles,) * key.count("others"), key
+            for i, row in enumerate(rows):
+                assert np.array_equal(rule.sample(row)[key][0], together[i]), key
 
 
-@pytest.mark.parametrize("name", ALL)
+MEET_BOTH = sorted(
+    set(EVERY_PREDICATE)
+    - {"other_than", "on_broad_road", "on_shoulder", "turns_around", "reverses", "time_to_collision"}
+)
+
+
+@pytest.mark.parametrize("name", MEET_BOTH)
 def test_random_crowds_meet_both_signs(lab, name):
-    rng = np.random.default_rng(7)
-    from avrare_traffic_rules.traffic import read_traffic
-
-    rule = lab.rule("R_G1", 8)
-    traffic = read_traffic(lab.random(rng, 400, 8), rule.scene, rule._chosen, rule._predicates.extents)
-    found = getattr(rule._predicates, name)(traffic)
+    signals = lab.random(np.random.default_rng(7), 400, 8)
+    signals["ego_speed"] = np.linspace(-1.0, 60.0, 400)
+    signals["ego_speed"][::20] = 0.0
+    count = len(RECOMMENDED.predicates[name].arguments)
+    body = f"{name}(ego)" if count == 1 else f"exists o in others: {name}(ego, o)"
+    options = {"lane_limit": 30.0, "vehicle_type": "truck"}
+    (found,) = lab.rule(None, 8, formula=body, **options).sample(signals).values()
     assert (found > 0.0).any()
     assert (found < 0.0).any()
+
+
+def test_every_predicate_says_what_it_means():
+    for predicate in RECOMMENDED.predicates.values():
+        assert predicate.text[-1] == "."
+        assert predicate.arguments in (("a",), ("a", "b"))
+        assert predicate.scale == "" or predicate.unit == UNITS[predicate.scale]
+        assert predicate.unit or predicate.scale == "mixed"

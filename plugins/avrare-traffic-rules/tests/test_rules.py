@@ -1,14 +1,12 @@
 """Whole rules on situations told by hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from avrare.driving import Road
+from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.errors import FormulaError, UsageError
 from avrare_traffic_rules.config import TrafficRuleConfig
-from avrare_traffic_rules.formulas import FORMULAS, PUBLISHED
 from avrare_traffic_rules.rule import build
 
 # The ego needs 20 + 8 m less what o needs: 5.2 m behind one of 20.5 m/s, 28 m behind a parked one.
@@ -170,17 +168,137 @@ class TestLeftTraffic:
 class TestCollision:
     def test_sign_and_metres(self, lab):
         rule = lab.rule("no_collision", 2)
-        for distance, violated in [(0.3, False), (0.0, True), (-0.2, True)]:
-            signals = lab.signals({}, {}, distance=5.0)
-            signals["distance"][0, 1] = distance
-            verdict = lab.run(rule, [signals])
-            assert verdict.violated[0] == violated
-            assert verdict.robustness[0] == distance
+        for x, violated in [(4.3, False), (4.0, True), (3.8, True)]:
+            found, robustness = lab.judge(rule, {"x": 50.0}, {"x": x})
+            assert found == violated
+            assert robustness == pytest.approx(x - 4.0)
 
     def test_parked_vehicles_count(self, lab):
-        signals = lab.signals({}, distance=-1.0)
-        assert lab.run(lab.rule("no_collision", moving=[False]), [signals]).violated[0]
-        assert not lab.run(lab.rule("no_collision", moving=[False], vehicles="moving"), [signals]).violated[0]
+        assert lab.judge(lab.rule("no_collision", moving=[False]), {"x": 3.0})[0]
+        assert not lab.judge(lab.rule("no_collision", moving=[False], vehicles="moving"), {"x": 3.0})[0]
+
+    def test_is_the_distance_of_the_rectangles(self, lab):
+        signals = lab.random(np.random.default_rng(2), 50, 3)
+        found = lab.rule("no_collision", 3).sample(signals)["distance(ego, others)"]
+        body = ("x", "y", "heading")
+        ego = Rectangle(*(signals[f"ego_{k}"][:, None] for k in body), np.array(4.0), np.array(2.0))
+        others = Rectangle(*(signals[f"others_{k}"] for k in body), np.array(4.0), np.array(2.0))
+        assert np.array_equal(found, signed_distance(ego, others))
+
+
+class TestSpeedLimits:
+    def test_of_every_lane_touched(self, lab):
+        limits = {"lane_limit": (10.0, 25.0, None)}
+        for y, speed, broken in [
+            (1.75, 24.0, False),
+            (1.75, 26.0, True),
+            (5.25, 26.0, False),
+            (3.5, 26.0, True),
+        ]:
+            assert lab.judge(lab.rule("R_G3", 0, **limits), y=y, speed=speed)[0] == broken, (y, speed)
+
+    def test_a_list_must_fit_the_road(self, lab):
+        with pytest.raises(UsageError, match="lane_limit has 2 entries, the road 3 lanes"):
+            lab.judge(lab.rule("R_G3", 0, lane_limit=(10.0, 20.0)))
+
+    def test_speeds_in_sight_and_braking_are_the_published_ones_by_default(self, lab):
+        for options, limit in [({"braking_distance": 1e6}, 50.0), ({"field_of_view": 1e6}, 43.0)]:
+            rule = lab.rule("R_G3", 0, **options)
+            assert lab.judge(rule, speed=20.0)[1] == pytest.approx((limit - 20.0) / 5.0, abs=1e-12)
+
+    def test_the_stopping_distance_at_the_limit_is_the_field_of_view(self, lab):
+        rule = lab.rule(
+            "R_G3", 0, field_of_view=70.0, ego_braking=7.0, reaction_time=1.1, braking_distance=1e6
+        )
+        limit = 20.0 + 5.0 * lab.judge(rule, speed=20.0)[1]
+        assert 1.1 * limit + limit**2 / 14.0 == pytest.approx(70.0)
+
+
+class TestFormulas:
+    def test_of_the_users_own(self, lab):
+        formula = "forall o in others: always (time_to_collision(ego, o) > 1.5)"
+        rule = lab.rule(None, 1, formula=formula)
+        assert lab.judge(rule, {"x": 24.0, "speed": 10.0}) == (False, pytest.approx(0.5))
+        assert lab.judge(rule, {"x": 14.0, "speed": 10.0}) == (True, pytest.approx(-0.5))
+        assert rule.names == ("a",)
+
+    def test_may_name_vehicles_and_use_our_definitions_and_parameters(self, lab):
+        rule = lab.rule(
+            None, 2, formula="always (ahead(b, ego) -> gap(ego, b) > {cut_in_time})", cut_in_time=7.0
+        )
+        assert lab.judge(rule, {"x": 5.0}, {"x": 9.0}) == (True, -0.5)  # the least: 0.5 units ahead
+        assert not lab.judge(rule, {"x": 5.0}, {"x": 12.0})[0]
+
+    def test_vehicles_left_out_of_others_can_still_be_named(self, lab):
+        options = {"moving": [False, True], "vehicles": "moving"}
+        rule = lab.rule(None, 2, formula="always (distance(ego, a) > 1)", **options)
+        assert rule.names == ("b",)
+        assert lab.judge(rule, {"x": 4.5, "speed": 0.0}, {"x": 50.0})[0]
+
+    @pytest.mark.parametrize(
+        ("formula", "message", "hint"),
+        [
+            ("always in_frontof(a, ego)", "no predicate 'in_frontof'", "'in_front_of'"),
+            (
+                "always in_front_of(a)",
+                "in_front_of takes 2 vehicles, not 1",
+                "in_front_of(a, b): The rear of a",
+            ),
+            ("always speed(a, ego) > 3", "speed takes 1 vehicle, not 2", "speed(a)"),
+            ("always speed > 3", "'speed' is asked about no vehicle", "'speed'"),
+            ("always speed(egoo) > 3", "no vehicle 'egoo'", "'ego'"),
+            ("always speed(others) > 3", "others is a group", "forall"),
+            ("forall o in cars: always (speed(o) > 3)", "no group of vehicles 'cars'", "others"),
+            ("always (speed(ego) > {speed_limitt})", "{speed_limitt} is no option", "'speed_limit'"),
+        ],
+    )
+    def test_mistakes_are_named(self, lab, formula, message, hint):
+        with pytest.raises(UsageError) as error:
+            lab.rule(None, 1, formula=formula)
+        assert message in error.value.message
+        assert hint in (error.value.hint or "")
+
+
+class TestRulesFile:
+    TEXT = """
+definitions: |
+  # a comment
+  behind(a, b) = in_same_lane(a, b) and
+    in_front_of(b, a)
+rules:
+  push: {formula: "forall o in others: always (behind(o, ego) -> gap(o, ego) > 5)"}
+  lane: {formula: "forall o in others: always not ahead(o, ego)", vehicles: moving}
+"""
+
+    def test_rules_of_the_users_own(self, lab, tmp_path):
+        path = tmp_path / "mine.yaml"
+        path.write_text(self.TEXT)
+        rule = lab.rule("push", 1, rules_file=path)
+        assert lab.judge(rule, {"x": -8.0})[0]
+        assert not lab.judge(rule, {"x": -10.0})[0]
+        lane = lab.rule("lane", 2, rules_file=path, moving=[True, False])
+        assert lane.names == ("a",)
+        assert lab.judge(lane, {"x": 30.0}, {"x": -30.0})[0]
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("rules: {push: {formul: x}}", "rules.push"),
+            ("rules: [", "mine.yaml:1:"),
+            ("definitions: nonsense\nrules: {push: {formula: x}}", "definitions: 'nonsense'"),
+            ("", "mine.yaml"),
+        ],
+    )
+    def test_wrong_files(self, tmp_path, text, message):
+        path = tmp_path / "mine.yaml"
+        path.write_text(text)
+        with pytest.raises(ValueError, match="validation error") as error:
+            TrafficRuleConfig(rule="push", rules_file=path)
+        assert message in str(error.value)
+
+    def test_no_file(self, tmp_path):
+        with pytest.raises(ValueError, match="No such file"):
+            TrafficRuleConfig(rule="push", rules_file=tmp_path / "no.yaml")
 
 
 @pytest.mark.parametrize("definitions", ["recommended", "published"])
@@ -230,7 +348,10 @@ def test_a_cut_in_time_between_samples_is_refused(lab):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"rule": "R_G3"},
+        {"rule": "R_G9"},
+        {"rule": None},
+        {"formula": "always speed(ego) > 0"},
+        {"cut_in": 3},
         {"queue_size": 0},
         {"abrupt_braking": 2.0},
         {"scales": {"speed": 0.0}},
@@ -242,7 +363,6 @@ def test_wrong_options(wrong):
         TrafficRuleConfig.model_validate({"rule": "R_G1", **wrong})
 
 
-def test_the_readme_shows_the_formulas_that_are_used():
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    for formula in {*FORMULAS.values(), *PUBLISHED.values()}:
-        assert formula.format(cut_in_time=3) in readme
+def test_an_unknown_rule_is_an_error_of_the_choice():
+    with pytest.raises(ValueError, match="'R_G1', 'R_G2'"):
+        TrafficRuleConfig(rule="R_G5")

@@ -1,4 +1,4 @@
-"""Interstate traffic rules R_G1, R_G2, R_G4, R_I2 and no-collision as temporal logic."""
+"""Interstate traffic rules, RSS and time to collision as temporal logic over vehicles."""
 
 from avrare.plugin import Component, hookimpl
 
@@ -12,6 +12,7 @@ def avrare_components() -> list[Component]:
             name="traffic_rules",
             config="avrare_traffic_rules.config:TrafficRuleConfig",
             factory="avrare_traffic_rules.rule:build",
-            summary="R_G1, R_G2, R_G4, R_I2 and no_collision as temporal logic",
+            summary="interstate rules R_G1-R_G4, R_I1-R_I5, RSS, time to collision, or your own formula",
+            rules="avrare_traffic_rules.catalogue:rules",
         )
     ]

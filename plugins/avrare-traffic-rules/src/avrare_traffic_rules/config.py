@@ -2,16 +2,28 @@
 
 [M20] Maierhofer, Rettinger, Mayer, Althoff, "Formalization of interstate traffic rules in temporal logic",
 IV 2020, and the parameters that its authors publish. [I24] the code of Innes and Ramamoorthy, "Adaptive
-splitting of reusable temporal monitors for rare traffic violations".
+splitting of reusable temporal monitors for rare traffic violations". [S17] Shalev-Shwartz, Shammah, Shashua,
+"On a formal model of safe and scalable self-driving cars", 2017; it gives no numbers, those are the defaults
+of the RSS check of the simulator CARLA.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
-RuleName = Literal["R_G1", "R_G2", "R_G4", "R_I2", "no_collision"]
+from avrare.errors import UsageError
+from avrare_traffic_rules.rulebook import Rulebook, read, shipped
+
+
+def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> Any:
+    """A parameter; ``title``, ``unit`` and ``source`` also serve the catalogue."""
+    words = f"{text} [{unit}] {source}" if unit else f"{text} {source}"
+    extra: Any = {"unit": unit, "source": source}
+    return Field(default=default, title=text, description=words.strip(), json_schema_extra=extra, **limits)
 
 
 class Scales(BaseModel):
@@ -24,14 +36,69 @@ class Scales(BaseModel):
     speed: float = Field(default=5.0, gt=0.0, description="speed [m/s]")
     acceleration: float = Field(default=2.0, gt=0.0, description="acceleration [m/s^2]")
     heading: float = Field(default=0.1, gt=0.0, description="heading [rad]")
+    time: float = Field(default=1.0, gt=0.0, description="time to collision [s]")
 
 
-class TrafficRuleConfig(BaseModel):
-    """Options of the specification ``traffic_rules``."""
+class Parameters(BaseModel):
+    """The numbers that rules and predicates depend on."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    rule: RuleName = Field(description="which rule")
+    cut_in_time: float = _option(3.0, "s", "grace after a cut-in", "[M20]; [I24] has 0.3", ge=0.0)
+    reaction_time: float = _option(0.4, "s", "reaction of the one behind", "[M20]", ge=0.0)
+    ego_braking: float = _option(10.0, "m/s^2", "strongest braking of the ego", "[M20]", gt=0.0)
+    others_braking: float = _option(10.5, "m/s^2", "strongest braking of others", "[M20]", gt=0.0)
+    abrupt_braking: float = _option(
+        -2.0, "m/s^2", "acceleration below which braking is abrupt", "[M20]; [I24] has -4.75", lt=0.0
+    )
+    lane_limit: float | tuple[float | None, ...] | None = _option(
+        None, "m/s", "speed limit: one number, or one a lane from right to left; null: none", "ours"
+    )
+    vehicle_type: Literal["car", "truck"] = _option("car", "", "of the ego", "ours")
+    truck_limit: float = _option(22.22, "m/s", "speed limit of trucks", "[M20]", gt=0.0)
+    field_of_view: float = _option(145.0, "m", "how far the ego sees", "gives the 50 m/s of [M20]", gt=0.0)
+    braking_distance: float = _option(
+        92.45, "m", "longest braking distance allowed", "gives the 43 m/s of [M20]", gt=0.0
+    )
+    speed_limit: float = _option(36.11, "m/s", "desired interstate speed", "[M20]; [I24] has 36.6", gt=0.0)
+    slow_difference: float = _option(15.0, "m/s", "slower than the limit by this is slow", "[M20]", gt=0.0)
+    standstill_speed: float = _option(0.01, "m/s", "slower either way is standing", "[M20]", gt=0.0)
+    slightly_faster: float = _option(5.55, "m/s", "allowed past slow left traffic", "[M20]", gt=0.0)
+    congestion_speed: float = _option(2.78, "m/s", "slower vehicles may form congestion", "[M20]", gt=0.0)
+    congestion_size: int = _option(3, "", "vehicles ahead that make congestion", "[M20]", ge=1)
+    slow_traffic_speed: float = _option(
+        8.33, "m/s", "slower vehicles may form slow-moving traffic", "[M20]", gt=0.0
+    )
+    slow_traffic_size: int = _option(3, "", "vehicles ahead that make slow-moving traffic", "[M20]", ge=1)
+    queue_speed: float = _option(16.67, "m/s", "slower vehicles may form a queue", "[M20]", gt=0.0)
+    queue_size: int = _option(3, "", "vehicles ahead that make a queue", "[M20]", ge=1)
+    turn_heading: float = _option(1.57, "rad", "more against the road is a U-turn", "[M20]", gt=0.0)
+    broad_road: float = _option(7.0, "m", "main carriageway with room for an emergency lane", "[M20]", gt=0.0)
+    border_distance: float = _option(0.2, "m", "nearer to the lane's border is kept to it", "[M20]", ge=0.0)
+    shoulder: tuple[int, ...] = _option((), "", "lanes that are a shoulder, counted from the right", "ours")
+    entering_time: float = _option(5.0, "s", "within which somebody enters", "[M20]", ge=0.0)
+    least_time_to_collision: float = _option(1.5, "s", "least time to a collision", "ours", ge=0.0)
+    rss_response_time: float = _option(1.0, "s", "response time rho", "[S17], CARLA", ge=0.0)
+    rss_acceleration: float = _option(3.5, "m/s^2", "most during the response", "[S17], CARLA", ge=0.0)
+    rss_least_braking: float = _option(4.0, "m/s^2", "least of the one behind", "[S17], CARLA", gt=0.0)
+    rss_strongest_braking: float = _option(8.0, "m/s^2", "most of the one in front", "[S17], CARLA", gt=0.0)
+    rss_lateral_acceleration: float = _option(
+        0.2, "m/s^2", "most towards each other during the response", "[S17], CARLA", ge=0.0
+    )
+    rss_lateral_braking: float = _option(0.8, "m/s^2", "least after the response", "[S17], CARLA", gt=0.0)
+    rss_lateral_margin: float = _option(0.1, "m", "left over between the two, mu", "[S17], CARLA", ge=0.0)
+
+
+class TrafficRuleConfig(Parameters):
+    """Options of the specification ``traffic_rules``: a rule by name, or a formula."""
+
+    rules_file: Path | None = Field(
+        default=None, description="YAML file with rules of your own; default: those that come with the plugin"
+    )
+    rule: str | None = Field(default=None, description="name of a rule")
+    formula: str | None = Field(
+        default=None, description="instead of a rule: a formula over predicates of vehicles"
+    )
     vehicles: Literal["moving", "all"] | None = Field(
         default=None, description="which vehicles it speaks of; default: moving for R_G1, else all"
     )
@@ -40,33 +107,34 @@ class TrafficRuleConfig(BaseModel):
         description="recommended: rectangles and braking distances [M20]; published: predicates and formulas "
         "of [I24], unscaled, with a band of half a lane and one car length as safe distance",
     )
-    cut_in_time: float = Field(
-        default=3.0, ge=0.0, description="grace after a cut-in [s] [M20]; [I24] has 0.3"
-    )
-    reaction_time: float = Field(default=0.4, ge=0.0, description="of the ego [s] [M20]")
-    ego_braking: float = Field(default=10.0, gt=0.0, description="strongest braking of the ego [m/s^2] [M20]")
-    others_braking: float = Field(
-        default=10.5, gt=0.0, description="strongest braking of others [m/s^2] [M20]"
-    )
-    abrupt_braking: float = Field(
-        default=-2.0,
-        lt=0.0,
-        description="acceleration below which braking is abrupt [m/s^2] [M20]; [I24] has -4.75",
-    )
-    speed_limit: float = Field(
-        default=36.11, gt=0.0, description="desired interstate speed [m/s] [M20]; [I24] has 36.6"
-    )
-    slow_difference: float = Field(
-        default=15.0, gt=0.0, description="slower than the limit by this is slow [m/s] [M20]"
-    )
-    slightly_faster: float = Field(
-        default=5.55, gt=0.0, description="allowed past slow left traffic [m/s] [M20]"
-    )
-    queue_speed: float = Field(
-        default=16.67, gt=0.0, description="slower vehicles may form a queue [m/s] [M20]"
-    )
-    queue_size: int = Field(default=3, ge=1, description="vehicles ahead that make a queue [M20]")
     scales: Scales = Field(default_factory=Scales, description="units of robustness; not used by `published`")
     score: Literal["margin", "robustness"] = Field(
         default="margin", description="what orders particles in splitting"
     )
+
+    @field_validator("rule")
+    @classmethod
+    def _is_known(cls, rule: str | None, info: ValidationInfo) -> str | None:
+        try:
+            known = _rulebook(info.data.get("rules_file")).rules
+        except UsageError as error:
+            raise ValueError(error.message) from error
+        if rule is not None and rule not in known:
+            expected = ", ".join(f"'{name}'" for name in known)
+            raise PydanticCustomError("literal_error", "Input should be {expected}", {"expected": expected})
+        return rule
+
+    @model_validator(mode="after")
+    def _says_one_thing(self) -> TrafficRuleConfig:
+        if (self.rule is None) == (self.formula is None):
+            raise ValueError("give either `rule`, a name, or `formula`, a formula")
+        return self
+
+    @property
+    def rulebook(self) -> Rulebook:
+        """The rules to choose from."""
+        return _rulebook(self.rules_file)
+
+
+def _rulebook(path: Path | None) -> Rulebook:
+    return shipped() if path is None else read(path)

@@ -1,25 +1,28 @@
-"""One sample of traffic as the predicates see it: extents of the rectangles, lanes, speeds.
-
-Arrays of the ego are (N, 1) and those of the others (N, V), so that predicates are plain arithmetic.
-"""
+"""One sample of traffic as the predicates see it: rectangles, lanes, speeds of the ego and the others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.driving import Road, Scene
+from avrare.errors import UsageError
 from avrare.protocols import Bools, Floats, Signals
 
 Extents = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 """(length, width, heading) to half the extent along and across the road."""
 
+_MOTION = ("x", "y", "heading", "speed", "acceleration")
+
 
 @dataclass(frozen=True)
 class Bodies:
-    """Vehicles as rectangles on the road; all fields (N, V).
+    """Vehicles as rectangles on the road; all fields broadcast to the shape of ``x``, but for ``lanes``.
 
     Attributes:
         x: Centre [m].
@@ -31,6 +34,8 @@ class Bodies:
         half_width: Half the extent across the road [m].
         length: Of the rectangle [m].
         width: Of the rectangle [m].
+        lanes: (L, ...) how far it reaches into each lane [m]; negative outside.
+        number: Which of the others it is; -1 for the ego.
     """
 
     x: Floats
@@ -42,6 +47,8 @@ class Bodies:
     half_width: Floats
     length: Floats
     width: Floats
+    lanes: Floats
+    number: NDArray[np.int64]
 
     @property
     def front(self) -> Floats:
@@ -53,14 +60,54 @@ class Bodies:
         """Rearmost x."""
         return self.x - self.half_length
 
+    def view(self, index: Any) -> Bodies:
+        """The same vehicles with trailing axes chosen or added by ``index``, which begins with ``...``."""
+        return Bodies(*(getattr(self, field.name)[index] for field in dataclasses.fields(self)))
+
+
+Lanes = Callable[[Bodies, Road], Floats]
+"""Bodies, whose ``lanes`` are not filled in, to (L, ...) how far they reach into each lane [m]."""
+
 
 @dataclass(frozen=True)
 class Traffic:
-    """The ego, the others, and the road."""
+    """The vehicles of one sample.
+
+    Attributes:
+        ego: Fields (N,).
+        others: Those that formulas range over, fields (N, V).
+        every: All other vehicles, fields (N, W).
+        names: Of all other vehicles.
+        views: What has been laid out so far.
+    """
 
     ego: Bodies
     others: Bodies
-    road: Road
+    every: Bodies
+    names: tuple[str, ...]
+    views: dict[tuple[str, int, int], Bodies] = field(default_factory=dict)
+
+    def arguments(self, names: Sequence[str]) -> tuple[tuple[Bodies, ...], tuple[int, ...]]:
+        """The vehicles that a predicate is asked about, laid out to broadcast, and the shape of its answer.
+
+        Args:
+            names: Of its arguments: ``ego``, a vehicle's name, or ``others``, each of which adds an axis.
+        """
+        axes = [name == "others" for name in names]
+        total = sum(axes)
+        bodies = (self._laid_out(name, sum(axes[:i]), total) for i, name in enumerate(names))
+        return tuple(bodies), self.ego.x.shape + self.others.x.shape[1:] * total
+
+    def _laid_out(self, name: str, before: int, total: int) -> Bodies:
+        key = (name, before, total)
+        if key not in self.views:
+            after = [None] * (total - before - 1)
+            if name == "others":
+                self.views[key] = self.others.view((..., *[None] * before, slice(None), *after))
+            else:
+                one = self.ego if name == "ego" else self.every.view((..., self.names.index(name)))
+                self.views[key] = one.view((..., *[None] * total))
+        return self.views[key]
 
 
 def bounding_box(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
@@ -69,18 +116,34 @@ def bounding_box(length: Floats, width: Floats, heading: Floats) -> tuple[Floats
     return 0.5 * (length * cos + width * sin), 0.5 * (length * sin + width * cos)
 
 
-def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents) -> Traffic:
-    """Traffic of one sample from the simulator's signals, with the ``chosen`` (V,) vehicles."""
+def overlap(bodies: Bodies, road: Road) -> Floats:
+    """(L, ...) by how much the rectangle and each lane overlap [m]."""
+    centres = np.array(road.lane_centres).reshape(-1, *[1] * bodies.y.ndim)
+    room = 0.5 * road.lane_width + bodies.half_width
+    return np.asarray(room - np.abs(bodies.y - centres))
 
-    def bodies(who: str, columns: Bools | None, length: Floats, width: Floats) -> Bodies:
-        fields = ("x", "y", "heading", "speed", "acceleration")
-        x, y, heading, speed, acceleration = (signals[f"{who}_{name}"][:, columns] for name in fields)
+
+def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents, lanes: Lanes) -> Traffic:
+    """Traffic of one sample from the simulator's signals.
+
+    Raises:
+        UsageError: A signal is missing.
+    """
+
+    def bodies(who: str, length: Floats, width: Floats, number: Any) -> Bodies:
+        try:
+            x, y, heading, speed, acceleration = (signals[f"{who}_{name}"] for name in _MOTION)
+        except KeyError as error:
+            hint = f"they read {', '.join(f'{who}_{name}' for name in _MOTION)}"
+            raise UsageError(f"traffic rules need the signal {error}, which there is not", hint) from error
         half_length, half_width = extents(length, width, heading)
-        return Bodies(x, y, heading, speed, acceleration, half_length, half_width, length, width)
+        plain = Bodies(
+            x, y, heading, speed, acceleration, half_length, half_width, length, width, x[None], number
+        )
+        return dataclasses.replace(plain, lanes=lanes(plain, scene.road))
 
-    return Traffic(
-        # the index None gives the ego's (N,) a vehicle axis
-        bodies("ego", None, np.array([scene.ego_length]), np.array([scene.ego_width])),
-        bodies("others", chosen, scene.lengths[chosen], scene.widths[chosen]),
-        scene.road,
-    )
+    # sizes and numbers have a particle axis of length 1
+    ego = bodies("ego", np.array([scene.ego_length]), np.array([scene.ego_width]), np.array([-1]))
+    every = bodies("others", scene.lengths[None], scene.widths[None], np.arange(len(scene.names))[None])
+    others = every if chosen.all() else every.view((..., chosen))
+    return Traffic(ego, others, every, scene.names)

@@ -1,0 +1,136 @@
+"""The predicates that formulas may use: names, arguments, units, and the functions behind them.
+
+A predicate is a function of a ``Setting`` and one ``Bodies`` for each vehicle it is asked about, whose arrays
+broadcast; it answers in its own unit. Predicates are positive where they hold; they are divided by the scale
+of their kind, so that unlike ones compare. Quantities, for formulas of the user's own, are left as they are.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.driving import Road
+from avrare.errors import FormulaError, did_you_mean
+from avrare.protocols import Floats
+from avrare_traffic_rules.config import Parameters, Scales
+from avrare_traffic_rules.traffic import Bodies, Extents, Lanes
+
+UNITS = {
+    "longitudinal": "m", "lateral": "m", "speed": "m/s", "acceleration": "m/s^2", "heading": "rad",
+    "time": "s", "mixed": "",
+}  # fmt: skip
+"""Kind of scale -> the unit that it scales; ``mixed`` predicates scale their parts themselves."""
+
+Function = Callable[..., Floats]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What predicates depend on beside the vehicles.
+
+    Attributes:
+        parameters: Thresholds and times.
+        scales: Units of robustness.
+        road: The lanes.
+    """
+
+    parameters: Parameters
+    scales: Scales
+    road: Road
+
+    @property
+    def main_lanes(self) -> list[int]:
+        """Lanes of the main carriageway, from right to left."""
+        apart = (*self.road.access_ramp, *self.parameters.shoulder)
+        return [lane for lane in range(len(self.road.lane_centres)) if lane not in apart]
+
+    def braking(self, bodies: Bodies) -> Floats:
+        """Strongest braking of each vehicle [m/s^2]."""
+        p = self.parameters
+        return np.where(bodies.number < 0, p.ego_braking, p.others_braking)
+
+
+@dataclass(frozen=True)
+class Predicate:
+    """A predicate or quantity.
+
+    Attributes:
+        name: As in a formula.
+        arguments: One name for each vehicle it is asked about.
+        text: What it says of them.
+        unit: Of what ``function`` returns; empty for mixed ones, which are pure numbers.
+        scale: Field of ``Scales`` by which its values are divided, ``mixed``, or empty for a quantity.
+        function: ``(setting, *bodies) -> values``.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    text: str
+    unit: str
+    scale: str
+    function: Function
+
+    def __call__(self, setting: Setting, *bodies: Bodies) -> Floats:
+        """The values that a formula sees."""
+        values = self.function(setting, *bodies)
+        return values / getattr(setting.scales, self.scale) if self.scale in Scales.model_fields else values
+
+
+@dataclass(frozen=True)
+class Definitions:
+    """A complete set of meanings.
+
+    Attributes:
+        predicates: name -> predicate.
+        extents: What counts as front, rear and sides of a vehicle.
+        lanes: When a vehicle is in a lane.
+        scaled: Whether predicates are scaled.
+    """
+
+    predicates: Mapping[str, Predicate]
+    extents: Extents
+    lanes: Lanes
+    scaled: bool
+
+    def find(self, name: str, count: int) -> Predicate:
+        """The predicate ``name`` of ``count`` vehicles.
+
+        Raises:
+            FormulaError: There is none.
+        """
+        found = self.predicates.get(name)
+        if found is None:
+            hint = did_you_mean(name, self.predicates) or "docs/traffic-rules.md lists the predicates"
+            raise FormulaError(f"there is no predicate {name!r}", hint)
+        wanted = len(found.arguments)
+        if wanted != count:
+            call = f"{name}({', '.join(found.arguments)})"
+            plural = "s" if wanted != 1 else ""
+            raise FormulaError(f"{name} takes {wanted} vehicle{plural}, not {count}", f"{call}: {found.text}")
+        return found
+
+
+def predicate(scale: str) -> Callable[[Function], Predicate]:
+    """Make a function a predicate of this kind of scale; its docstring's first line says what it means."""
+    return lambda function: _describe(function, UNITS[scale], scale)
+
+
+def quantity(unit: str) -> Callable[[Function], Predicate]:
+    """Make a function a quantity in this unit."""
+    return lambda function: _describe(function, unit, "")
+
+
+def named(module: Mapping[str, Any]) -> dict[str, Predicate]:
+    """The predicates of a module's namespace by name."""
+    return {name: value for name, value in module.items() if isinstance(value, Predicate)}
+
+
+def _describe(function: Function, unit: str, scale: str) -> Predicate:
+    arguments = tuple(inspect.signature(function).parameters)[1:]
+    text = (inspect.getdoc(function) or "").split("\n")[0]
+    return Predicate(function.__name__, arguments, text, unit, scale, function)

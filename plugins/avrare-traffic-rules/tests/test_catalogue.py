@@ -1,0 +1,103 @@
+"""What is said of the rules, in cards and in the docs, is what is computed."""
+
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrare.logic.api import stl
+from avrare_traffic_rules.catalogue import rules
+from avrare_traffic_rules.config import Parameters, TrafficRuleConfig
+from avrare_traffic_rules.definitions import RECOMMENDED
+from avrare_traffic_rules.rule import text
+from avrare_traffic_rules.rulebook import shipped
+from avrare_traffic_rules.situations import SITUATIONS
+
+CARDS = rules()
+DOCS = Path(__file__).parents[3] / "docs"
+PAGE = DOCS / "traffic-rules.md"
+EVERY = pytest.mark.parametrize("card", CARDS, ids=[card.name for card in CARDS])
+
+
+class Recorder:
+    """A config that remembers which parameters are read."""
+
+    def __init__(self, config):
+        self.config, self.read = config, set()
+
+    def __getattr__(self, name):
+        self.read.add(name)
+        return getattr(self.config, name)
+
+
+@EVERY
+def test_the_card_shows_the_formula_that_is_monitored(card):
+    assert card.formula == text(TrafficRuleConfig(rule=card.name))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of doubtful readings
+        assert stl(card.formula, dt=0.1).signals
+    assert "{" not in card.text
+
+
+@EVERY
+def test_the_parameters_of_a_card_are_those_that_matter(card, lab):
+    rule = lab.rule(card.name, 4, lane_limit=20.0)
+    recorder = Recorder(rule.config)
+    rule._setting = type(rule._setting)(recorder, rule._setting.scales, rule._setting.road)
+    rule.sample(lab.random(np.random.default_rng(0), 5, 4))
+    entry = shipped().rules[card.name]
+    filled = {name for name in Parameters.model_fields if f"{{{name}}}" in shipped().complete(entry.formula)}
+    read = recorder.read - ({"others_braking"} if card.name == "R_G3" else set())  # asked of the ego alone
+    assert {parameter.name for parameter in card.parameters} == read | filled
+
+
+@EVERY
+def test_defaults_are_as_a_scenario_writes_them(card):
+    import yaml
+
+    for parameter in card.parameters:
+        written = yaml.safe_load(parameter.default)
+        default = getattr(Parameters(), parameter.name)
+        assert (tuple(written) if isinstance(written, list) else written) == default
+        assert parameter.text
+        assert parameter.source
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason="the docs are not beside the package")
+@EVERY
+def test_the_page_shows_the_rule(card):
+    page = PAGE.read_text(encoding="utf-8")
+    assert card.text in " ".join(page.split())
+    assert card.formula in page
+    for p in card.parameters:
+        assert f"| `{p.name}` | {p.default} | {p.unit} | {p.text} | {p.source} |" in page
+    assert f"rules/{card.name}.png" in page
+    picture = DOCS / "rules" / f"{card.name}.png"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.stat().st_size < 60_000
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason="the docs are not beside the package")
+def test_the_page_lists_every_predicate_and_situation():
+    page = PAGE.read_text(encoding="utf-8")
+    for name, one in RECOMMENDED.predicates.items():
+        assert f"| `{name}({', '.join(one.arguments)})` | {one.text} |" in page
+    for situation in SITUATIONS:
+        assert situation.title in page
+        assert situation.because in page
+    for rule in shipped().rules.values():
+        assert rule.published is None or rule.published in page
+
+
+def test_the_catalogue_and_the_options_import_nothing_heavy():
+    script = (
+        "import sys; from avrare_traffic_rules.catalogue import rules; rules()\n"
+        "from avrare_traffic_rules.config import TrafficRuleConfig; TrafficRuleConfig(rule='R_G1')\n"
+        "print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert not loaded & {"numpy", "torch", "pyro", "casadi", "numba", "scipy", "matplotlib"}
