@@ -10,7 +10,9 @@ from avrare.build.stack import Stack, build_stack, check_start
 from avrare.driving import Scene
 from avrare.errors import UsageError, did_you_mean
 from avrare.estimation.plan import Estimator
+from avrare.logic.online import FormulaMonitor
 from avrare.rollout.problem import Problem
+from avrare.rollout.progress import shape_of
 from avrare.scenario.schema import Formula, Scenario
 
 
@@ -92,11 +94,13 @@ def _rebuild(definition: Scenario, names: tuple[str, ...]) -> ScenarioProblem:
 
 
 def _score(scenario: BuildableScenario, name: str) -> str | None:
-    """The score that orders particles: as written, else `margin` for formulas of the shape `always ...`."""
+    """The score that orders particles: as written, else by the formula's shape (ADR 3)."""
     part = scenario.definition.specifications[name]
     monitor = scenario.stack.specifications[name]
     own = part.score if isinstance(part, Formula) else getattr(part.config, "score", None)
     if own is not None:
         return own
     margin = getattr(monitor, "margin", None)
-    return "margin" if margin is not None and margin(monitor.start(1)) is not None else None
+    if margin is not None and margin(monitor.start(1)) is not None:
+        return "margin"
+    return "progress" if isinstance(monitor, FormulaMonitor) and shape_of(monitor.formula) else None

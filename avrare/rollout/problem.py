@@ -10,13 +10,14 @@ import numpy as np
 from avrare.errors import UsageError, did_you_mean
 from avrare.logic.api import Formula
 from avrare.logic.online import FormulaMonitor
-from avrare.protocols import Floats, Specification, System
+from avrare.protocols import Floats, Signals, Specification, System
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
+from avrare.rollout.progress import ProgressScored, shape_of
 from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.score import FunctionScored, MarginScored, ScoreFunction
 
-SCORES = ("robustness", "margin")
+SCORES = ("robustness", "margin", "progress")
 DEFAULT_CHUNK = 4096
 _DEFAULT_NAME = "specification"
 
@@ -29,8 +30,10 @@ class Problem:
         specification: A formula from ``avrare.stl``, any ``Specification``, or a mapping of names to them.
         steps: States t = 0..steps are simulated; 0 is a static problem.
         score: Importance score for splitting: ``function(signals so far, t) -> (N,)`` or a name:
-            "robustness" (the formula's own, the default) or "margin" (see ``avrare.rollout.score``; where the
-            noise-free run has no margin, as "robustness").
+            "robustness" (the formula's own), "margin" (see ``avrare.rollout.score``; where the noise-free run
+            has no margin, as "robustness"), "progress" (see ``avrare.rollout.danger``). By default "progress"
+            for formulas that may still come true, such as ``eventually``, else "robustness". The default
+            never runs the system; "margin" and "progress" by name make a noise-free run.
         chunk: Rollouts per unit of work; never changes a result of a system whose rows are independent.
 
     Raises:
@@ -82,7 +85,7 @@ class Problem:
 
     def gamma(self, level: float) -> float:
         """The robustness threshold of a score's level: 0 at failure, as the papers count."""
-        return 1.0 - level if isinstance(self.specifications[0], MarginScored) else -level
+        return 1.0 - level if isinstance(self.specifications[0], MarginScored | ProgressScored) else -level
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
@@ -116,7 +119,31 @@ class Problem:
     def _with_score(self) -> tuple[Specification, ...]:
         if callable(self.score):
             return tuple(FunctionScored(spec, self.score) for spec in self._plain)
-        return self._with_margin() if self.score == "margin" else self._plain
+        match self.score:
+            case "margin":
+                return self._with_margin()
+            case "progress":
+                return self._with_progress()
+            case "robustness":
+                return self._plain
+        return tuple(self._by_progress(spec, None) or spec for spec in self._plain)
+
+    def _with_progress(self) -> tuple[Specification, ...]:
+        carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
+        nominal = [self.system.signals(carry.system) for carry in carries]
+        scored = [self._by_progress(spec, nominal) for spec in self._plain]
+        for name, spec in zip(self.names, scored, strict=True):
+            if spec is None:
+                raise UsageError(
+                    f"score 'progress' does not fit {name}",
+                    "it needs a formula that looks ahead in another way than `always ...` and has no "
+                    "quantifier, iff, xor or negated until over such parts; leave the score out",
+                )
+        return tuple(spec for spec in scored if spec is not None)
+
+    def _by_progress(self, spec: Specification, nominal: list[Signals] | None) -> Specification | None:
+        shape = shape_of(spec.formula) if isinstance(spec, FormulaMonitor) else None
+        return ProgressScored(spec, shape, self.steps, nominal) if shape else None  # type: ignore[arg-type]
 
     def _with_margin(self) -> tuple[Specification, ...]:
         carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
