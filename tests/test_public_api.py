@@ -7,13 +7,16 @@ import sys
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
+from avrare.testing import systems
+from avrare.testing.problems import linear, reference_problem
 
 
 def walk(limit=2.5, system=None, **keywords):
-    return avrare.Problem(system or toy.Walk(), avrare.stl(f"always (x < {limit})"), steps=100, **keywords)
+    return avrare.Problem(
+        system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps=100, **keywords
+    )
 
 
 SETTINGS = {"mc": {"rollouts": 2000}, "ams": {"particles": 50, "discard": 10, "runs": 4}}
@@ -75,24 +78,25 @@ def test_json_has_no_nan_and_no_infinity():
 
 def test_monte_carlo_is_the_default_and_right():
     result = avrare.estimate(walk(), seed=1, rollouts=40_000)
-    truth = toy.WALK[2.5]
+    truth = reference_problem("d_rw_L2.5").probability
     assert result.estimator == "mc"
     assert abs(result.probability - truth) < 4 * math.sqrt(truth * (1 - truth) / 40_000)
 
 
 def test_splitting_finds_a_rare_failure():
     result = avrare.estimate(walk(3.8), "ams", seed=1, particles=100, discard=10, runs=40)
-    assert abs(result.probability - toy.WALK[3.8]) < 4 * result.relative_error * result.probability
+    truth = reference_problem("d_rw_L3.8").probability
+    assert abs(result.probability - truth) < 4 * result.relative_error * result.probability
     assert result.relative_error < 0.3
-    assert result.interval[0] < toy.WALK[3.8] < result.interval[1]
+    assert result.interval[0] < truth < result.interval[1]
 
 
 @pytest.mark.parametrize("estimator", SETTINGS)
-@pytest.mark.parametrize("system", [toy.DataclassWalk(), toy.TupleWalk(), toy.ArrayWalk()])
+@pytest.mark.parametrize("system", [systems.NestedWalk(), systems.TupleWalk(), systems.ArrayWalk()])
 def test_states_may_be_dataclasses_tuples_or_arrays(estimator, system):
     ours, dicts = (
         avrare.estimate(walk(1.0, one), estimator, seed=5, **SETTINGS[estimator])
-        for one in (system, toy.Walk())
+        for one in (system, systems.Walk())
     )
     np.testing.assert_array_equal(ours.run_probabilities, dicts.run_probabilities)
     np.testing.assert_array_equal(ours.failures.noise, dicts.failures.noise)
@@ -100,9 +104,9 @@ def test_states_may_be_dataclasses_tuples_or_arrays(estimator, system):
 
 @pytest.mark.parametrize("estimator", SETTINGS)
 def test_static_problem(estimator):
-    problem = avrare.Problem(toy.Static(), avrare.stl("always (x < 2)"), steps=0)
+    problem = linear(2.0, dim=3).problem()
     result = avrare.estimate(problem, estimator, seed=2, **SETTINGS[estimator])
-    truth = 0.0227501319481792
+    truth = linear(2.0, dim=3).probability
     trials = result.rollouts
     assert abs(result.probability - truth) < 4 * math.sqrt(truth / trials)
     assert result.simulated_steps == 0
@@ -119,7 +123,7 @@ def test_robustness_of_given_noise():
 
 
 def test_failure_is_the_boolean_evaluation():
-    class Fixed(toy.Walk):
+    class Fixed(systems.Walk):
         def step(self, state, noise):
             return {"x": np.full(len(noise), 4.0)}
 
@@ -189,7 +193,7 @@ def test_unknown_estimator():
     ],
 )
 def test_problem_checks_its_arguments(arguments, message):
-    default = {"system": toy.Walk(), "specification": avrare.stl("always (x < 4)"), "steps": 10}
+    default = {"system": systems.Walk(), "specification": avrare.stl("always (x < 4)"), "steps": 10}
     with pytest.raises(avrare.UsageError, match=message):
         avrare.Problem(**{**default, **arguments})
 
@@ -201,7 +205,7 @@ def test_misspelt_score_has_a_hint():
 
 
 def test_noise_size_must_be_a_count():
-    system = toy.Walk()
+    system = systems.Walk()
     system.noise_size = 1.0
     with pytest.raises(avrare.UsageError, match="noise_size"):
         walk(system=system)
@@ -209,13 +213,13 @@ def test_noise_size_must_be_a_count():
 
 def test_not_a_problem():
     with pytest.raises(avrare.UsageError, match="Problem"):
-        avrare.estimate(toy.Walk())
+        avrare.estimate(systems.Walk())
 
 
 def test_several_specifications_need_the_command_line():
     formulas = {name: avrare.stl("always (x < 4)") for name in ("one", "two")}
     with pytest.raises(avrare.UsageError, match="2 specifications"):
-        avrare.estimate(avrare.Problem(toy.Walk(), formulas, steps=3))
+        avrare.estimate(avrare.Problem(systems.Walk(), formulas, steps=3))
 
 
 @pytest.mark.parametrize(
@@ -231,7 +235,7 @@ def test_several_specifications_need_the_command_line():
     ],
 )
 def test_signals_of_the_wrong_shape(signals, message):
-    class Odd(toy.Walk):
+    class Odd(systems.Walk):
         def signals(self, state):
             return signals(state["x"])
 
@@ -241,7 +245,7 @@ def test_signals_of_the_wrong_shape(signals, message):
 
 @pytest.mark.parametrize("state", [[np.zeros(50)], {"x": np.zeros(50), "t": np.array(0)}, {"x": {1, 2}}])
 def test_states_that_cannot_be_copied(state):
-    class Odd(toy.Walk):
+    class Odd(systems.Walk):
         def initial(self, noise):
             return state
 

@@ -15,6 +15,7 @@ from avrare.errors import PluginError, ScenarioError, UsageError
 from avrare.logic.api import stl
 from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Specification
+from avrare.scenario.formulas import reach_warnings
 from avrare.scenario.schema import Block, Formula, Scenario
 
 
@@ -45,17 +46,17 @@ def build_stack(scenario: Scenario) -> Stack:
     """
     _check_parts(scenario)
     with _placed(scenario, "simulator"):
-        simulator = _build(scenario.simulator, None)
+        simulator = build_block(scenario.simulator, None)
     scene = getattr(simulator, "scene", None)
     parts = []
     for kind in ("perception", "tracker", "controller"):
         block = getattr(scenario, kind)
         with _placed(scenario, kind):
-            parts.append(_build(block, scene) if block is not None else None)
+            parts.append(build_block(block, scene) if block is not None else None)
     specifications = {}
     for name, part in scenario.specifications.items():
         with _placed(scenario, f"specifications.{name}"):
-            specifications[name] = _specification(part, scene, simulator.dt)
+            specifications[name] = build_specification(part, scene, simulator.dt)
     return Stack(ClosedLoop(simulator, *parts), scene, specifications)
 
 
@@ -82,8 +83,12 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
         raise ScenarioError(problems)
 
 
-def build_and_try(scenario: Scenario, steps: int = 3) -> None:
-    """Build the stack and run a few noise-free steps: what ``validate --build`` does."""
+def build_and_try(scenario: Scenario, steps: int = 3) -> list[str]:
+    """Build the stack and run a few noise-free steps: what ``validate --build`` does.
+
+    Returns:
+        Warnings on plugins' specifications that look further than a run is long.
+    """
     stack = build_stack(scenario)
     check_start(scenario, stack)
     noise = np.zeros((1, stack.loop.noise_size))
@@ -94,6 +99,12 @@ def build_and_try(scenario: Scenario, steps: int = 3) -> None:
         signals = stack.loop.signals(state)
         for name, spec in stack.specifications.items():
             monitors[name], _ = spec.update(monitors[name], signals)
+    return [
+        f"{scenario.path}: specifications.{name}: {text}"
+        for name, spec in stack.specifications.items()
+        if isinstance(scenario.specifications[name], Block) and hasattr(spec, "formula")
+        for text in reach_warnings(spec.formula.horizon, spec.formula.history, scenario.steps)
+    ]
 
 
 @contextmanager
@@ -113,7 +124,12 @@ def _check_parts(scenario: Scenario) -> None:
         )
 
 
-def _build(block: Block, scene: Scene | None) -> Any:
+def build_block(block: Block, scene: Scene | None) -> Any:
+    """What a block describes.
+
+    Raises:
+        PluginError: Its implementation cannot be imported.
+    """
     try:
         factory = block.component.load_factory()
     except ImportError as error:
@@ -125,7 +141,8 @@ def _build(block: Block, scene: Scene | None) -> Any:
     return factory(block.config, scene)
 
 
-def _specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:
+def build_specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:
+    """The monitor of one specification, for signals every ``dt`` [s]."""
     if isinstance(part, Block):
-        return _build(part, scene)  # type: ignore[no-any-return]
-    return FormulaMonitor(stl(part.stl, dt=dt, until=part.until))
+        return build_block(part, scene)  # type: ignore[no-any-return]
+    return FormulaMonitor(stl(part.stl, dt=dt, until=part.until, warn=False))

@@ -15,7 +15,10 @@ from avrare.errors import AvrareError, ExitCode, UsageError, did_you_mean
 
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
+    "compare": ("avrare.cli.compare", "estimators side by side, with the same budget"),
     "validate": ("avrare.cli.validate", "check scenario files without running them"),
+    "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
+    "monitor": ("avrare.cli.monitor", "score a recorded drive or a run's failure under a rule"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
 }

@@ -63,7 +63,7 @@ def _run(definition: Scenario, args: argparse.Namespace, budget: Any, several: b
     scenario = BuildableScenario(definition)
     results = _estimates(scenario, args, budget)
     content = rundir.document(definition, results)
-    rundir.write(folder, definition, content)
+    rundir.write(folder, definition, content, results)
     pictures = [] if args.no_pictures else _draw(scenario, results, folder)
     if not args.json:
         _show(definition, results, folder, pictures)

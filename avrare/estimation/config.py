@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+MOST_WITHOUT_LIMIT = 10**6
+"""Rollouts of a run that stops by its error: a rule that is never broken must end too."""
 
 
 class McConfig(BaseModel):
@@ -10,5 +13,24 @@ class McConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    rollouts: int = Field(default=1000, ge=1, description="rollouts of each run")
+    rollouts: int = Field(
+        default=1000,
+        ge=1,
+        description="rollouts of each run; with relative_error, the most (default 1e6 then)",
+    )
     runs: int = Field(default=1, ge=1, description="independent repetitions behind one interval")
+    relative_error: float | None = Field(
+        default=None, ge=1e-3, lt=1.0, description="stop when the estimate is as exact as this"
+    )
+
+    @model_validator(mode="after")
+    def _one_sequence(self) -> McConfig:
+        if self.relative_error is not None and self.runs > 1:
+            raise ValueError("relative_error stops one run; leave runs at 1")
+        return self
+
+    @property
+    def most(self) -> int:
+        """Rollouts of each run, or the most of them."""
+        given = "rollouts" in self.model_fields_set
+        return self.rollouts if given or self.relative_error is None else MOST_WITHOUT_LIMIT

@@ -14,9 +14,29 @@ MESSAGES = {
     "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles",
     "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
     "all_failed": "every rollout failed: the scenario tells nothing about how often",
+    "no_failures": "no rollout failed: the proposal does not reach a failure, and the probability may be "
+    "anything below the interval's upper end",
+    "weight_mean": "the mean weight is {mean:.3g} +- {error:.2g} where it should be 1: the weights are "
+    "wrong, or the sample misses much of the target; raise `defensive`",
+    "weight_degenerate": "the estimate rests on {effective:.1f} equal rollouts' worth of weight, the largest "
+    "has {largest:.0%} of it: the interval is widened to what holds whatever the weights; use more rollouts "
+    "or a nearer proposal",
+    "cross_check": "a small splitting run finds failures that are likelier than those of the sample "
+    "({surprise:.1f} standard errors, {unseen:.0%} beyond all it has weighed): the proposal misses some, and "
+    "the interval is widened to what holds whatever it misses",
+    "unchecked": "the second look did not come to failure: nothing vouches that the proposal misses none; "
+    "use more rollouts, or compare with splitting",
+    "unreached": "after {stages} stages the elite still lies short of failure: the proposal is unfit; use "
+    "more stages or more rollouts",
 }
 FEWEST_ROOTS = 5
 LARGEST_SPREAD = 0.7
+LEAST_EFFECTIVE = 15.0
+LARGEST_SHARE = 0.3
+LARGEST_SURPRISE = 3.0
+LARGEST_UNSEEN = 0.8
+LARGEST_DEVIATION = 4.0
+LARGEST_MEAN_ERROR = 0.5
 
 
 def warn(name: str, **values: object) -> dict[str, str]:
@@ -52,4 +72,29 @@ def of_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict
     spread = pstdev(values) / fmean(values)
     if spread > LARGEST_SPREAD:
         found |= warn("scattered_runs", spread=spread)
+    return found
+
+
+def of_weights(
+    mean: float, error: float, effective: float, largest: float, surprise: float, unseen: float
+) -> dict[str, str]:
+    """Warnings on importance weights.
+
+    Args:
+        mean: Mean weight.
+        error: Its standard error.
+        effective: Effective number of failing contributions; 0 without failures.
+        largest: The largest contribution's share of the estimate.
+        surprise: Standard errors by which a second look contradicts the sample; 0 where there was none.
+        unseen: Share of the failures of a second look whose weight is above all of the sample's.
+    """
+    found: dict[str, str] = {}
+    if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:
+        found |= warn("weight_mean", mean=mean, error=error)
+    if effective == 0.0:
+        return found | warn("no_failures")
+    if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
+        found |= warn("weight_degenerate", effective=effective, largest=largest)
+    if surprise > LARGEST_SURPRISE or unseen > LARGEST_UNSEEN:
+        found |= warn("cross_check", surprise=surprise, unseen=unseen)
     return found

@@ -95,6 +95,18 @@ def clopper_pearson(failures: int, trials: int, confidence: float, undecided: in
     return low, high
 
 
+def inverse_binomial(failures: int, trials: int, confidence: float, undecided: int = 0) -> Interval:
+    """Exact interval of rollouts that were stopped at a failure planned beforehand, the ``failures``-th.
+
+    The lower bound is that of Clopper and Pearson; the upper one knows that the last rollout failed.
+    """
+    low, _ = clopper_pearson(failures, trials, confidence)
+    if failures + undecided >= trials:
+        return low, 1.0
+    high = beta_quantile(0.5 + confidence / 2.0, failures + undecided, trials - failures - undecided)
+    return low, high
+
+
 def log_normal(
     mean: float, relative_variance: float, confidence: float, *, freedom: int, undecided: float = 0.0
 ) -> Interval:

@@ -41,6 +41,8 @@ def run(
 ) -> list[Result]:  # fmt: skip
     """Estimate the failure probability of every specification of ``problem``.
 
+    An estimator with ``prepare(problem) -> problem`` may put another problem in its place.
+
     Raises:
         UsageError: The estimator takes one specification and the problem has several.
     """
@@ -50,6 +52,9 @@ def run(
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
         )
+    prepare = getattr(estimator, "prepare", None)
+    if prepare is not None:
+        problem = prepare(problem)
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
         problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,

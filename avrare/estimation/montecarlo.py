@@ -14,6 +14,7 @@ from avrare.estimation import health, intervals
 from avrare.estimation.config import McConfig
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Result, Worst
+from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Request, Rollouts, total_counts
 
 FAILURE_LIMIT = 100
@@ -51,7 +52,12 @@ class McState:
 
 
 class MonteCarlo:
-    """Binomial estimate with the exact interval of Clopper and Pearson."""
+    """Binomial estimate with the exact interval of Clopper and Pearson.
+
+    With ``relative_error`` it stops at a number of failures that was fixed beforehand (inverse binomial
+    sampling, Haldane 1945), which keeps the interval exact: looking at a fixed-size interval until it pleases
+    would not. Each specification has its own stop; rollouts beyond it are paid for and not used.
+    """
 
     name = "mc"
     single = False
@@ -61,19 +67,19 @@ class MonteCarlo:
 
     def init(self, plan: Plan) -> tuple[McState, Info]:
         """State before the first rollout, and what to show."""
-        per_run = self.config.rollouts
+        per_run = self.config.most
         if plan.budget is not None:
             per_run = _affordable(plan, self.config)
-        goal = None if per_run == _UNLIMITED else per_run * self.config.runs
+        goal = None if per_run == _UNLIMITED or self._needed else per_run * self.config.runs
         info = Info(goal=goal)
         return McState(plan, per_run * self.config.runs, per_run, (), info), info
 
     def ask(self, state: McState) -> Request | None:
         """The next wave of fresh rollouts."""
         done, wave = state.info.rollouts, _WAVE * state.plan.chunk
-        if done >= state.total:
+        if done >= state.total or self._satisfied(state):
             return None
-        if state.info.goal is None:
+        if state.info.goal is None:  # no larger than what is done, so that little is paid in vain
             wave = min(wave, max(min(_FIRST_WAVE, state.plan.chunk), done))
         index = np.arange(done, min(done + wave, state.total))
         return Request.from_start(index // state.per_run, index % state.per_run)
@@ -89,25 +95,28 @@ class MonteCarlo:
         return [self._result(state, outcome, column) for column in range(len(state.plan.names))]
 
     def _result(self, state: McState, outcome: Rollouts, column: int) -> Result:
-        plan, trials = state.plan, len(outcome.error)
-        violated = outcome.violated[:, column]
-        failures, errors = int(violated.sum()), int(outcome.error.sum())
-        runs = np.arange(trials) // state.per_run
-        values = np.bincount(runs, weights=violated) / np.bincount(runs)
+        plan, paid = state.plan, len(outcome.error)
+        stop = self._stop(outcome.violated[:, column])
+        used = slice(0, stop or paid)
+        violated, error = outcome.violated[used, column], outcome.error[used]
+        trials, failures, errors = len(error), int(violated.sum()), int(error.sum())
+        values = self._values(state, violated, stop)
         probability = float(values.mean())
-        robustness = np.where(outcome.error, np.nan, outcome.robustness[:, column])
+        robustness = np.where(error, np.nan, outcome.robustness[used, column])
         warnings = health.of_errors(errors, trials, plan.max_error_rate, outcome.messages)
         if failures == trials:
             warnings |= health.warn("all_failed")
+        interval = intervals.inverse_binomial if stop else intervals.clopper_pearson
+        known = probability > 0.0
         return Result(
             specification=plan.names[column],
             estimator=self.name,
             probability=probability,
-            interval_at=partial(intervals.clopper_pearson, failures, trials, undecided=errors),
+            interval_at=partial(interval, failures, trials, undecided=errors),
             confidence=plan.confidence,
             run_probabilities=values,
-            relative_error=math.sqrt((1 - probability) / (probability * trials)) if failures else math.nan,
-            rollouts=trials,
+            relative_error=math.sqrt((1 - probability) / (probability * trials)) if known else math.nan,
+            rollouts=paid,
             simulated_steps=outcome.simulated_steps,
             errors=errors,
             health=warnings,
@@ -115,7 +124,34 @@ class MonteCarlo:
             worst=self._worst(state, robustness),
             robustness=robustness,
             counts=total_counts([outcome]),
+            diagnostics={"used_rollouts": trials} if self._needed else {},
         )
+
+    @property
+    def _needed(self) -> int:
+        """Failures to stop at, 0: none planned; m of them leave a relative error of at most 1/sqrt(m - 2)."""
+        wanted = self.config.relative_error
+        return math.ceil(wanted**-2) + 2 if wanted else 0
+
+    def _satisfied(self, state: McState) -> bool:
+        """Whether every specification has failed as often as planned."""
+        if not (self._needed and state.parts):
+            return False
+        count = np.sum([part.violated.sum(axis=0) for part in state.parts], axis=0)
+        return bool((count >= self._needed).all())
+
+    def _stop(self, violated: Bools) -> int:
+        """Rollouts up to the planned number of failures; 0 where it was not planned or not reached."""
+        if not self._needed or violated.sum() < self._needed:
+            return 0
+        return int(np.flatnonzero(violated)[self._needed - 1]) + 1
+
+    def _values(self, state: McState, violated: Bools, stop: int) -> Floats:
+        """(runs,) unbiased: after a stop the last failure was certain and does not count."""
+        if stop:
+            return np.array([(violated.sum() - 1) / (stop - 1)])
+        runs = np.arange(len(violated)) // state.per_run
+        return np.asarray(np.bincount(runs, weights=violated) / np.bincount(runs))
 
     def _failures(self, state: McState, violated: Any, robustness: Any) -> Failures:
         index = np.flatnonzero(violated)

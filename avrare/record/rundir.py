@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +13,8 @@ from typing import Any
 
 from avrare.errors import UsageError
 from avrare.estimation.result import Result
+from avrare.record.failures import write_failures
+from avrare.record.whole import write_text
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
@@ -76,29 +76,18 @@ def _git(folder: Path, *words: str) -> str | None:
     return answer.stdout.strip()
 
 
-def write(folder: Path, scenario: Scenario, content: dict[str, Any]) -> None:
-    """Write result.json, the resolved scenario, and provenance.json.
+def write(folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = ()) -> None:
+    """Write result.json, the resolved scenario, provenance.json and, if there are any, failures.npz.
 
     Raises:
         UsageError: The folder cannot be written to.
     """
     try:
-        _write_text(folder / "scenario.yaml", dump(scenario.resolved))
-        _write_text(folder / "provenance.json", json.dumps(provenance(scenario), indent=2) + "\n")
-        _write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
+        write_text(folder / "scenario.yaml", dump(scenario.resolved))
+        write_text(folder / "provenance.json", json.dumps(provenance(scenario), indent=2) + "\n")
+        write_failures(folder, results)
+        write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
     except OSError as error:
         raise UsageError(
             f"{folder}: cannot write the result: {error.strerror}", "choose another --out"
         ) from error
-
-
-def _write_text(path: Path, text: str) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise

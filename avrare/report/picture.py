@@ -17,7 +17,7 @@ from avrare.estimation.result import Result
 from avrare.protocols import Floats
 
 _MOMENTS = 6
-_EGO, _OTHER, _PARKED = "#1b6ca8", "#6b7a8f", "#b0443c"
+_EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
 _SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
 
 
@@ -74,8 +74,8 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     FigureCanvasAgg(figure)
     axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True, sharey=True))
     for ax, frame in zip(axes, chosen, strict=True):
-        _draw_road(ax, scene)
-        _draw_frame(ax, frame, scene)
+        draw_road(ax, scene)
+        draw_frame(ax, frame, scene)
     axes[-1].set_xlabel("x [m]")
     figure.suptitle(title, fontsize=11, x=0.01, ha="left")
     handles, labels = axes[-1].get_legend_handles_labels()
@@ -110,7 +110,8 @@ def _frame(t: int, state: Any, prediction: Any, position: int) -> Frame:
     )
 
 
-def _draw_road(ax: Any, scene: Scene) -> None:
+def draw_road(ax: Any, scene: Scene) -> None:
+    """Draw the lanes into matplotlib axes."""
     road = scene.road
     edges = [centre - 0.5 * road.lane_width for centre in road.lane_centres]
     edges.append(road.lane_centres[-1] + 0.5 * road.lane_width)
@@ -129,10 +130,21 @@ def _draw_road(ax: Any, scene: Scene) -> None:
         ax.spines[side].set_visible(False)
 
 
-def _draw_frame(ax: Any, frame: Frame, scene: Scene) -> None:
+def draw_frame(
+    ax: Any, frame: Frame, scene: Scene, clock: str | None = None, marked: frozenset[str] = frozenset()
+) -> None:
+    """Draw the vehicles of one moment.
+
+    Args:
+        ax: Matplotlib axes.
+        frame: The moment.
+        scene: Names and sizes.
+        clock: Its time [s] in words; by default it counts from the start.
+        marked: Names of vehicles to point out.
+    """
     ego, others = frame.world.ego, frame.world.others
     for v, name in enumerate(scene.names):
-        colour = _OTHER if scene.moving[v] else _PARKED
+        colour = _MARKED if name in marked else _OTHER if scene.moving[v] else _PARKED
         _draw_box(ax, others, (0, v), scene.lengths[v], scene.widths[v], colour, name)
     _draw_box(ax, ego, (0,), scene.ego_length, scene.ego_width, _EGO, "ego")
     if frame.plan is not None:
@@ -158,7 +170,7 @@ def _draw_frame(ax: Any, frame: Frame, scene: Scene) -> None:
     ax.text(
         1.005,
         0.5,
-        f"{frame.t * scene.dt:.1f} s\n{ego.speed[0]:.1f} m/s",
+        f"{clock or f'{frame.t * scene.dt:.1f}'} s\n{ego.speed[0]:.1f} m/s",
         transform=ax.transAxes,
         fontsize=8,
         va="center",
@@ -182,6 +194,7 @@ def _draw_box(
         va="bottom",
         zorder=7,
         clip_on=True,
+        bbox={"facecolor": "#eef0f2", "edgecolor": "none", "pad": 0.3, "alpha": 0.8},
     )
 
 

@@ -38,7 +38,20 @@ def simulate(
 
     ``scored=False`` leaves out the course of the scores.
     """
+    if request.law is not None:
+        system = _under(system, request.law)
     return _Rollout(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
+
+
+def _under(system: System, law: Any) -> System:
+    """The system that draws from ``law``."""
+    under = getattr(system, "under", None)
+    if under is None:
+        raise UsageError(
+            f"{type(system).__name__} cannot draw from another law",
+            "a system that can offers under(law) -> system and log_weights(state) -> (N,)",
+        )
+    return under(law)  # type: ignore[no-any-return]
 
 
 class _Tape:
@@ -77,6 +90,8 @@ class _Rollout:
         self.violated = np.zeros((rows, count), dtype=bool)
         self.error = np.zeros(rows, dtype=bool)
         self.scores = np.full((rows, steps + 1 if scored else 0), -np.inf)
+        self.log_weight = np.zeros(rows)
+        self.log_weights = getattr(system, "log_weights", None)
         self.simulated_steps = 0
         self.counts: dict[str, Integers] = {}
         self.messages: list[str] = []
@@ -102,7 +117,7 @@ class _Rollout:
             values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
-            tuple(dict.fromkeys(self.messages))[:5], tuple(self.kept),
+            tuple(dict.fromkeys(self.messages))[:5], tuple(self.kept), self.log_weight,
         )  # fmt: skip
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
@@ -203,6 +218,8 @@ class _Rollout:
     def _record(self, carry: Carry, rows: Integers, t: int) -> None:
         if self.scored:
             self.scores[rows, t] = carry.verdicts[0].score
+        if self.log_weights is not None:
+            self.log_weight[rows] = self.log_weights(carry.system)
         for column, verdict in enumerate(carry.verdicts):
             self.robustness[rows, column] = verdict.robustness
 

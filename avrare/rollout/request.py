@@ -43,6 +43,7 @@ class Request:
         carries: (s, carry) pairs in ascending s; together they hold the rows with start >= 0 in order.
         tape: (M, steps + 1, noise_size) explicit noise in place of addressed noise, or None.
         keep_carries: Return the carry of every step.
+        law: What the system is to draw from instead of its own distribution: handed to ``System.under``.
     """
 
     run: Integers
@@ -52,6 +53,7 @@ class Request:
     carries: tuple[tuple[int, Carry], ...] = ()
     tape: Floats | None = None
     keep_carries: bool = False
+    law: Any = None
 
     @property
     def rows(self) -> int:
@@ -103,6 +105,8 @@ class Rollouts:
         counts: What each row added to the system's own counters, (M,) each; 0 for errored rows.
         messages: What broke down, the first few.
         carries: (t, row indices, carry) of every step when they were asked for.
+        log_weight: (M,) log likelihood ratio that the system reports, zeros where it reports none; of the
+            steps before the error for errored rows.
     """
 
     robustness: Floats
@@ -113,6 +117,7 @@ class Rollouts:
     counts: dict[str, Integers] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
     carries: tuple[tuple[int, Integers, Carry], ...] = ()
+    log_weight: Floats = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def join(parts: list[Rollouts]) -> Rollouts:
@@ -139,6 +144,7 @@ class Rollouts:
                 for part, offset in zip(parts, offsets, strict=False)
                 for step, rows, carry in part.carries
             ),
+            log_weight=np.concatenate([part.log_weight for part in parts]),
         )
 
 

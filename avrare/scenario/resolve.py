@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
-from avrare.errors import ExitCode, FormulaError, PluginError, did_you_mean
+from avrare.errors import ExitCode, PluginError, did_you_mean
 from avrare.plugin.registry import Registry, Row
 from avrare.scenario.explain import Problem, check, describe, scenario_error
+from avrare.scenario.formulas import check_formula
 from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.source import Node, Path
 
@@ -34,7 +35,8 @@ def resolve(tree: Node, path: str, registry: Registry) -> Scenario:
             problems += found
             if block:
                 blocks[key] = block
-    specifications, found = _specifications(tree, registry, blocks.get("simulator"))
+    steps = document.steps if document else None
+    specifications, found, warnings = _specifications(tree, registry, blocks.get("simulator"), steps)
     problems += found + _cross_checks(tree)
     if problems or document is None:
         raise scenario_error(problems)
@@ -44,6 +46,7 @@ def resolve(tree: Node, path: str, registry: Registry) -> Scenario:
         path=path,
         specifications=specifications,
         estimated=tuple(name for name in specifications if name in chosen),
+        warnings=tuple((warning.message, warning.hint) for warning in warnings),
         **blocks,  # type: ignore[arg-type]  # keys are PARTS
         **settings,
     )
@@ -91,10 +94,12 @@ def _config(row: Row) -> type[BaseModel]:
 
 
 def _specifications(
-    tree: Node, registry: Registry, simulator: Block | None
-) -> tuple[dict[str, Block | Formula], list[Problem]]:
+    tree: Node, registry: Registry, simulator: Block | None, steps: int | None
+) -> tuple[dict[str, Block | Formula], list[Problem], list[Problem]]:
+    """The specifications, what is wrong with them, and what only deserves a warning."""
     parts: dict[str, Block | Formula] = {}
     problems: list[Problem] = []
+    warnings: list[Problem] = []
     whole = tree.child("specifications")
     for name, node in (whole.entries if whole else {}).items():
         path = ("specifications", name)
@@ -103,8 +108,10 @@ def _specifications(
             continue  # the schema has said so already
         if "stl" in node.value and "plugin" not in node.value:
             part, found = check(Formula, node, path)
-            if part and simulator:
-                found += _formula(part, node, path, simulator)
+            if part:
+                errors, doubts = check_formula(part, node, path, simulator, steps)
+                found += errors
+                warnings += doubts
         elif "stl" in node.value or "plugin" not in node.value:
             text = "should have either 'stl' or 'plugin'"
             found = [Problem(node.name_mark, path, text, 'for example {stl: "always (gap > 2.0)"}')]
@@ -113,20 +120,7 @@ def _specifications(
         problems += found
         if part:
             parts[name] = part
-    return parts, problems
-
-
-def _formula(part: Formula, node: Node, path: Path, simulator: Block) -> list[Problem]:
-    """Whether the formula can be read at this step; its signals are known once the simulator is built."""
-    from avrare.logic.api import stl
-
-    dt = getattr(simulator.config, "dt", None)
-    try:
-        stl(part.stl, dt=dt if isinstance(dt, float) else 1.0, until=part.until)
-    except FormulaError as error:
-        text = error.message.splitlines()[0]  # the lines below it quote the formula
-        return [Problem(node.entries["stl"].mark, (*path, "stl"), text, error.hint)]
-    return []
+    return parts, problems, warnings
 
 
 def _cross_checks(tree: Node) -> list[Problem]:

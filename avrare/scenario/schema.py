@@ -133,6 +133,7 @@ class Scenario:
         chunk: Rollouts per chunk of work.
         max_error_rate: Share of the rollouts that may end in an error.
         confidence: Of the reported intervals.
+        warnings: (message, hint) on formulas that can be used but may not say what is meant.
     """
 
     path: str = field(compare=False)
@@ -151,6 +152,7 @@ class Scenario:
     chunk: int = 25
     max_error_rate: float = 0.01
     confidence: float = 0.95
+    warnings: tuple[tuple[str, str | None], ...] = field(default=(), compare=False)
 
     @property
     def blocks(self) -> dict[str, Block]:

@@ -39,6 +39,7 @@ def here(tmp_path, monkeypatch, fake):
     """A folder with one good scenario, and a registry that sees the fake plugin only."""
     monkeypatch.chdir(tmp_path)
     Path("good.yaml").write_text(GOOD)
+    Path("formulas.yaml").write_text(GOOD.replace("{plugin: book, rule: R_G1}", '{stl: "always (gap > 2)"}'))
     default_registry.cache_clear()
     yield tmp_path
     default_registry.cache_clear()
@@ -64,7 +65,10 @@ def shell(*words, code=None, **more):
         ["--help"],
         ["plugins"],
         ["plugins", "--json"],
+        ["rules"],
+        ["monitor", "--help"],
         ["validate", "good.yaml"],
+        ["validate", "formulas.yaml"],
         ["schema"],
         ["run", "--help"],
     ],
@@ -166,6 +170,33 @@ def test_help_and_version(capsys):
         assert all(f"\n  {name} " in out for name in command.COMMANDS)
     assert main(["validate", "--help"]) == 0
     assert "--set KEY=VALUE" in capsys.readouterr().out
+
+
+DOUBTFUL = {
+    '"always gap > 2 and gap < 9"': ["line 1, column 1: ", "  always gap > 2 and gap < 9\n  ^\nhint: write "],
+    '"eventually[0:6s] (gap > 2)"': ["looks 60 samples ahead but a run has 40 steps: "],
+    '"always (gap > 2 -> once[0:5s] (gap > 9))"': ["looks 50 samples back but a run has 40 steps: "],
+}
+
+
+@pytest.mark.parametrize("formula", DOUBTFUL)
+def test_validate_warns_of_formulas_and_still_says_ok(capsys, formula):
+    Path("s.yaml").write_text(GOOD.replace("{plugin: book, rule: R_G1}", f"{{stl: {formula}}}"))
+    assert main(["validate", "s.yaml"]) == 0
+    out, err = capsys.readouterr()
+    assert out == "s.yaml: ok  toy, 40 steps, 1 specification, estimator toy\n"
+    assert err.startswith("warning: s.yaml:5:15: specifications.near.stl: ")
+    assert all(words in err for words in DOUBTFUL[formula])
+    assert main(["validate", "s.yaml", "--set", "steps=60", "--set", "specifications.near.stl=gap > 0"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_wrong_formula_is_pointed_at_in_the_file_and_in_itself(capsys):
+    Path("s.yaml").write_text(GOOD.replace("{plugin: book, rule: R_G1}", '{stl: "gap > 2 and"}'))
+    assert main(["validate", "s.yaml"]) == 4
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("s.yaml:5:15: specifications.near.stl: line 1, column 12: ")
+    assert lines[1:3] == ["  gap > 2 and", "             ^"]
 
 
 class Fails:

@@ -116,8 +116,10 @@ def test_a_folder_that_cannot_be_made(tmp_path, capsys):
     assert "cannot make this folder" in capsys.readouterr().err
 
 
-def test_formulas_of_the_shape_always_are_ordered_by_their_margin():
-    specifications = "specifications={a: {stl: 'always (gap > 0.2)'}, b: {stl: 'eventually (ego_x > 200)'}}"
+def test_the_score_follows_the_formulas_shape():
+    specifications = (
+        "specifications={a: {stl: 'always (gap > 0.2)'}, b: {stl: 'eventually (ego_x > 200)'},"
+        " c: {stl: 'exists o in others: eventually (distance > 9)'}}"
+    )
     scenario = BuildableScenario(load(LANE_CHANGE, [specifications, "steps=5"]))
-    assert scenario.problem("a").score == "margin"
-    assert scenario.problem("b").score is None
+    assert [scenario.problem(name).score for name in "abc"] == ["margin", "progress", None]

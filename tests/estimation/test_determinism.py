@@ -4,20 +4,20 @@ import json
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
+from avrare.testing import systems
 
 SETTINGS = {
     "mc": {"rollouts": 300, "runs": 2},
     "ams": {"particles": 30, "discard": 6, "runs": 3},
 }
-SYSTEMS = [toy.Walk(), toy.DataclassWalk(), toy.Fragile("raise", 3.0), toy.Odometer()]
+SYSTEMS = [systems.Walk(), systems.NestedWalk(), systems.Fragile("raise", 3.0), systems.Odometer()]
 
 
 def estimate(estimator, system=None, chunk=4096, seed=8, score=None, steps=40, **options):
     formula = avrare.stl("always (x < 1.2)")
-    problem = avrare.Problem(system or toy.Walk(), formula, steps, score, chunk=chunk)
+    problem = avrare.Problem(system or systems.Walk(), formula, steps, score, chunk=chunk)
     return avrare.estimate(problem, estimator, seed=seed, **{**SETTINGS[estimator], **options})
 
 
@@ -53,14 +53,14 @@ def test_chunks_do_not_show(estimator, chunk, system):
     assert_same(
         estimate(estimator, system),
         estimate(estimator, system, chunk=chunk),
-        cost=not isinstance(system, toy.Fragile),
+        cost=not isinstance(system, systems.Fragile),
     )
 
 
 @pytest.mark.parametrize("estimator", SETTINGS)
 def test_workers_do_not_show(estimator):
-    for system in (toy.DataclassWalk(), toy.Fragile("raise", 3.0)):
-        for score in (None, "margin", toy.height):
+    for system in (systems.NestedWalk(), systems.Fragile("raise", 3.0)):
+        for score in (None, "margin", systems.height):
             one, two = (
                 estimate(estimator, system, chunk=40, score=score, workers=workers) for workers in (1, 2)
             )

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
 from avrare.estimation import loop
@@ -12,10 +11,11 @@ from avrare.estimation.loop import Settings, run
 from avrare.estimation.montecarlo import MonteCarlo
 from avrare.estimation.verdict import verdict
 from avrare.execute.serial import SerialExecutor
+from avrare.testing import systems
 
 
 def problem(limit=0.5, system=None, **keywords):
-    return avrare.Problem(system or toy.Walk(), avrare.stl(f"always (x < {limit})"), steps=20, **keywords)
+    return avrare.Problem(system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps=20, **keywords)
 
 
 def monte_carlo(task, settings=None, progress=None, **options):
@@ -24,7 +24,7 @@ def monte_carlo(task, settings=None, progress=None, **options):
 
 def test_progress_counts_every_chunk():
     seen = []
-    (result,) = monte_carlo(problem(chunk=10, system=toy.Odometer()), progress=seen.append, rollouts=95)
+    (result,) = monte_carlo(problem(chunk=10, system=systems.Odometer()), progress=seen.append, rollouts=95)
     rollouts = [info.rollouts for info in seen]
     assert rollouts == sorted(rollouts)
     assert set(rollouts) == {10, 20, 30, 40, 50, 60, 70, 80, 90, 95}
@@ -35,13 +35,13 @@ def test_progress_counts_every_chunk():
 
 def test_all_specifications_share_one_pass():
     formulas = {"low": avrare.stl("always (x < 0.3)"), "high": avrare.stl("always (x < 0.9)")}
-    system = toy.CountingWalk()
+    system = systems.Counting(systems.Walk())
     low, high = monte_carlo(avrare.Problem(system, formulas, steps=20), rollouts=500)
     assert system.rows == 500 * 20
     assert (low.specification, high.specification) == ("low", "high")
     assert low.probability > high.probability > 0.0
     for name, result in (("low", low), ("high", high)):
-        (alone,) = monte_carlo(avrare.Problem(toy.Walk(), {name: formulas[name]}, steps=20), rollouts=500)
+        (alone,) = monte_carlo(avrare.Problem(systems.Walk(), {name: formulas[name]}, steps=20), rollouts=500)
         assert alone.probability == result.probability
         np.testing.assert_array_equal(alone.failures.noise, result.failures.noise)
 
@@ -51,7 +51,7 @@ def test_an_estimator_of_one_specification_refuses_two():
     estimator.single = True
     formulas = {name: avrare.stl("always (x < 1)") for name in ("a", "b")}
     with pytest.raises(avrare.UsageError, match="one specification at a time"):
-        run(avrare.Problem(toy.Walk(), formulas, steps=2), estimator, SerialExecutor(), Settings())
+        run(avrare.Problem(systems.Walk(), formulas, steps=2), estimator, SerialExecutor(), Settings())
 
 
 def test_a_budget_of_seconds_stops_at_a_look_at_the_clock(monkeypatch):
@@ -69,7 +69,7 @@ def test_the_executor_is_closed_whatever_happens():
         def close(self):
             self.closed = True
 
-    class Wrong(toy.Walk):
+    class Wrong(systems.Walk):
         def signals(self, state):
             return {}
 
@@ -80,7 +80,7 @@ def test_the_executor_is_closed_whatever_happens():
 
 
 def test_max_error_rate_is_a_setting():
-    task = problem(system=toy.Fragile("nan", beyond=2.5))
+    task = problem(system=systems.Fragile("nan", beyond=2.5))
     assert "errors" in monte_carlo(task, Settings(max_error_rate=0.01))[0].health
     (tolerant,) = monte_carlo(task, Settings(max_error_rate=0.5))
     assert tolerant.errors > 0

@@ -1,22 +1,32 @@
 """Monte Carlo: unbiased, covering, honest about cost and errors."""
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
-from avrare.estimation.intervals import clopper_pearson
+from avrare.errors import UsageError
+from avrare.estimation.intervals import clopper_pearson, inverse_binomial
+from avrare.testing import systems
+from avrare.testing.problems import linear, reference_problem
 
 
 def walk(limit=2.5, system=None, steps=100, **keywords):
-    return avrare.Problem(system or toy.Walk(), avrare.stl(f"always (x < {limit})"), steps=steps, **keywords)
+    return avrare.Problem(
+        system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps=steps, **keywords
+    )
+
+
+def coin(probability):
+    """Fails with a given probability, at once."""
+    return linear(-NormalDist().inv_cdf(probability), dim=1).problem()
 
 
 def test_unbiased_and_covering_over_two_hundred_seeds():
-    problem = avrare.Problem(toy.Static(), avrare.stl("always (x < 2)"), steps=0)
-    truth, rollouts = 0.0227501319481792, 400
+    problem = linear(2.0, dim=3).problem()
+    truth, rollouts = linear(2.0, dim=3).probability, 400
     results = [avrare.estimate(problem, seed=seed, rollouts=rollouts, confidence=0.9) for seed in range(200)]
     error = math.sqrt(truth * (1 - truth) / rollouts / len(results))
     assert abs(np.mean([result.probability for result in results]) - truth) < 4 * error
@@ -26,7 +36,7 @@ def test_unbiased_and_covering_over_two_hundred_seeds():
 
 def test_unbiased_on_the_walk_over_two_hundred_runs():
     result = avrare.estimate(walk(), seed=0, rollouts=200, runs=200)
-    values, truth = result.run_probabilities, toy.WALK[2.5]
+    values, truth = result.run_probabilities, reference_problem("d_rw_L2.5").probability
     assert abs(values.mean() - truth) < 4 * math.sqrt(truth * (1 - truth) / result.rollouts)
     assert values.var(ddof=1) == pytest.approx(truth * (1 - truth) / 200, rel=0.5)
 
@@ -49,7 +59,7 @@ def test_certain_failure_and_certain_pass():
 
 
 def test_cost_is_what_was_passed_to_step():
-    system = toy.CountingWalk()
+    system = systems.Counting(systems.Walk())
     result = avrare.estimate(walk(system=system, chunk=64), rollouts=150, runs=2)
     assert result.simulated_steps == system.rows == 300 * 100
     assert result.rollouts == 300
@@ -70,7 +80,7 @@ def test_failures_of_every_run_replay():
 
 
 def test_counters_are_summed():
-    assert avrare.estimate(walk(system=toy.Odometer()), rollouts=30).counts == {"steps": 3000}
+    assert avrare.estimate(walk(system=systems.Odometer()), rollouts=30).counts == {"steps": 3000}
 
 
 def test_the_course_of_the_scores_is_not_kept():
@@ -94,9 +104,9 @@ def test_the_course_of_the_scores_is_not_kept():
 
 @pytest.mark.parametrize("how", ["nan", "fault", "raise"])
 def test_errors_are_no_failures_and_no_passes(how):
-    problem = walk(0.8, system=toy.Fragile(how, beyond=3.0), steps=30)
+    problem = walk(0.8, system=systems.Fragile(how, beyond=3.0), steps=30)
     result = avrare.estimate(problem, rollouts=1000, seed=4)
-    healthy = avrare.estimate(walk(0.8, system=toy.Fragile("never"), steps=30), rollouts=1000, seed=4)
+    healthy = avrare.estimate(walk(0.8, system=systems.Fragile("never"), steps=30), rollouts=1000, seed=4)
     expected = 1000 * (1 - (1 - 1.35e-3) ** 30)
     assert abs(result.errors - expected) < 4 * math.sqrt(expected)
     assert result.probability == result.failures.count / 1000
@@ -112,15 +122,61 @@ def test_errors_are_no_failures_and_no_passes(how):
 
 
 def test_few_errors_are_counted_but_no_reason_for_alarm():
-    result = avrare.estimate(walk(system=toy.Fragile("nan", beyond=3.9), steps=100), rollouts=1000)
+    result = avrare.estimate(walk(system=systems.Fragile("nan", beyond=3.9), steps=100), rollouts=1000)
     assert 0 < result.errors <= 10
     assert not result.health
 
 
-@pytest.mark.parametrize("system", [toy.Broken(), toy.Fragile("raise", beyond=-np.inf, at_start=True)])
+@pytest.mark.parametrize(
+    "system", [systems.Broken(), systems.Fragile("raise", beyond=-np.inf, at_start=True)]
+)
 def test_a_system_that_raises_on_every_row(system):
     result = avrare.estimate(walk(system=system, steps=5), rollouts=40)
     assert (result.probability, result.errors, result.interval) == (0.0, 40, (0.0, 1.0))
     assert "errors" in result.health
     assert math.isnan(result.worst.robustness)
     assert result.to_json()
+
+
+@pytest.mark.parametrize("probability", [0.3, 0.02])
+def test_stopping_at_a_relative_error_is_unbiased_and_keeps_its_confidence(probability):
+    problem = coin(probability)
+    results = [avrare.estimate(problem, seed=seed, relative_error=0.3, confidence=0.9) for seed in range(400)]
+    values = np.array([result.probability for result in results])
+    error = values.std(ddof=1) / math.sqrt(len(values))
+    assert abs(values.mean() - probability) < 4 * error
+    spread = math.sqrt(np.mean((values / probability - 1) ** 2))
+    assert spread < 0.3 * (1 + 4 / math.sqrt(2 * len(values)))
+    assert {result.failures.count for result in results} == {14}
+    covered = np.mean([result.interval[0] <= probability <= result.interval[1] for result in results])
+    assert covered > 0.9 - 4 * math.sqrt(0.09 / len(results))
+
+
+def test_the_stop_does_not_depend_on_chunks_or_workers():
+    results = [
+        avrare.estimate(walk(1.5, chunk=chunk), relative_error=0.2, workers=workers)
+        for chunk, workers in ((64, 1), (64, 2), (1000, 1))
+    ]
+    kept = [{**r.to_dict(), "seconds": 0, "rollouts": 0, "simulated_steps": 0} for r in results]
+    assert kept[0] == kept[1] == kept[2]
+    assert results[0].failures.count == 27
+    assert results[0].rollouts >= results[0].diagnostics["used_rollouts"]
+
+
+def test_a_rule_that_is_never_broken_stops_at_the_most_rollouts():
+    result = avrare.estimate(walk(99.0), relative_error=0.1, rollouts=300)
+    assert (result.rollouts, result.probability) == (300, 0.0)
+    assert result.interval == clopper_pearson(0, 300, 0.95)
+    with pytest.raises(UsageError, match="leave runs at 1"):
+        avrare.estimate(walk(), relative_error=0.1, runs=2)
+
+
+def test_interval_after_a_planned_stop_is_exact():
+    stop, p, confidence = 5, 0.2, 0.9
+    covered = 0.0
+    for trials in range(stop, 200):
+        chance = math.comb(trials - 1, stop - 1) * p**stop * (1 - p) ** (trials - stop)
+        low, high = inverse_binomial(stop, trials, confidence)
+        covered += chance * (low <= p <= high)
+    assert confidence <= covered + 1e-9 < confidence + 0.06
+    assert inverse_binomial(3, 3, 0.9)[1] == 1.0

@@ -3,11 +3,9 @@
 import pickle
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
 from avrare.execute.processes import ProcessExecutor, WorkerDied
@@ -15,13 +13,14 @@ from avrare.execute.serial import SerialExecutor
 from avrare.execute.work import Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
+from avrare.testing import systems
 
 CHUNK = 25
 
 
 def problem(system=None, score=None, steps=10):
     return avrare.Problem(
-        system or toy.Walk(), avrare.stl("always (x < 0.3)"), steps=steps, score=score, chunk=CHUNK
+        system or systems.Walk(), avrare.stl("always (x < 0.3)"), steps=steps, score=score, chunk=CHUNK
     )
 
 
@@ -38,7 +37,7 @@ def run_script(tmp_path, code, how="file"):
         [sys.executable, *arguments],
         input=code if how == "stdin" else None,
         capture_output=True, text=True, timeout=60, check=False,
-        env={"PYTHONPATH": str(Path(toy.__file__).parent), "PATH": "", "OMP_NUM_THREADS": "1"},
+        env={"PATH": "", "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 
 
@@ -82,7 +81,7 @@ def test_outcomes_come_in_the_order_of_the_chunks(executor):
 
 
 def test_a_row_that_raises_in_a_worker_is_an_error_like_any_other():
-    task = problem(toy.Fragile("raise", 2.0))
+    task = problem(systems.Fragile("raise", 2.0))
     one, two = (avrare.estimate(task, workers=workers, rollouts=100) for workers in (1, 2))
     assert 0 < two.errors < 100
     assert (two.errors, two.health) == (one.errors, one.health)
@@ -91,23 +90,23 @@ def test_a_row_that_raises_in_a_worker_is_an_error_like_any_other():
 
 def test_an_error_of_ours_arrives_with_its_hint():
     with pytest.raises(avrare.FormulaError, match="'x' is missing"):
-        estimate(problem(toy.Nameless()))
+        estimate(problem(systems.Nameless()))
 
 
 def test_a_worker_that_dies_is_reported():
     with pytest.raises(WorkerDied, match="without an answer") as caught:
-        estimate(problem(toy.Deadly()))
+        estimate(problem(systems.Deadly()))
     assert "workers 1" in caught.value.hint
-    assert avrare.estimate(problem(toy.Deadly()), rollouts=10).errors == 0
+    assert avrare.estimate(problem(systems.Deadly()), rollouts=10).errors == 0
 
 
 def test_a_system_that_cannot_be_read_elsewhere():
     with pytest.raises(avrare.UsageError, match="lives in one process only"):
-        estimate(problem(toy.Homesick()))
+        estimate(problem(systems.Homesick()))
 
 
 def local_system():
-    class Local(toy.Walk):
+    class Local(systems.Walk):
         pass
 
     return Local()

@@ -4,20 +4,20 @@ import itertools
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
 from avrare import batch
 from avrare.rollout import engine
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
+from avrare.testing import systems
 
 STEPS = 20
 NOISE = NoiseSource(9, 1)
 
 
 def problem(system=None, formula="always (x < 0.5)", **keywords):
-    return avrare.Problem(system or toy.Walk(), avrare.stl(formula), steps=STEPS, **keywords)
+    return avrare.Problem(system or systems.Walk(), avrare.stl(formula), steps=STEPS, **keywords)
 
 
 def fresh(rows, **keywords):
@@ -37,7 +37,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
-@pytest.mark.parametrize("system", [toy.Walk(), toy.DataclassWalk(), toy.Fragile("raise", 1.5)])
+@pytest.mark.parametrize("system", [systems.Walk(), systems.NestedWalk(), systems.Fragile("raise", 1.5)])
 def test_rows_do_not_depend_on_their_neighbours(system):
     source = NoiseSource(9, system.noise_size)
     task = problem(system, "eventually[0:5] (x > 0.1) and historically (x > -9)")
@@ -102,7 +102,7 @@ def test_scores_never_fall():
 
 
 def test_counters_of_a_branch_are_its_own():
-    task = problem(toy.Odometer())
+    task = problem(systems.Odometer())
     parents = task.simulate(NOISE, fresh(3, keep_carries=True))
     assert parents.counts["steps"].tolist() == [STEPS] * 3
     children = task.simulate(NOISE, branches(parents, np.array([0, 8, 20])))
@@ -111,7 +111,7 @@ def test_counters_of_a_branch_are_its_own():
 
 
 def test_every_row_passed_to_step_is_counted():
-    system = toy.CountingWalk()
+    system = systems.Counting(systems.Walk())
     outcome = problem(system).simulate(NOISE, fresh(17))
     assert outcome.simulated_steps == system.rows == 17 * STEPS
 
@@ -122,9 +122,9 @@ def test_nominal_is_the_run_without_noise():
 
 def test_several_specifications_share_a_pass():
     formulas = {"low": avrare.stl("always (x < 0.2)"), "high": avrare.stl("always (x < 0.6)")}
-    both = avrare.Problem(toy.Walk(), formulas, STEPS).simulate(NOISE, fresh(200), scored=False)
+    both = avrare.Problem(systems.Walk(), formulas, STEPS).simulate(NOISE, fresh(200), scored=False)
     for column, formula in enumerate(formulas.values()):
-        one = avrare.Problem(toy.Walk(), formula, STEPS).simulate(NOISE, fresh(200), scored=False)
+        one = avrare.Problem(systems.Walk(), formula, STEPS).simulate(NOISE, fresh(200), scored=False)
         np.testing.assert_array_equal(both.violated[:, column], one.violated[:, 0])
         np.testing.assert_array_equal(both.robustness[:, column], one.robustness[:, 0])
     assert both.violated[:, 0].sum() > both.violated[:, 1].sum() > 0

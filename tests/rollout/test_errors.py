@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
 from avrare.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
+from avrare.testing import systems
 
 STEPS = 30
 ROWS = 300
@@ -27,7 +27,7 @@ def simulate(system, rows=ROWS, **keywords):
 
 @pytest.fixture(scope="module")
 def healthy():
-    return simulate(toy.Fragile("never"))
+    return simulate(systems.Fragile("never"))
 
 
 @pytest.mark.parametrize("how", HOWS)
@@ -36,7 +36,7 @@ def test_exactly_the_rows_that_break_down_are_errors(how, healthy):
     bad = noise[:, :, 1] > 2.5
     bad[:, 0] = False
     expected = bad.any(axis=1)
-    outcome = simulate(toy.Fragile(how))
+    outcome = simulate(systems.Fragile(how))
     assert 20 < expected.sum() < 200
     np.testing.assert_array_equal(outcome.error, expected)
     assert not outcome.violated[expected].any()
@@ -47,7 +47,7 @@ def test_exactly_the_rows_that_break_down_are_errors(how, healthy):
 
 @pytest.mark.parametrize("how", HOWS)
 def test_an_errored_row_keeps_the_score_that_it_had(how, healthy):
-    outcome = simulate(toy.Fragile(how))
+    outcome = simulate(systems.Fragile(how))
     noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
     bad = noise[:, :, 1] > 2.5
     bad[:, 0] = False
@@ -60,7 +60,7 @@ def test_an_errored_row_keeps_the_score_that_it_had(how, healthy):
 
 @pytest.mark.parametrize("how", HOWS)
 def test_errors_at_the_start(how):
-    outcome = simulate(toy.Fragile(how, beyond=1.0, at_start=True))
+    outcome = simulate(systems.Fragile(how, beyond=1.0, at_start=True))
     expected = NOISE.normals(0, 0, np.arange(ROWS), 0)[:, 1] > 1.0
     np.testing.assert_array_equal(outcome.error, expected)
     assert np.isneginf(outcome.scores[expected]).all()
@@ -70,7 +70,7 @@ def test_errors_at_the_start(how):
 @pytest.mark.parametrize("how", HOWS)
 def test_all_rows_may_break_down(how):
     for at_start in (False, True):
-        outcome = simulate(toy.Fragile(how, beyond=-np.inf, at_start=at_start))
+        outcome = simulate(systems.Fragile(how, beyond=-np.inf, at_start=at_start))
         assert outcome.error.all()
         assert not outcome.violated.any()
 
@@ -78,14 +78,13 @@ def test_all_rows_may_break_down(how):
 def test_only_the_good_rows_are_stepped_on():
     """After the bisection at step 1, the rows that raised are never passed again."""
 
-    class Early(toy.CountingWalk):
+    class Early(systems.Walk):
         def step(self, state, noise):
             if (state["x"] == 0.0).any() and (noise[:, 0] > 2.0).any():
-                self.rows += len(noise)
                 raise RuntimeError("early")
             return super().step(state, noise)
 
-    system = Early()
+    system = systems.Counting(Early())
     outcome = avrare.Problem(system, avrare.stl("always (x < 9)"), steps=3).simulate(
         NoiseSource(0, 1), Request.from_start(np.zeros(64, dtype=np.int64), np.arange(64))
     )
@@ -96,7 +95,7 @@ def test_only_the_good_rows_are_stepped_on():
 
 
 def test_infinity_is_a_value():
-    class Far(toy.Walk):
+    class Far(systems.Walk):
         def step(self, state, noise):
             return {"x": np.where(noise[:, 0] > 0, np.inf, -np.inf)}
 
@@ -109,7 +108,7 @@ def test_infinity_is_a_value():
 
 
 def test_a_formula_without_a_value_is_an_error_and_no_pass():
-    task = avrare.Problem(toy.Infinite(), avrare.stl("always (x - y < 4)"), steps=2)
+    task = avrare.Problem(systems.Infinite(), avrare.stl("always (x - y < 4)"), steps=2)
     tape = np.zeros((3, 3, 1))
     tape[:, 0, 0] = -1.0, 0.5, 2.0  # 0 - 0, inf - 0, inf - inf
     outcome = task.replay(tape)
@@ -121,7 +120,7 @@ def test_a_formula_without_a_value_is_an_error_and_no_pass():
 
 
 def test_nan_in_a_signal_that_no_formula_reads():
-    class Chatty(toy.Walk):
+    class Chatty(systems.Walk):
         def signals(self, state):
             return {"x": state["x"], "aside": np.where(state["x"] > 0.5, np.nan, 0.0)}
 
@@ -132,27 +131,27 @@ def test_nan_in_a_signal_that_no_formula_reads():
 
 
 def test_messages_name_the_cause_once():
-    assert simulate(toy.Fragile("raise")).messages == ("RuntimeError: the planner gave up",)
-    assert simulate(toy.Fragile("nan")).messages == simulate(toy.Fragile("fault")).messages
-    assert simulate(toy.Broken()).messages == ("ZeroDivisionError: no row survives this",)
+    assert simulate(systems.Fragile("raise")).messages == ("RuntimeError: the planner gave up",)
+    assert simulate(systems.Fragile("nan")).messages == simulate(systems.Fragile("fault")).messages
+    assert simulate(systems.Broken()).messages == ("ZeroDivisionError: no row survives this",)
 
 
 def test_robustness_of_an_errored_row_is_nan():
     tape = np.zeros((2, STEPS + 1, 2))
     tape[1, 4, 1] = 9.0
-    np.testing.assert_array_equal(problem(toy.Fragile("raise")).robustness(tape), [0.8, np.nan])
+    np.testing.assert_array_equal(problem(systems.Fragile("raise")).robustness(tape), [0.8, np.nan])
 
 
 @pytest.mark.parametrize("faults", [np.zeros((1, 4)), np.zeros(3, dtype=bool), False])
 def test_faults_of_the_wrong_shape(faults):
-    system = toy.Fragile("never")
+    system = systems.Fragile("never")
     system.faults = lambda state: faults
     with pytest.raises(UsageError, match="faults"):
         problem(system).robustness(np.zeros((4, STEPS + 1, 2)))
 
 
 def test_errors_of_ours_are_not_swallowed():
-    class Wrong(toy.Walk):
+    class Wrong(systems.Walk):
         def step(self, state, noise):
             raise UsageError("a wrong argument")
 

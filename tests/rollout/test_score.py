@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
-import toy_systems as toy
 
 import avrare
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
+from avrare.testing import systems
 
 STEPS = 12
 NOISE = NoiseSource(4, 1)
 
 
 def simulate(score, formula="always (x < 0.3)", rows=50, system=None):
-    problem = avrare.Problem(system or toy.Walk(), avrare.stl(formula), STEPS, score)
+    problem = avrare.Problem(system or systems.Walk(), avrare.stl(formula), STEPS, score)
     request = Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
     return problem.simulate(NOISE, request)
 
@@ -35,7 +35,7 @@ def test_function_sees_the_signals_so_far():
 
 def test_score_does_not_change_the_verdict():
     plain = simulate(None)
-    for score in ("robustness", "margin", toy.height):
+    for score in ("robustness", "margin", systems.height):
         np.testing.assert_array_equal(simulate(score).violated, plain.violated)
         np.testing.assert_array_equal(simulate(score).robustness, plain.robustness)
 
@@ -52,7 +52,7 @@ def test_function_of_the_wrong_shape(wrong):
         simulate(wrong)
 
 
-class Approach(toy.Walk):
+class Approach(systems.Walk):
     """Comes near the limit whatever the noise: x = 0, 1, ..., and the noise adds a little."""
 
     def step(self, state, noise):
@@ -80,7 +80,7 @@ def test_margin_of_a_rule_that_the_noise_free_run_breaks():
     np.testing.assert_array_equal(broken.scores, own.scores)
 
 
-class Quiet(toy.Walk):
+class Quiet(systems.Walk):
     """Breaks down where there is no noise at all."""
 
     def step(self, state, noise):
@@ -94,7 +94,7 @@ def test_margin_where_the_noise_free_run_breaks_down():
 
 def test_gamma_is_zero_at_failure_for_the_score_that_is_used():
     margin, fallen_back = (
-        avrare.Problem(toy.Walk(), avrare.stl(f"always (x < {limit})"), STEPS, "margin")
+        avrare.Problem(systems.Walk(), avrare.stl(f"always (x < {limit})"), STEPS, "margin")
         for limit in (0.3, -1)
     )
     assert (margin.gamma(1.0), margin.gamma(0.25)) == (0.0, 0.75)

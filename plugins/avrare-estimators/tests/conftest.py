@@ -1,4 +1,4 @@
-"""Puts ``splitting_problems`` on the path."""
+"""Puts this folder on the path, where worker processes find the systems of these tests too."""
 
 import sys
 from pathlib import Path

@@ -2,13 +2,23 @@
 
 import numpy as np
 import pytest
-import splitting_problems as exact
 
 import avrare
+from avrare.testing import systems
+from avrare.testing.problems import ReferenceProblem, count_down, reference_problem
+from avrare.testing.reach import Lag
+
+WALK = reference_problem("d_rw_L2.5")
+RARE_WALK = reference_problem("d_rw_L3.8")
+COUNT_DOWN = reference_problem("f1_count_T40_q1o10_m12")
+FEW_LEVELS = count_down(5, 9, "1/5")
+PLUS_MINUS = reference_problem("f2_pm1walk_T60_q2o5_m14")
+REACH = reference_problem("g_eventually_c0.5")
+"""Its prefix robustness rises with time: levels on it would be wrong, and it brings a score of its own."""
 
 
 def estimate(problem, seed=0, particles=50, discard=10, runs=200, **keywords):
-    if isinstance(problem, exact.Exact):
+    if isinstance(problem, ReferenceProblem):
         problem = problem.problem()
     return avrare.estimate(
         problem, "ams", seed=seed, particles=particles, discard=discard, runs=runs, **keywords
@@ -23,13 +33,13 @@ def deviation(values, truth):
 @pytest.mark.parametrize(
     ("problem", "settings"),
     [
-        (exact.WALK, {"particles": 40, "discard": 4, "runs": 200}),
-        (exact.RARE_WALK, {"particles": 100, "discard": 50, "runs": 200}),
-        (exact.COUNT_DOWN, {"particles": 100, "discard": 10, "runs": 1000}),
-        (exact.FEW_LEVELS, {"particles": 10, "discard": 1, "runs": 4000}),
-        (exact.FEW_LEVELS, {"particles": 10, "discard": 8, "runs": 4000}),
-        (exact.PLUS_MINUS, {"particles": 100, "discard": 25, "runs": 300}),
-        (exact.REACH, {"particles": 100, "discard": 25, "runs": 300}),
+        (WALK, {"particles": 40, "discard": 4, "runs": 200}),
+        (RARE_WALK, {"particles": 100, "discard": 50, "runs": 200}),
+        (COUNT_DOWN, {"particles": 100, "discard": 10, "runs": 1000}),
+        (FEW_LEVELS, {"particles": 10, "discard": 1, "runs": 4000}),
+        (FEW_LEVELS, {"particles": 10, "discard": 8, "runs": 4000}),
+        (PLUS_MINUS, {"particles": 100, "discard": 25, "runs": 300}),
+        (REACH, {"particles": 100, "discard": 25, "runs": 300}),
     ],
 )
 def test_unbiased(problem, settings):
@@ -40,15 +50,15 @@ def test_unbiased(problem, settings):
 
 def test_unbiased_over_two_hundred_seeds():
     values = np.array(
-        [estimate(exact.FEW_LEVELS, seed, particles=30, discard=5, runs=1).probability for seed in range(200)]
+        [estimate(FEW_LEVELS, seed, particles=30, discard=5, runs=1).probability for seed in range(200)]
     )
-    assert deviation(values, exact.FEW_LEVELS.probability) < 4
+    assert deviation(values, FEW_LEVELS.probability) < 4
 
 
-@pytest.mark.parametrize("score", [exact.height, exact.backwards, exact.constant, exact.lag])
+@pytest.mark.parametrize("score", [systems.height, systems.backwards, systems.constant, Lag(0.1)])
 def test_any_score_is_unbiased(score):
     """A bad score costs, but does not lie; here even one that discards the failures first."""
-    task = avrare.Problem(exact.Walk(), avrare.stl("always (x < 0.4)"), 6, score)
+    task = avrare.Problem(systems.Walk(), avrare.stl("always (x < 0.4)"), 6, score)
     truth = avrare.estimate(task, seed=1, rollouts=200_000).probability
     assert 0.04 < truth < 0.2
     values = estimate(task, particles=20, discard=5, runs=1500).run_probabilities
@@ -59,7 +69,7 @@ def test_any_score_is_unbiased(score):
 @pytest.fixture(scope="module")
 def ties():
     """Many small runs on a lattice: ties at every level, and many runs that die out."""
-    return estimate(exact.FEW_LEVELS, seed=3, particles=10, discard=2, runs=4000)
+    return estimate(FEW_LEVELS, seed=3, particles=10, discard=2, runs=4000)
 
 
 def test_ties_are_discarded_together_and_counted(ties):
@@ -73,7 +83,7 @@ def test_ties_are_discarded_together_and_counted(ties):
 
 def test_the_weight_of_the_nominal_count_would_be_found_out(ties):
     """The regression that matters most: weights must use the number discarded, not K."""
-    values, truth = ties.run_probabilities, exact.FEW_LEVELS.probability
+    values, truth = ties.run_probabilities, FEW_LEVELS.probability
     actual = np.array([np.prod([1 - k / 10 for k in run]) for run in ties.diagnostics["discarded"]])
     nominal = np.array([(1 - 2 / 10) ** len(run) for run in ties.diagnostics["discarded"]])
     assert deviation(values, truth) < 4
@@ -81,7 +91,7 @@ def test_the_weight_of_the_nominal_count_would_be_found_out(ties):
 
 
 def test_dropping_extinct_runs_would_be_found_out(ties):
-    values, truth = ties.run_probabilities, exact.FEW_LEVELS.probability
+    values, truth = ties.run_probabilities, FEW_LEVELS.probability
     extinct = values == 0.0
     assert 0.1 < extinct.mean() < 0.9
     assert ties.diagnostics["extinct_runs"] == extinct.sum()
@@ -90,17 +100,17 @@ def test_dropping_extinct_runs_would_be_found_out(ties):
 
 
 def test_genealogical_variance_is_unbiased():
-    result = estimate(exact.FEW_LEVELS, seed=5, particles=40, discard=5, runs=3000)
-    truth = exact.FEW_LEVELS.probability
+    result = estimate(FEW_LEVELS, seed=5, particles=40, discard=5, runs=3000)
+    truth = FEW_LEVELS.probability
     squares = (result.run_probabilities - truth) ** 2
     assert deviation(squares - np.array(result.diagnostics["genealogical_variance"]), 0.0) < 4
     assert squares.std() / np.sqrt(3000) < 0.1 * squares.mean()
 
 
 def test_interval_of_ten_runs_covers():
-    truth, seeds = exact.FEW_LEVELS.probability, 100
+    truth, seeds = FEW_LEVELS.probability, 100
     intervals = [
-        estimate(exact.FEW_LEVELS, seed, particles=60, discard=10, runs=10).interval for seed in range(seeds)
+        estimate(FEW_LEVELS, seed, particles=60, discard=10, runs=10).interval for seed in range(seeds)
     ]
     covered = np.mean([low <= truth <= high for low, high in intervals])
     assert covered > 0.95 - 4 * np.sqrt(0.05 * 0.95 / seeds)
@@ -111,10 +121,10 @@ def test_interval_of_ten_runs_covers():
 def test_errors_that_strike_at_random(at_start):
     """Truth: the row fails and no step of it breaks down. Breakdowns are rows like others, never redrawn."""
     steps, chance = 20, 0.01
-    system = exact.Breaking(0.2 if at_start else chance, at_start)
+    system = systems.Fragile.with_chance(0.2 if at_start else chance, at_start)
     survival = 0.8 if at_start else (1 - chance) ** steps
     task = avrare.Problem(system, avrare.stl("always (x < 1.2)"), steps)
-    healthy = avrare.Problem(exact.Walk(), avrare.stl("always (x < 1.2)"), steps)
+    healthy = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1.2)"), steps)
     p = avrare.estimate(healthy, seed=1, rollouts=300_000)
     truth = p.probability * survival
     result = estimate(task, seed=2, particles=40, discard=8, runs=900)

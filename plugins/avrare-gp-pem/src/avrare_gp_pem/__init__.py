@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The two perception error models of this plugin."""
+    """The perception error models of this plugin."""
     return [
         Component(
             kind="perception",
@@ -20,5 +20,12 @@ def avrare_components() -> list[Component]:
             config="avrare_gp_pem.config:ParametricPemConfig",
             factory="avrare_gp_pem.parametric:build_parametric",
             summary="detection falling with range, Student-t position errors; free of licensed data",
+        ),
+        Component(
+            kind="perception",
+            name="naive",
+            config="avrare_gp_pem.config:NaivePemConfig",
+            factory="avrare_gp_pem.naive:build_naive",
+            summary="misses half and adds unit noise: a proposal for importance sampling, no detector",
         ),
     ]

@@ -1,4 +1,4 @@
-"""Options of the two perception error models."""
+"""Options of the perception error models."""
 
 from __future__ import annotations
 
@@ -45,3 +45,15 @@ class ParametricPemConfig(_PemConfig):
     longitudinal_dof: float = Field(2.4, ge=1, le=30, description="degrees of freedom of the error along")
     lateral_dof: float = Field(2.2, ge=1, le=30, description="degrees of freedom of the error across")
     error_limit: float = Field(8.0, gt=0, description="errors are truncated at this size along each axis [m]")
+
+
+class NaivePemConfig(BaseModel):
+    """Misses by the toss of a coin and unit errors: a proposal for importance sampling, no detector."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    detection: float = Field(0.5, gt=0, lt=1, description="detection probability of every vehicle")
+    sd: float = Field(1.0, gt=0, description="standard deviation of the position errors [m]")
+    speed_sd: float = Field(
+        0.3, ge=0, description="standard deviation of the observed speed; best as the target's [m/s]"
+    )

@@ -1,0 +1,103 @@
+"""``avrare rules``: the rules that plugins offer, in English and as formulas."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from avrare.errors import ExitCode
+from avrare.plugin.catalogue import Catalogue, Offer
+from avrare.plugin.registry import default_registry
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+_WIDTH = 100
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("names", nargs="*", metavar="NAME", help="show these rules in full")
+    parser.add_argument("--json", action="store_true", help="print a list of objects")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Print a table of all rules, or the named ones in full."""
+    catalogue = Catalogue.of(default_registry())
+    for line in catalogue.broken:
+        print(f"warning: {line}", file=sys.stderr)
+    offers = [offer for name in dict.fromkeys(args.names) for offer in catalogue.find(name)]
+    if args.json:
+        print(json.dumps([_plain(offer) for offer in offers or catalogue.offers], indent=2))
+    elif offers:
+        _print_cards(offers)
+    else:
+        _print_table(catalogue.offers)
+    return int(ExitCode.PASS)
+
+
+def _plain(offer: Offer) -> dict[str, object]:
+    return {**dataclasses.asdict(offer.card), "plugin": offer.row.name, "distribution": offer.row.origin}
+
+
+def _print_table(offers: Sequence[Offer]) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    if not offers:
+        print("no installed plugin offers rules; try: pip install avrare-traffic-rules")
+        return
+    table = Table("rule", "title", "plugin", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for offer in offers:
+        table.add_row(*map(escape, (offer.card.name, offer.card.title, offer.row.name)))
+    # A pipe has no width: give it enough that nothing wraps.
+    console = Console(width=None if sys.stdout.isatty() else 240)
+    console.print(table)
+    console.print("\n'avrare rules NAME' shows one in full.", markup=False, highlight=False)
+
+
+def _print_cards(offers: Sequence[Offer]) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    width = min(console.width, _WIDTH)
+    for index, offer in enumerate(offers):
+        for line in [*([""] if index else []), *_card(offer, width)]:
+            console.print(line)
+
+
+def _card(offer: Offer, width: int) -> list[Text]:
+    from rich.text import Text
+
+    def wrapped(words: str, indent: int, hanging: int = 0, style: str = "") -> Text:
+        more = " " * (indent + hanging)
+        return Text(
+            textwrap.fill(
+                words, width, initial_indent=" " * indent, subsequent_indent=more, break_on_hyphens=False
+            ),
+            style,
+        )
+
+    card = offer.card
+    lines = [Text.assemble((card.name, "bold"), "  ", card.title), Text()]
+    lines += [wrapped(" ".join(card.text.split()), 2), Text()]
+    lines += [wrapped(line, 4, 4, "cyan") for line in card.formula.strip().splitlines()]
+    if card.parameters:
+        lines.append(Text())
+    settings = [f"{one.default} {one.unit}".strip() for one in card.parameters]
+    names = max((len(one.name) for one in card.parameters), default=0)
+    values = max(map(len, settings), default=0)
+    for one, value in zip(card.parameters, settings, strict=True):
+        name, about = one.name, f"{one.text}; {one.source}" if one.source else one.text
+        row = wrapped(f"{name:<{names}}  {value:<{values}}  {about}", 2, names + values + 4)
+        row.stylize("bold", 2, 2 + len(name))
+        lines.append(row)
+    lines += [Text(), Text(f"  plugin: {offer.row.name}, {offer.row.origin}")]
+    return [*lines, wrapped(f"source: {card.source}", 2, 8)]

@@ -1,0 +1,1 @@
+"""Estimators side by side: the same problem, the same budget, many repetitions."""

@@ -1,0 +1,288 @@
+"""What every estimator must do, as tests to inherit (docs/testing.md).
+
+    class TestMine(EstimatorConformance):
+        estimator = "mine"
+        options = {"particles": 50, "discard": 10}
+
+Where a study needs many seeds it asks for that many runs of one seed: run r draws from a stream of its own,
+keyed by (seed, run), so that they are as independent as seeds are; ``test_runs_are_a_prefix`` holds an
+estimator to it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.estimation.result import Result
+from avrare.logic.api import stl
+from avrare.protocols import Floats
+from avrare.rollout.problem import Problem
+from avrare.testing import systems
+from avrare.testing.lattices import Lattice
+from avrare.testing.problem import ReferenceProblem
+from avrare.testing.problems import (
+    conjunction,
+    count_down,
+    ornstein_uhlenbeck,
+    plus_minus,
+    reach,
+    response,
+    walk,
+)
+from avrare.testing.study import Audited, Study, coverage_at_most, deviation, standard_error
+
+_FALSE_ALARM = 1e-3
+"""Probability that an estimator of just the least coverage is refused."""
+
+
+def _tied(problem: ReferenceProblem) -> ReferenceProblem:
+    return replace(problem, id=f"{problem.id}, all scores tied", score=systems.constant)
+
+
+class EstimatorConformance:
+    """A suite to subclass; every attribute may be replaced.
+
+    Attributes:
+        estimator: Name of an installed estimator.
+        options: Its options, small: most tests run it on a problem of probability 0.02.
+        reference: That problem, of a few dozen steps.
+        studies: For ``test_unbiased``; ``repeats`` is handed over as ``runs``.
+        seeds: For ``test_interval_covers``; ``repeats`` seeds, with the estimator's own number of runs.
+        least_coverage: Share of 95 % intervals that must cover.
+        widest: Ratio of upper end to truth that the median interval of ``seeds`` must not exceed.
+        overshoot: Share of a budget by which the runs in hand may exceed it on ``reference``.
+        unsupported: Tests to skip, with the reason: ``{"test_budget_is_kept": "it has one size"}``.
+    """
+
+    estimator: ClassVar[str] = "mc"
+    options: ClassVar[Mapping[str, Any]] = {}
+    reference: ClassVar[ReferenceProblem] = walk(1.0, 20)
+    studies: ClassVar[tuple[Study, ...]] = (
+        Study(walk(1.0, 20)),
+        Study(_tied(walk(1.0, 20))),
+        Study(ornstein_uhlenbeck(2.4, 20)),
+        Study(count_down(5, 9, "1/5")),
+        Study(plus_minus(10, 20, "2/5")),
+        Study(reach(0.7, 20)),
+        Study(response(8, 20, 1.5)),
+        Study(conjunction(-1.5)),
+    )
+    seeds: ClassVar[Study] = Study(count_down(5, 9, "1/5"), 200)
+    least_coverage: ClassVar[float] = 0.90
+    widest: ClassVar[float] = 5.0
+    overshoot: ClassVar[float] = 0.0
+    unsupported: ClassVar[Mapping[str, str]] = {}
+
+    def estimate(self, problem: Problem, **keywords: Any) -> Result:
+        """One estimate; override to test an estimator that is not installed under a name."""
+        return avrare.estimate(problem, self.estimator, **{**self.options, **keywords})
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        unknown = [name for name in cls.unsupported if not (name.startswith("test_") and hasattr(cls, name))]
+        if unknown:
+            raise TypeError(f"{cls.__name__}.unsupported names no test of the suite: {', '.join(unknown)}")
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """One case of ``test_unbiased`` for each study."""
+        if "study" in metafunc.fixturenames:
+            metafunc.parametrize("study", self.studies, ids=[study.problem.id for study in self.studies])
+
+    @pytest.fixture(autouse=True)
+    def _skip_unsupported(self, request: pytest.FixtureRequest) -> None:
+        reason = self.unsupported.get(request.node.originalname)
+        if reason is not None:
+            pytest.skip(reason)
+
+    # Right
+
+    def test_unbiased(self, study: Study) -> None:
+        """Within four standard errors; a factor of two would be six of them away."""
+        truth = study.problem.probability
+        result = self.estimate(study.problem.problem(), seed=study.seed, runs=study.repeats, **study.options)
+        values = result.run_probabilities
+        assert values.shape == (study.repeats,), "every run counts, those that died out as well"
+        _assert_unbiased(values, truth)
+
+    def test_interval_covers(self) -> None:
+        """Over hundreds of seeds; the slack is that of the binomial law."""
+        study, truth = self.seeds, self.seeds.problem.probability
+        results = [
+            self.estimate(study.problem.problem(), seed=study.seed + i, **study.options)
+            for i in range(study.repeats)
+        ]
+        bounds = np.array([result.interval for result in results])
+        hits = int(((bounds[:, 0] <= truth) & (truth <= bounds[:, 1])).sum())
+        chance = coverage_at_most(hits, study.repeats, self.least_coverage)
+        assert chance > _FALSE_ALARM, f"{hits} of {study.repeats} intervals cover"
+        widest = float(np.median(bounds[:, 1])) / truth
+        assert widest < self.widest, f"the interval reaches {widest:.1f} times the truth: it says too little"
+        z = deviation(np.array([result.probability for result in results]), truth)
+        assert abs(z) < 4.0, f"the mean over seeds is {z:+.1f} standard errors off"
+
+    def test_interval_widens_with_confidence(self) -> None:
+        """And holds the estimate at any."""
+        result = self.estimate(self.reference.problem(), confidence=0.9)
+        bounds = [result.interval_at(confidence) for confidence in (0.5, 0.9, 0.95, 0.999)]
+        assert result.interval == bounds[1], "the interval is not at the confidence asked for"
+        lows, highs = np.array(bounds).T
+        assert (np.diff(lows) <= 0.0).all(), f"lower ends {lows}"
+        assert (np.diff(highs) >= 0.0).all(), f"upper ends {highs}"
+        assert 0.0 <= lows[-1] <= lows[0] <= result.probability <= highs[0] <= highs[-1] <= 1.0, bounds
+
+    # The same
+
+    def test_same_seed_same_bits(self) -> None:
+        """Again, in small chunks, and on two worker processes."""
+        base = self.estimate(self.reference.problem(), seed=3)
+        for chunk, workers in ((4096, 1), (17, 1), (40, 2)):
+            other = self.estimate(self.reference.problem(chunk=chunk), seed=3, workers=workers)
+            case = f"chunk={chunk}, workers={workers}"
+            assert _without_seconds(base) == _without_seconds(other), case
+            np.testing.assert_array_equal(base.failures.noise, other.failures.noise, case)
+            np.testing.assert_array_equal(base.robustness, other.robustness, case)
+
+    def test_other_seeds_differ(self) -> None:
+        """No two seeds share their noise."""
+        tapes = [self.estimate(self.reference.problem(), seed=seed, runs=2).worst.noise for seed in range(5)]
+        assert len({tape.tobytes() for tape in tapes}) == 5, "seeds share a rollout"
+
+    def test_runs_are_a_prefix(self) -> None:
+        """Run r is the same among any number of runs."""
+        few, many = (self.estimate(self.reference.problem(), runs=runs).run_probabilities for runs in (2, 7))
+        assert len(set(many.tolist())) > 1, "the runs are equal: too weak a test, or they share their noise"
+        np.testing.assert_array_equal(few, many[:2])
+
+    # A suspended estimate that is resumed must give the same bits as well; that test belongs here as soon as
+    # estimates can be suspended from Python.
+
+    # Honest
+
+    def test_cost_is_honest(self) -> None:
+        """Rows that the system stepped, rollouts that were asked for."""
+        system = systems.Counting(self.reference.system)
+        problem = Audited(system, stl(self.reference.formula), self.reference.steps, self.reference.score)
+        result = self.estimate(problem)
+        assert result.simulated_steps == system.rows, "simulated_steps is not what the system stepped"
+        assert result.rollouts == problem.rollouts, "rollouts is not the number of starts and branches"
+
+    @pytest.mark.parametrize("kind", ["steps", "rollouts"])
+    def test_budget_is_kept(self, kind: str) -> None:
+        """A third of it is used at least, and the runs in hand do not exceed it by more than they may."""
+        amount = 100_000 if kind == "steps" else 5_000
+        result = self.estimate(self.reference.problem(), budget={kind: amount})
+        spent = result.simulated_steps if kind == "steps" else result.rollouts
+        assert amount / 3 < spent <= amount * (1.0 + self.overshoot), f"{spent} of {amount} {kind}"
+
+    def test_budget_too_small_is_refused(self) -> None:
+        """One step does not pay for a rollout."""
+        with pytest.raises(avrare.UsageError):
+            self.estimate(self.reference.problem(), budget="steps=1")
+
+    def test_result_is_consistent(self) -> None:
+        """The mean of the runs is the estimate, and lies in the interval."""
+        result = self.estimate(self.reference.problem(), runs=3)
+        low, high = result.interval
+        assert result.probability == result.run_probabilities.mean(), "not the mean of the runs"
+        assert [type(value) for value in (result.probability, low, high)] == [float] * 3
+        assert 0.0 <= low <= result.probability <= high <= 1.0, (low, result.probability, high)
+        assert len(result.failures.robustness) <= result.failures.count, "more tapes than failures"
+
+    def test_failures_replay(self) -> None:
+        """Their tapes fail again, with the same robustness."""
+        problem = self.reference.problem()
+        failures = self.estimate(problem, runs=10).failures
+        assert len(failures.robustness) > 0, "no failure was found: too weak a test"
+        outcome = problem.replay(failures.noise)
+        assert outcome.violated.all(), "a failing tape does not fail"
+        np.testing.assert_array_equal(outcome.robustness[:, 0], failures.robustness)
+
+    def test_json_has_no_nan(self) -> None:
+        """Neither where all is well nor where nothing was seen."""
+        for formula in ("always (x < 1)", "always (x < 1e9)"):
+            result = self.estimate(_walk(formula))
+            entry = json.loads(result.to_json(), parse_constant=_refuse)
+            assert entry["probability"] == result.probability
+            assert entry["interval"] == list(result.interval)
+
+    def test_unknown_option_is_refused(self) -> None:
+        """By its name."""
+        with pytest.raises(avrare.UsageError, match="bananas"):
+            self.estimate(self.reference.problem(), bananas=3)
+
+    # At the edges
+
+    def test_impossible(self) -> None:
+        """The estimate is 0, and without an upper bound it says so; with all scores tied as well."""
+        still = Problem(Lattice(0.5, 0.0, 0.0), stl("always (x < 1)"), 5)
+        for problem in (_walk("always (x < 1e9)"), still):
+            result = self.estimate(problem)
+            low, high = result.interval
+            assert (result.probability, low) == (0.0, 0.0), (result.probability, low)
+            assert 0.0 < high <= 1.0, high
+            assert high < 1.0 or "extinct" in result.health, "no upper bound, and no warning"
+
+    def test_certain(self) -> None:
+        """The estimate is 1, and the interval reaches it."""
+        result = self.estimate(_walk("always (x < -1)"))
+        low, high = result.interval
+        assert (result.probability, high) == (1.0, 1.0), (result.probability, high)
+        assert 0.0 < low < 1.0, low
+
+    def test_unbiased_with_errors(self) -> None:
+        """A breakdown at random is no failure, no pass, and never drawn again."""
+        task, truth, _ = _breaking()
+        values = self.estimate(task, runs=400).run_probabilities
+        _assert_unbiased(values, truth)
+
+    def test_errors_are_counted(self) -> None:
+        """All of them, and in the upper end of the interval."""
+        task, _, either = _breaking()
+        result = self.estimate(task, runs=100)
+        assert result.errors == task.broken > 0, f"{result.errors} of {task.broken} errors are counted"
+        assert "errors" in result.health, "so many errors are worth a warning"
+        assert result.interval[1] > 0.9 * either, "the upper end does not count errors as failures"
+
+    @pytest.mark.parametrize("how", ["nan", "fault", "raise"])
+    def test_errors_everywhere(self, how: str) -> None:
+        """Nothing is known where every rollout breaks down."""
+        system = systems.Fragile(how, beyond=-np.inf)
+        result = self.estimate(Problem(system, stl("always (x < 1)"), 3))
+        assert (result.probability, result.interval) == (0.0, (0.0, 1.0))
+        assert result.errors == result.rollouts, "all rollouts are errors"
+        assert "errors" in result.health, "so many errors are worth a warning"
+
+
+def _assert_unbiased(values: Floats, truth: float) -> None:
+    z = deviation(values, truth)
+    assert abs(z) < 4.0, f"mean {values.mean():.3g}, truth {truth:.3g}: {z:+.1f} standard errors"
+    assert standard_error(values) < truth / 12.0, "too weak a test: use more particles or repeats"
+
+
+def _breaking() -> tuple[Audited, float, float]:
+    """A walk that breaks down at random; P(failure and no error), P(failure or error)."""
+    chance, healthy = 0.01, walk(1.0, 20)
+    survival = (1.0 - chance) ** healthy.steps
+    task = Audited(systems.Fragile.with_chance(chance), stl(healthy.formula), healthy.steps)
+    return task, healthy.probability * survival, 1.0 - (1.0 - healthy.probability) * survival
+
+
+def _walk(formula: str) -> Problem:
+    return Problem(systems.Walk(), stl(formula), 10)
+
+
+def _without_seconds(result: Result) -> dict[str, Any]:
+    entry: dict[str, Any] = json.loads(result.to_json())
+    del entry["seconds"]
+    return entry
+
+
+def _refuse(word: str) -> None:
+    raise AssertionError(f"{word} is no JSON")

@@ -1,0 +1,148 @@
+"""``avrare compare`` as a user meets it."""
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from avrare.cli.main import main
+
+LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
+WALK = ["compare", "problem:d_rw_L2.5", "--estimators", "mc,ams:particles=50:discard=10"]
+SMALL = ["--budget", "steps=1e5", "--repeat", "3"]
+FIELDS = {
+    "schema", "comparison", "specification", "fingerprint", "versions", "steps", "budget", "repeat", "seed",
+    "confidence", "truth", "interrupted", "estimators",
+}  # fmt: skip
+SUMMARY = {
+    "repetitions", "mean", "interval", "steps", "rollouts", "simulations", "zeros", "warned", "warnings",
+    "accuracy",
+}  # fmt: skip
+ACCURACY = {
+    "ratio", "covered", "covered_interval", "relative_rmse", "work", "work_interval", "missed", "speed_up",
+    "speed_up_interval",
+}  # fmt: skip
+REPETITION = {
+    "seed", "probability", "interval", "relative_error", "rollouts", "simulated_steps", "failures", "errors",
+    "health", "seconds",
+}  # fmt: skip
+
+
+def test_a_reference_problem(tmp_path, capsys):
+    assert main([*WALK, *SMALL, "--out", str(tmp_path / "new" / "folder"), "--seed", "4"]) == 0
+    screen = capsys.readouterr().out
+    for part in ("p = 0.01062 (exact)", "100,000 steps", "3 repetitions from seed 4", ":discard=10", "3/3"):
+        assert part in screen
+    assert max(map(len, screen.splitlines())) <= 100
+    folder = tmp_path / "new" / "folder"
+    assert "| `ams:particles=50:discard=10` |" in (folder / "comparison.md").read_text()
+    content = json.loads((folder / "comparison.json").read_text())
+    assert set(content) == FIELDS
+    assert content["truth"]["probability"] == 0.010618888379036615
+    for entry in content["estimators"]:
+        assert set(entry["summary"]) == SUMMARY
+        assert set(entry["summary"]["accuracy"]) == ACCURACY
+        assert [set(one) for one in entry["repetitions"]] == [REPETITION] * 3
+        assert [one["seed"] for one in entry["repetitions"]] == [4, 5, 6]
+    assert content["estimators"][0]["summary"]["steps"] == 100_000
+    if find_spec("matplotlib"):
+        assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_is_the_same_for_any_number_of_workers(tmp_path, capsys):
+    contents, small = [], ["--budget", "steps=2e4", "--repeat", "1", "--no-pictures", "--json"]
+    for workers in ("1", "2"):
+        words = [*small, "--out", str(tmp_path), "--workers", workers]
+        assert main([*WALK, *words]) == 0
+        printed = json.loads(capsys.readouterr().out)
+        assert printed == json.loads((tmp_path / "comparison.json").read_text())
+        for entry in printed["estimators"]:
+            for one in entry["repetitions"]:
+                del one["seconds"]
+        contents.append(printed)
+    assert contents[0] == contents[1]
+    assert not (tmp_path / "comparison.png").exists()
+
+
+def test_a_scenario(tmp_path, capsys):
+    words = ["compare", LANE_CHANGE, "--specification", "no_collision", "--estimators", "mc,ams", "--json"]
+    words += ["--set", "scenario.steps=3", "--set", "ams.particles=3", "--set", "ams.discard=1"]
+    assert main([*words, "--budget", "steps=40", "--repeat", "2", "--truth", "1e-3"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert (content["comparison"], content["specification"]) == ("lane_change", "no_collision")
+    assert content["truth"] == {"probability": 1e-3, "source": "given", "interval": None, "failures": None}
+    assert "avrare-mpc" in content["versions"]
+    assert len(content["fingerprint"]) == 16
+    mc, ams = content["estimators"]
+    assert mc["summary"]["steps"] == 39
+    assert ams["options"]["particles"] == 3
+
+
+def test_problem_alone_lists_them(capsys):
+    assert main(["compare", "problem:"]) == 0
+    assert "d_rw_L3.8" in capsys.readouterr().out
+
+
+def test_an_interruption_shows_what_is_done_and_exits_two(monkeypatch, capsys, tmp_path):
+    from avrare.compare import study
+
+    real, calls = study.run, []
+
+    def run(*args):
+        calls.append(args)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return real(*args)
+
+    monkeypatch.setattr(study, "run", run)
+    assert main([*WALK, *SMALL, "--out", str(tmp_path), "--no-pictures"]) == 2
+    assert "interrupted: 1 of 3 repetitions are complete" in capsys.readouterr().out
+    content = json.loads((tmp_path / "comparison.json").read_text())
+    assert content["interrupted"]
+    assert [len(entry["repetitions"]) for entry in content["estimators"]] == [2, 1]
+
+
+def test_one_repetition_has_no_error(capsys):
+    assert main([*WALK, "--budget", "steps=1e5", "--repeat", "1"]) == 0
+    assert "one repetition has no spread" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["problem:d_rw_L9", "--estimators", "mc", *SMALL], 4, "did you mean 'd_rw_L"),
+        (["problem:d_rw_L2.5", *SMALL], 4, "--estimators is required"),
+        (["problem:d_rw_L2.5", "--estimators", "mc"], 4, "--budget is required"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "seconds=3"], 4, "steps=N or rollouts=N"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=99"], 4, "mc: a budget of steps=99"),
+        (["problem:d_rw_L2.5", "--estimators", "amss", *SMALL], 5, "'ams'"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--truth", "0.1"], 4, "exact answer"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--set", "scenario.steps=3"], 4, "--set"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--specification", "a"], 4, "--specification"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--seed", "-1"], 4, "--seed"),
+        (
+            ["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=1e5", "--repeat", "0"],
+            4,
+            "--repeat",
+        ),
+        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--workers", "0"], 4, "--workers"),
+        (["problem:d_rw_L2.5", "--estimators", "ce:family=network", *SMALL], 4, "no estimator can take"),
+        ([LANE_CHANGE, "--estimators", "mc", *SMALL], 4, "choose one"),
+        ([LANE_CHANGE, "--estimators", "mc", *SMALL, "--specification", "no_colision"], 4, "no_collision"),
+        ([LANE_CHANGE, "--estimators", "mc", *SMALL, "--set", "scenario.stepz=3"], 4, "steps"),
+        (["no_such.yaml", "--estimators", "mc", *SMALL], 4, "no such file"),
+    ],
+)
+def test_wrong_words_are_answered_in_words(capsys, words, code, message):
+    assert main(["compare", *words]) == code
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+
+
+def test_a_folder_that_cannot_be_made(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
+    assert main(["compare", "problem:d_rw_L2.5", "--estimators", "mc", *words]) == 4
+    assert "cannot write" in capsys.readouterr().err

@@ -1,0 +1,78 @@
+"""What `validate` says of formulas before anything runs."""
+
+import math
+
+import pytest
+
+from avrare.scenario.formulas import check_formula, reach_warnings
+from avrare.scenario.schema import Formula
+from avrare.scenario.source import Mark, Node
+
+FAR = "{plugin: book, rule: R_G2}"
+
+
+def checked(text, simulator=None, steps=40):
+    mark = Mark("s.yaml", 3, 14)
+    node = Node({"stl": Node(text, mark, mark)}, mark)
+    return check_formula(Formula(stl=text), node, ("specifications", "far"), simulator, steps)
+
+
+def test_an_error_shows_the_place_in_the_file_and_in_the_formula(good, fails):
+    lines, code = fails(good.replace(FAR, '{stl: "always (gap > )"}'))
+    assert code == 4
+    first, formula, caret = lines[0].split("\n")
+    assert first.startswith("s.yaml:10:14: specifications.far.stl: line 1, column 15: ")
+    assert formula == "  always (gap > )"
+    assert caret.index("^") == formula.index(")")
+
+
+def test_bounds_are_checked_against_the_simulators_step(good, fails, read):
+    text = good.replace(FAR, '{stl: "always[0:0.25s] (gap > 2)"}')
+    assert "not a whole multiple of dt = 0.1 s" in fails(text)[0][0]
+    assert read(text.replace("dt: 0.1", "dt: 0.05")).warnings == ()
+
+
+def test_a_simulator_that_does_not_tell_its_step_gets_the_benefit_of_the_doubt():
+    assert checked("always[0:0.25s] eventually[0:9s] (gap > 2)") == ([], [])
+    errors, _ = checked("always[0.25 (gap > 2)")
+    assert len(errors) == 1
+
+
+def test_a_look_beyond_the_run_is_a_warning(good, read):
+    text = good.replace(FAR, '{stl: "eventually[0:6s] (gap > 2)"}')
+    [(message, hint)] = read(text).warnings
+    assert hint is None
+    assert message == (
+        "s.yaml:10:14: specifications.far.stl: looks 60 samples ahead but a run has 40 steps: "
+        "what lies beyond counts as if the trace ended"
+    )
+
+
+@pytest.mark.parametrize(
+    ("horizon", "history", "steps", "words"),
+    [
+        (40, 0, 40, []),
+        (41, 0, 40, ["looks 41 samples ahead but a run has 40 steps"]),
+        (math.inf, math.inf, 40, []),
+        (0, 31, 1, ["looks 31 samples back but a run has 1 step:"]),
+        (5, 6, 4, ["ahead", "back"]),
+    ],
+)
+def test_only_a_finite_look_that_is_too_long_is_doubtful(horizon, history, steps, words):
+    texts = reach_warnings(horizon, history, steps)
+    assert len(texts) == len(words)
+    assert all(word in text for word, text in zip(words, texts, strict=True))
+
+
+def test_what_the_language_warns_of_is_passed_on(good, read):
+    text = good.replace(FAR, '{stl: "always gap > 2 and speed > 0"}')
+    [(message, hint)] = read(text).warnings
+    assert message.startswith("s.yaml:10:14: specifications.far.stl: line 1, column 1: ")
+    assert "always (... and ...)" in hint
+    assert read(good.replace(FAR, '{stl: "(always gap > 2) and speed > 0"}')).warnings == ()
+
+
+def test_warnings_are_no_part_of_what_a_scenario_is(good, read):
+    doubtful = read(good.replace(FAR, '{stl: "always gap > 2 and speed > 0"}'))
+    assert doubtful.warnings
+    assert doubtful == type(doubtful)(**{**vars(doubtful), "warnings": ()})
