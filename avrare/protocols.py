@@ -25,7 +25,9 @@ class System(Protocol):
     """Anything whose failure probability can be estimated; the closed loop is one too.
 
     Optional: ``faults(state) -> (N,) bool`` marks rows that have broken down, and
-    ``counts(state) -> {name: (N,) int}`` gives counters to report (solver fallbacks, ...).
+    ``counts(state) -> {name: (N,) int}`` gives counters to report (solver fallbacks, ...). A system that can
+    draw from another law than its own offers ``under(law) -> System`` and ``log_weights(state) -> (N,)``, the
+    log of p/q along each row.
     """
 
     noise_size: int

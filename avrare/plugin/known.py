@@ -6,10 +6,13 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
     ("simulator", "single_track"): "avrare-single-track",
     ("perception", "gp_pem"): "avrare-gp-pem",
     ("perception", "parametric"): "avrare-gp-pem",
+    ("perception", "naive"): "avrare-gp-pem",
     ("tracker", "imm"): "avrare-imm",
     ("controller", "mpc"): "avrare-mpc",
     ("specification", "traffic_rules"): "avrare-traffic-rules",
     ("estimator", "ams"): "avrare-estimators",
+    ("estimator", "is"): "avrare-estimators",
+    ("estimator", "ce"): "avrare-estimators",
 }
 """(kind, name) of a component -> the distribution of this project that provides it."""
 

@@ -1,4 +1,4 @@
-"""Rare-event estimators: adaptive multilevel splitting."""
+"""Rare-event estimators: adaptive multilevel splitting, importance sampling, cross-entropy."""
 
 from avrare.plugin import Component, hookimpl
 
@@ -13,5 +13,19 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:AmsConfig",
             factory="avrare_estimators.splitting:build",
             summary="adaptive multilevel splitting, unbiased for any formula",
-        )
+        ),
+        Component(
+            kind="estimator",
+            name="is",
+            config="avrare_estimators.config:IsConfig",
+            factory="avrare_estimators.importance:build",
+            summary="importance sampling from a law of the noise or another perception model",
+        ),
+        Component(
+            kind="estimator",
+            name="ce",
+            config="avrare_estimators.config:CeConfig",
+            factory="avrare_estimators.cross_entropy:build",
+            summary="cross-entropy: learns its proposal, Gaussian or (with torch) a network",
+        ),
     ]

@@ -1,0 +1,109 @@
+"""The network proposal: it starts as the target, learns what leads to failure, and its weights are right."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare_estimators.learned import INPUTS, OUTPUTS, Network, inputs
+
+sys.path.insert(0, str(Path(__file__).parent))
+import toy_closed_loop as toy
+
+LIMIT = 7.0
+QUICK = {"family": "network", "rollouts": 400, "epochs": 60, "rate": 5e-3, "hidden": 20}
+
+
+def network(scale=0.1, seed=0):
+    rng = np.random.default_rng(seed)
+    shapes = [(INPUTS, 100), (100,), (100, 100), (100,), (100, OUTPUTS), (OUTPUTS,)]
+    return Network(np.zeros(INPUTS), np.ones(INPUTS), tuple(scale * rng.standard_normal(s) for s in shapes))
+
+
+def world(n):
+    here = toy.Line(toy.scene()).reset(np.zeros((n, 1)))
+    x = here.others.x + np.random.default_rng(1).normal(0, 5, (n, 1))
+    from dataclasses import replace
+
+    return replace(here, others=replace(here.others, x=x))
+
+
+def test_a_network_of_zeros_is_the_target():
+    target, many = toy.Pem(toy.scene()), world(30)
+    tilted = network(0.0).of(target)
+    noise = np.random.default_rng(2).standard_normal((30, 3))
+    seen = target.observe(many, noise)
+    np.testing.assert_array_equal(tilted.observe(many, noise).x, seen.x)
+    np.testing.assert_allclose(tilted.log_prob(many, seen), target.log_prob(many, seen), rtol=1e-12)
+
+
+def test_rows_do_not_depend_on_their_neighbours():
+    from avrare.batch import take
+
+    tilted, many = network().of(toy.Pem(toy.scene())), world(60)
+    noise = np.random.default_rng(3).standard_normal((60, 3))
+    whole = tilted.observe(many, noise)
+    assert len(np.unique(whole.y[whole.detected])) > 30
+    density = tilted.log_prob(many, whole)
+    for index in (slice(0, 1), slice(11, 44), [59, 3]):
+        part = tilted.observe(take(many, index), noise[index])
+        assert part.x.tobytes() == whole.x[index].tobytes()
+        assert tilted.log_prob(take(many, index), part).tobytes() == density[index].tobytes()
+
+
+def test_inputs_are_what_the_ego_sees():
+    seen = inputs(world(4), toy.scene())
+    assert seen.shape == (4, 1, INPUTS)
+    np.testing.assert_allclose(seen[..., 2], np.hypot(seen[..., 0], seen[..., 1]))
+    np.testing.assert_allclose(seen[..., 6:], [[[4.5, 1.8]]] * 4)
+
+
+def test_tilted_density_integrates_to_one():
+    """The mean weight of the target against a tilt of it, whatever the tilt."""
+    task = toy.final_only(4.0)
+    result = avrare.estimate(
+        task, "is", proposal=network(0.06).of(toy.Pem(toy.scene())), rollouts=6000, defensive=0.0, check=0.0
+    )
+    marks = result.diagnostics
+    assert 0.001 < marks["mean_weight_error"] < 0.1
+    assert abs(marks["mean_weight"] - 1) < 4 * marks["mean_weight_error"]
+
+
+def test_it_learns_and_stays_unbiased():
+    pytest.importorskip("torch")
+    truth = toy.exact(LIMIT)
+    result = avrare.estimate(toy.final_only(LIMIT), "ce", runs=10, check=0.0, **QUICK)
+    values = result.run_probabilities
+    assert abs(values.mean() - truth) < 4 * values.std(ddof=1) / np.sqrt(10)
+    assert result.relative_error < 0.3
+    for stages in result.diagnostics["stages"]:
+        assert stages[0]["failures"] < 5 < 40 < stages[-1]["failures"]
+
+
+def test_training_gives_the_same_bits():
+    pytest.importorskip("torch")
+    task = toy.final_only(LIMIT, chunk=64)
+    options = {**QUICK, "rollouts": 150, "epochs": 20, "stages": 2}
+    one, again, two = (avrare.estimate(task, "ce", workers=w, **options) for w in (1, 1, 2))
+    assert one.to_dict() | {"seconds": 0} == again.to_dict() | {"seconds": 0}
+    assert one.to_dict() | {"seconds": 0} == two.to_dict() | {"seconds": 0}
+
+
+def test_a_target_without_law_is_refused():
+    pytest.importorskip("torch")
+    with pytest.raises(avrare.UsageError, match="no law"):
+        avrare.estimate(toy.final_only(LIMIT, perception=toy.Blind(toy.scene())), "ce", family="network")
+
+
+def test_without_torch_there_is_a_pip_line(monkeypatch):
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "torch" else find(name, *rest)
+    )
+    with pytest.raises(avrare.PluginError) as caught:
+        avrare.estimate(toy.final_only(LIMIT), "ce", family="network")
+    assert "avrare-estimators[torch]" in caught.value.hint
