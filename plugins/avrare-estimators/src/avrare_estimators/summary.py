@@ -62,6 +62,19 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     )
 
 
+def interval_of_runs(values: Floats, particles: int) -> Callable[[float], Interval]:
+    """The interval of runs that needed levels and met no errors, as a function of the confidence.
+
+    Args:
+        values: (runs,) at least two.
+        particles: Of each run.
+    """
+    if not values.any():
+        return intervals.unknown
+    relative = _relative_variance(values, np.zeros(1), particles)
+    return partial(intervals.log_normal, float(values.mean()), relative, freedom=len(values) - 1)
+
+
 def _roots(state: AmsState, run: int) -> int:
     """How many first particles the final population of a run descends from."""
     particles = len(state.population.root) // state.runs
