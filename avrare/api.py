@@ -28,6 +28,7 @@ def estimate(
     workers: int = 1,
     confidence: float = 0.95,
     budget: Budget | Mapping[str, float] | str | None = None,
+    suppress: Sequence[str] = (),
     **options: Any,
 ) -> Result:
     """Estimate how likely ``problem`` is to fail.
@@ -39,6 +40,7 @@ def estimate(
         workers: Processes.
         confidence: Of the interval.
         budget: "steps=1e6", {"rollouts": 1000}, ...; None: the estimator's own options decide.
+        suppress: Names of health warnings to leave out of the result.
         **options: The estimator's options, per run: ``rollouts``, ``particles``, ``discard``, ``runs``, ...
 
     Raises:
@@ -55,7 +57,7 @@ def estimate(
             f"this problem has {len(problem.names)} specifications; estimate one at a time",
             "make a Problem for each, or use `avrare run`",
         )
-    settings = Settings(seed, confidence, Budget.parse(budget))
+    settings = Settings(seed, confidence, Budget.parse(budget), suppress=tuple(suppress))
     return run(problem, _estimator(estimator, options), _executor(workers), settings)[0]
 
 

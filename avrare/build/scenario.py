@@ -86,11 +86,11 @@ class ScenarioProblem(Problem):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (self.scenario.definition, self.names)
+        return _rebuild, (self.scenario.definition, self.names, self.score)
 
 
-def _rebuild(definition: Scenario, names: tuple[str, ...]) -> ScenarioProblem:
-    return ScenarioProblem(BuildableScenario(definition), names)
+def _rebuild(definition: Scenario, names: tuple[str, ...], score: Any) -> Problem:
+    return ScenarioProblem(BuildableScenario(definition), names).rescored(score)
 
 
 def _score(scenario: BuildableScenario, name: str) -> str | None:

@@ -28,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--budget", metavar="KIND=N", help="steps=N, rollouts=N or seconds=N, for each estimate"
     )
+    parser.add_argument(
+        "--until", metavar="relative_error=X", help="run Monte Carlo until the estimate is as exact as that"
+    )
     parser.add_argument("--out", metavar="DIR", help="folder of the results; default: a new one under runs/")
     parser.add_argument("--json", action="store_true", help="print result.json and nothing else on stdout")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
@@ -42,6 +45,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(f"--workers must be at least 1, not {args.workers}")
     budget = Budget.parse(args.budget)
     overrides = [*args.set, *([f"seed={args.seed}"] if args.seed is not None else [])]
+    overrides += _until(args.until)
     scenarios = [load(path, overrides, args.estimator) for path in args.scenarios]
     names = [scenario.name for scenario in scenarios]
     if len(set(names)) < len(names):
@@ -53,6 +57,16 @@ def execute(args: argparse.Namespace) -> int:
         print(json.dumps(contents[0] if len(contents) == 1 else contents))
     troubled = any("errors" in entry["health"] for content in contents for entry in content["estimates"])
     return int(ExitCode.ROLLOUT_ERRORS if troubled else ExitCode.PASS)
+
+
+def _until(text: str | None) -> list[str]:
+    """The override that ``--until`` stands for."""
+    if text is None:
+        return []
+    key, _, value = text.partition("=")
+    if key != "relative_error" or not value:
+        raise UsageError(f"--until {text!r} is not understood", "write --until relative_error=0.1")
+    return [f"estimator.relative_error={value}"]
 
 
 def _run(definition: Scenario, args: argparse.Namespace, budget: Any, several: bool) -> dict[str, Any]:
@@ -78,7 +92,10 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any) -> list[Any
     definition = scenario.definition
     estimator = scenario.estimator()
     groups = [(name,) for name in definition.estimated] if estimator.single else [definition.estimated]
-    settings = Settings(definition.seed, definition.confidence, budget, definition.max_error_rate)
+    settings = Settings(
+        definition.seed, definition.confidence, budget, definition.max_error_rate, definition.suppress,
+        replay=True,
+    )  # fmt: skip
     results = []
     for group in groups:
         problem = scenario.problem(group)

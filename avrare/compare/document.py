@@ -7,7 +7,7 @@ from typing import Any
 
 import avrare
 from avrare.compare.study import Comparison, Entry
-from avrare.compare.summary import Summary, summarise
+from avrare.compare.summary import Summary, disagreements, summarise
 from avrare.estimation.result import finite
 
 SCHEMA = 1
@@ -43,6 +43,7 @@ def document(comparison: Comparison) -> dict[str, Any]:
         "confidence": case.confidence,
         "truth": asdict(truth) if truth else None,
         "interrupted": comparison.interrupted,
+        "disagree": disagreements([entry.arm.label for entry in comparison.entries], summaries(comparison)),
         "estimators": [
             _entry(entry, summary)
             for entry, summary in zip(comparison.entries, summaries(comparison), strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -107,6 +108,12 @@ def summarise(
         warnings={name: sum(name in one.health for one in repetitions) for name in names},
         accuracy=_accuracy(repetitions, values, cost, truth, confidence) if truth and many else None,
     )
+
+
+def disagreements(labels: Sequence[str], summaries: Sequence[Summary | None]) -> list[tuple[str, str]]:
+    """Pairs of estimators whose means have intervals without a common point."""
+    known = [(label, s.interval) for label, s in zip(labels, summaries, strict=True) if s and s.interval]
+    return [(one, other) for (one, a), (other, b) in combinations(known, 2) if a[1] < b[0] or b[1] < a[0]]
 
 
 def _accuracy(

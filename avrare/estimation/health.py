@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from statistics import fmean, median, pstdev
+
+from avrare.errors import UsageError, did_you_mean
 
 MESSAGES = {
     "errors": "{errors} of {rollouts} rollouts broke down, more than the {allowed:.1%} allowed: {message}",
@@ -13,6 +15,13 @@ MESSAGES = {
     "single_run": "one run only: its interval rests on its genealogy and is too narrow for rare events",
     "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles",
     "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
+    "ties": "half of the levels discarded more than {share:.0%} of the particles, {discard} were asked for: "
+    "the score takes too few values to split on",
+    "horizon_short": "the formula looks {horizon} samples ahead but a run has {steps} steps: what lies "
+    "beyond counts as if the trace ended there",
+    "solver_failures": "{fallbacks} of {solves} solves of the controller failed: it kept its last plan",
+    "not_deterministic": "the same noise gave robustness {first:.6g} and then {again:.6g}: the system "
+    "does not depend on its noise alone, and no number here can be reproduced",
     "all_failed": "every rollout failed: the scenario tells nothing about how often",
     "no_failures": "no rollout failed: the proposal does not reach a failure, and the probability may be "
     "anything below the interval's upper end",
@@ -30,6 +39,8 @@ MESSAGES = {
     "more stages or more rollouts",
 }
 FEWEST_ROOTS = 5
+MOST_TIES = 2.0
+"""Discards over those asked for, at half of the levels."""
 LARGEST_SPREAD = 0.7
 LEAST_EFFECTIVE = 15.0
 LARGEST_SHARE = 0.3
@@ -44,6 +55,19 @@ def warn(name: str, **values: object) -> dict[str, str]:
     return {name: MESSAGES[name].format(**values)}
 
 
+def check_names(suppress: Collection[str]) -> None:
+    """Whether health warnings of these names may be left out.
+
+    Raises:
+        UsageError: There is no such warning, or it must be seen.
+    """
+    for name in suppress:
+        if name not in MESSAGES:
+            raise UsageError(f"there is no health warning {name!r}", did_you_mean(name, MESSAGES))
+        if name == "errors":
+            raise UsageError("health warning 'errors' cannot be suppressed", "raise max_error_rate instead")
+
+
 def of_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[str]) -> dict[str, str]:
     """Warns when more than the allowed share of rollouts broke down."""
     if errors <= allowed * rollouts:
@@ -51,6 +75,19 @@ def of_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[str
     return warn(
         "errors", errors=errors, rollouts=rollouts, allowed=allowed, message="; ".join(messages[:2]) or "?"
     )
+
+
+def of_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
+    """Warns when most levels discard many more than asked for.
+
+    Args:
+        discarded: At each level of each run.
+        discard: K.
+        particles: N.
+    """
+    if not discarded or (typical := median(discarded)) <= MOST_TIES * discard:
+        return {}
+    return warn("ties", share=typical / particles, discard=discard)
 
 
 def of_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:

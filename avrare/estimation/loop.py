@@ -12,6 +12,8 @@ from pydantic import ValidationError
 
 from avrare.errors import UsageError, did_you_mean
 from avrare.estimation.budget import Budget
+from avrare.estimation.checks import examined
+from avrare.estimation.health import check_names
 from avrare.estimation.plan import Estimator, Info, Plan
 from avrare.estimation.result import Result
 from avrare.execute.work import Executor, Work
@@ -21,18 +23,29 @@ from avrare.rollout.request import Request, Rollouts
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
-_ARGUMENTS = ("seed", "workers", "confidence", "budget")
+_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress")
 """What ``avrare.estimate`` takes beside the options: for the hint on a misspelt one."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What every estimator has in common."""
+    """What every estimator has in common.
+
+    Attributes:
+        seed: Of all random numbers.
+        confidence: Of the intervals.
+        budget: Upper bound on cost.
+        max_error_rate: Share of broken rollouts above which a result is unhealthy.
+        suppress: Names of health warnings to leave out.
+        replay: Drive the least robust rollout once more to see that it comes out the same; beyond the cost.
+    """
 
     seed: int = 0
     confidence: float = 0.95
     budget: Budget | None = None
     max_error_rate: float = DEFAULT_MAX_ERROR_RATE
+    suppress: tuple[str, ...] = ()
+    replay: bool = False
 
 
 def run(
@@ -48,13 +61,14 @@ def run(
     """
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
+    check_names(settings.suppress)
     if estimator.single and len(problem.names) > 1:
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
         )
-    prepare = getattr(estimator, "prepare", None)
+    given, prepare = problem, getattr(estimator, "prepare", None)
     if prepare is not None:
-        problem = prepare(problem)
+        problem = prepare(given)
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
         problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
@@ -65,7 +79,12 @@ def run(
     with closing(executor):
         state = _drive(estimator, plan, executor, progress or (lambda info: None), began)
     seconds = time.perf_counter() - began
-    return [replace(result, seconds=seconds) for result in estimator.estimate(state)]
+    replayed = settings.replay and problem is given  # else its tapes may be those of another system
+    results = [
+        examined(problem, result, column, replay=replayed, suppress=settings.suppress)
+        for column, result in enumerate(estimator.estimate(state))
+    ]
+    return [replace(result, seconds=seconds) for result in results]
 
 
 def _drive(estimator: Estimator, plan: Plan, executor: Executor, progress: Progress, began: float) -> Any:

@@ -64,6 +64,7 @@ class Result:
         counts: The system's own counters, summed over all rollouts.
         diagnostics: What the estimator wants to say beyond that (levels, roots, ...), JSON-ready.
         seconds: Wall time; no other field depends on it.
+        relation: What counts as failure: "violated", the formula is false at sample 0, or "robustness <= 0".
         verdict: Of the scenario's threshold: "pass", "fail", "inconclusive" or None.
     """
 
@@ -84,6 +85,7 @@ class Result:
     counts: dict[str, int] = field(default_factory=dict)
     diagnostics: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
+    relation: str = "violated"
     verdict: str | None = None
 
     @cached_property
@@ -109,6 +111,7 @@ class Result:
             "verdict": self.verdict,
             "warnings": self.health,
             "run_probabilities": self.run_probabilities.tolist(),
+            "relation": self.relation,
             "worst_robustness": self.worst.robustness,
             "counts": self.counts,
             "diagnostics": self.diagnostics,

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from avrare.compare.document import summaries
 from avrare.compare.study import Comparison
-from avrare.compare.summary import FEWEST, Accuracy, Summary
+from avrare.compare.summary import FEWEST, Accuracy, Summary, disagreements
 from avrare.compare.truth import ENOUGH_FAILURES
 from avrare.estimation.result import Interval
 
@@ -113,6 +113,9 @@ def notes(comparison: Comparison) -> list[str]:
     for entry, summary in zip(comparison.entries, summaries(comparison), strict=True):
         if summary:
             lines += [f"{entry.arm.label}: {text}" for text in _about(summary)]
+    labels = [entry.arm.label for entry in comparison.entries]
+    for one, other in disagreements(labels, summaries(comparison)):
+        lines.append(f"{one} and {other} disagree: the intervals of their means have no common point")
     if comparison.interrupted:
         done = min(len(entry.repetitions) for entry in comparison.entries if not entry.refusal)
         lines.append(f"interrupted: {done} of {comparison.design.repeat} repetitions are complete")

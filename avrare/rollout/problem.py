@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.progress import ProgressScored, shape_of
 from avrare.rollout.request import Request, Rollouts
-from avrare.rollout.score import FunctionScored, MarginScored, ScoreFunction
+from avrare.rollout.score import FunctionScored, MarginScored, PrefixScored, ScoreFunction
 
 SCORES = ("robustness", "margin", "progress")
 DEFAULT_CHUNK = 4096
@@ -68,7 +69,7 @@ class Problem:
         if not named:
             raise UsageError("a problem needs at least one specification")
         self.names = tuple(named)
-        self._plain = tuple(_monitor(spec) for spec in named.values())
+        self.monitors: tuple[Specification, ...] = tuple(_monitor(spec) for spec in named.values())
         self._scored: tuple[Specification, ...] | None = None
 
     @property
@@ -83,13 +84,19 @@ class Problem:
             self._scored = self._with_score()
         return self._scored
 
+    def rescored(self, score: ScoreFunction | str) -> Problem:
+        """The same problem with another score; also ``"prefix"`` (``avrare.rollout.score.PrefixScored``)."""
+        other = copy.copy(self)
+        other.score, other._scored = score, None
+        return other
+
     def gamma(self, level: float) -> float:
         """The robustness threshold of a score's level: 0 at failure, as the papers count."""
         return 1.0 - level if isinstance(self.specifications[0], MarginScored | ProgressScored) else -level
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
-        specifications = self.specifications if scored else self._plain
+        specifications = self.specifications if scored else self.monitors
         return simulate(self.system, specifications, self.steps, noise, request, scored=scored)
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
@@ -118,20 +125,22 @@ class Problem:
 
     def _with_score(self) -> tuple[Specification, ...]:
         if callable(self.score):
-            return tuple(FunctionScored(spec, self.score) for spec in self._plain)
+            return tuple(FunctionScored(spec, self.score) for spec in self.monitors)
         match self.score:
             case "margin":
                 return self._with_margin()
             case "progress":
                 return self._with_progress()
+            case "prefix":
+                return tuple(PrefixScored(spec) for spec in self.monitors)
             case "robustness":
-                return self._plain
-        return tuple(self._by_progress(spec, None) or spec for spec in self._plain)
+                return self.monitors
+        return tuple(self._by_progress(spec, None) or spec for spec in self.monitors)
 
     def _with_progress(self) -> tuple[Specification, ...]:
         carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
         nominal = [self.system.signals(carry.system) for carry in carries]
-        scored = [self._by_progress(spec, nominal) for spec in self._plain]
+        scored = [self._by_progress(spec, nominal) for spec in self.monitors]
         for name, spec in zip(self.names, scored, strict=True):
             if spec is None:
                 raise UsageError(
@@ -148,7 +157,7 @@ class Problem:
     def _with_margin(self) -> tuple[Specification, ...]:
         carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
         scored: list[Specification] = []
-        for index, spec in enumerate(self._plain):
+        for index, spec in enumerate(self.monitors):
             margin = getattr(spec, "margin", None)
             along = [margin(carry.monitors[index]) for carry in carries] if margin else [None]
             if any(value is None for value in along):

@@ -66,6 +66,26 @@ class MarginScored:
         return ScoredState(inner, score, state.memory + 1), replace(verdict, score=score)
 
 
+class PrefixScored:
+    """Scores by minus the robustness of the prefix as it stands: it may fall again.
+
+    No score to estimate with: levels on it are biased where a formula may still come true. It is what the
+    published form of splitting orders by.
+    """
+
+    def __init__(self, inner: Specification) -> None:
+        self.inner = inner
+
+    def start(self, n: int) -> Any:
+        """Before sample 0."""
+        return self.inner.start(n)
+
+    def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
+        """After one more sample."""
+        state, verdict = self.inner.update(state, signals)
+        return state, replace(verdict, score=-verdict.robustness)
+
+
 class FunctionScored:
     """Scores by a function of the signals so far, made adapted and monotone by a running maximum."""
 

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
 
 import avrare
+from avrare.errors import UsageError
+from avrare.estimation.health import check_names
 from avrare.plugin.component import Component
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
@@ -74,6 +76,14 @@ class Threshold(_Model):
         return str(self.probability).startswith("< ")
 
 
+def _suppressible(names: tuple[str, ...]) -> tuple[str, ...]:
+    try:
+        check_names(names)
+    except UsageError as error:
+        raise ValueError("; ".join(filter(None, (error.message, error.hint)))) from None
+    return names
+
+
 class Document(_Model):
     """A scenario file after ``extends`` and overrides; component blocks are checked by their plugins."""
 
@@ -95,6 +105,9 @@ class Document(_Model):
         0.01, ge=0.0, le=1.0, description="share of rollouts that may end in an error"
     )
     confidence: Probability = Field(0.95, description="of the reported intervals, 0 to 1")
+    suppress: Annotated[tuple[str, ...], AfterValidator(_suppressible)] = Field(
+        (), description="names of health warnings to leave out"
+    )
 
 
 @dataclass(frozen=True)
@@ -133,6 +146,7 @@ class Scenario:
         chunk: Rollouts per chunk of work.
         max_error_rate: Share of the rollouts that may end in an error.
         confidence: Of the reported intervals.
+        suppress: Names of health warnings to leave out.
         warnings: (message, hint) on formulas that can be used but may not say what is meant.
     """
 
@@ -152,6 +166,7 @@ class Scenario:
     chunk: int = 25
     max_error_rate: float = 0.01
     confidence: float = 0.95
+    suppress: tuple[str, ...] = ()
     warnings: tuple[tuple[str, str | None], ...] = field(default=(), compare=False)
 
     @property
@@ -179,4 +194,5 @@ class Scenario:
         }
         plain["thresholds"] = [threshold.model_dump() for threshold in self.thresholds]
         plain |= {key: getattr(self, key) for key in ("seed", "chunk", "max_error_rate", "confidence")}
+        plain["suppress"] = list(self.suppress)
         return plain

@@ -13,7 +13,7 @@ WALK = ["compare", "problem:d_rw_L2.5", "--estimators", "mc,ams:particles=50:dis
 SMALL = ["--budget", "steps=1e5", "--repeat", "3"]
 FIELDS = {
     "schema", "comparison", "specification", "fingerprint", "versions", "steps", "budget", "repeat", "seed",
-    "confidence", "truth", "interrupted", "estimators",
+    "confidence", "truth", "interrupted", "disagree", "estimators",
 }  # fmt: skip
 SUMMARY = {
     "repetitions", "mean", "interval", "steps", "rollouts", "simulations", "zeros", "warned", "warnings",

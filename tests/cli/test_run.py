@@ -123,3 +123,11 @@ def test_the_score_follows_the_formulas_shape():
     )
     scenario = BuildableScenario(load(LANE_CHANGE, [specifications, "steps=5"]))
     assert [scenario.problem(name).score for name in "abc"] == ["margin", "progress", None]
+
+
+def test_until_a_relative_error(tmp_path, capsys):
+    words = [LANE_CHANGE, "--set", "steps=2", "--set", "specifications={a: {stl: 'always (ego_x < 0)'}}"]
+    assert main(["run", *words, "--until", "error=0.1", "--out", str(tmp_path)]) == 4
+    assert "write --until relative_error=0.1" in capsys.readouterr().err
+    assert main(["run", *words, "--until", "relative_error=2", "--out", str(tmp_path)]) == 4
+    assert "estimator.relative_error" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.compare.study import Repetition
-from avrare.compare.summary import summarise
+from avrare.compare.summary import disagreements, summarise
 from avrare.compare.truth import Truth
 from avrare.estimation import intervals
 
@@ -89,3 +89,10 @@ def test_the_interval_of_the_work_covers():
         low, high = summary(*map(repetition, values.tolist())).accuracy.work_interval
         hits += low <= 0.04 * 100 <= high
     assert hits / trials > 0.85, "docs/compare.md says 0.9 for normal errors and ten repetitions"
+
+
+def test_estimators_whose_means_cannot_both_be_right_disagree():
+    low = summary(*(repetition(value) for value in (1.0e-3, 1.1e-3, 0.9e-3)))
+    high = summary(*(repetition(value) for value in (9.0e-3, 9.1e-3, 8.9e-3)))
+    wide = summary(*(repetition(value) for value in (1.0e-3, 30.0e-3, 4.0e-3)))
+    assert disagreements(["a", "b", "c", "d"], [low, high, wide, None]) == [("a", "b")]

@@ -105,3 +105,54 @@ def test_verdict_at_the_limit():
     high, low = never.interval[1], always.interval[0]
     assert [verdict(never, high, strict, 0.95) for strict in (False, True)] == ["pass", "inconclusive"]
     assert [verdict(always, low, strict, 0.95) for strict in (False, True)] == ["inconclusive", "fail"]
+
+
+class Forgetful(systems.Walk):
+    """Its rows depend on how often it was asked: no function of its noise."""
+
+    calls = 0
+
+    def step(self, state, noise):
+        self.calls += 1
+        return {"x": super().step(state, noise)["x"] + 1e-6 * self.calls}
+
+
+class Solving(systems.Walk):
+    """Reports a solver's counters, one solve in ten failing."""
+
+    def initial(self, noise):
+        return {"x": np.zeros(len(noise)), "n": np.zeros(len(noise), dtype=np.int64)}
+
+    def step(self, state, noise):
+        return {"x": state["x"] + 0.1 * noise[:, 0], "n": state["n"] + 10}
+
+    def counts(self, state):
+        return {"solves": state["n"], "fallback_solves": state["n"] // 10}
+
+
+def test_a_system_that_is_no_function_of_its_noise_is_found_out():
+    settings = Settings(replay=True)
+    (result,) = monte_carlo(problem(system=Forgetful()), settings, rollouts=50)
+    assert "not_deterministic" in result.health
+    (healthy,) = monte_carlo(problem(), settings, rollouts=50)
+    assert not healthy.health
+    (broken,) = monte_carlo(problem(system=systems.Fragile("nan", beyond=-9.0)), settings, rollouts=20)
+    assert list(broken.health) == ["errors"]
+
+
+def test_a_formula_beyond_the_end_and_a_failing_solver_are_told():
+    task = avrare.Problem(Solving(), avrare.stl("always[0:30] (x < 0.5)"), steps=20)
+    result = avrare.estimate(task, rollouts=50)
+    assert set(result.health) == {"horizon_short", "solver_failures"}
+    assert "30 samples ahead but a run has 20 steps" in result.health["horizon_short"]
+    assert "1000 of 10000 solves" in result.health["solver_failures"]
+
+
+def test_warnings_can_be_suppressed_by_name():
+    task = avrare.Problem(Solving(), avrare.stl("always[0:30] (x < 0.5)"), steps=20)
+    result = avrare.estimate(task, rollouts=50, suppress=["horizon_short"])
+    assert set(result.health) == {"solver_failures"}
+    with pytest.raises(avrare.UsageError, match="no health warning 'horizon'"):
+        avrare.estimate(task, suppress=["horizon"])
+    with pytest.raises(avrare.UsageError, match="cannot be suppressed"):
+        avrare.estimate(task, suppress=["errors"])

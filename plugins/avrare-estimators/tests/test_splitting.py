@@ -10,7 +10,7 @@ from scipy import stats
 import avrare
 from avrare.testing import systems
 from avrare.testing.lattices import Lattice
-from avrare.testing.problems import reference_problem
+from avrare.testing.problems import count_down, reference_problem
 from avrare.testing.reach import Lag
 
 WALK = reference_problem("d_rw_L2.5")
@@ -244,9 +244,10 @@ def test_diagnostics_are_json_and_complete():
     result = estimate(walk())
     entry = json.loads(result.to_json())["diagnostics"]
     assert set(entry) == {
-        "stages", "levels", "discarded", "extinct_runs", "roots", "genealogical_variance",
+        "stages", "levels", "discarded", "extinct_runs", "roots", "genealogical_variance", "full_rollouts",
+        "branched_rollouts",
     }  # fmt: skip
-    assert all(len(entry[name]) == 4 for name in entry if name != "extinct_runs")
+    assert all(len(entry[name]) == 4 for name in entry if isinstance(entry[name], list))
     assert all(1 <= roots <= 40 for roots in entry["roots"])
 
 
@@ -280,3 +281,42 @@ def test_equal_runs_are_no_certainty_and_no_alarm():
     low, high = result.interval
     assert low < result.probability < high
     assert "all_failed" not in result.health
+
+
+def test_the_published_variant_discards_one_more_and_counts_robustness_zero():
+    problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1.5)"), steps=40)
+    kept, published = (
+        avrare.estimate(problem, "ams", particles=40, discard=4, runs=4, variant=variant)
+        for variant in ("unbiased", "published")
+    )
+    least = [min(k for run in r.diagnostics["discarded"] for k in run) for r in (kept, published)]
+    assert least == [4, 5]
+    assert (kept.relation, published.relation) == ("violated", "robustness <= 0")
+    assert published.diagnostics["full_rollouts"] == 160
+    assert published.diagnostics["branched_rollouts"] == published.rollouts - 160
+    touching = avrare.Problem(systems.Walk(scale=0.0), avrare.stl("always (x <= 0)"), steps=3)
+    assert avrare.estimate(touching, "ams", particles=5, discard=1).probability == 0.0
+    assert avrare.estimate(touching, "ams", particles=5, discard=1, variant="published").probability == 1.0
+
+
+def test_the_published_variant_is_unbiased_where_robustness_only_falls():
+    walk, truth = reference_problem("d_rw_L2.5").problem(), reference_problem("d_rw_L2.5").probability
+    values = avrare.estimate(
+        walk, "ams", particles=50, discard=5, runs=200, variant="published"
+    ).run_probabilities
+    assert abs(values.mean() - truth) < 4 * values.std(ddof=1) / np.sqrt(len(values)) < truth
+
+
+def test_the_published_variant_loses_failures_where_robustness_recovers():
+    reference = reference_problem("g_eventually_c0.5")
+    values = avrare.estimate(
+        reference.problem(score="robustness"), "ams", particles=100, discard=10, runs=20, variant="published"
+    ).run_probabilities
+    assert values.mean() < 0.2 * reference.probability
+
+
+def test_ties_are_told():
+    result = avrare.estimate(count_down(4, 9, "1/5").problem(), "ams", particles=50, discard=2, runs=10)
+    assert "ties" in result.health
+    smooth = avrare.estimate(reference_problem("d_rw_L2.5").problem(), "ams", particles=100, discard=10)
+    assert "ties" not in smooth.health

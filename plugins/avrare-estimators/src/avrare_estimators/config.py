@@ -15,6 +15,11 @@ class AmsConfig(BaseModel):
     particles: int = Field(default=250, ge=2, description="N, rollouts alive in a run")
     discard: int = Field(default=25, ge=1, description="K, rollouts discarded at each level (more on ties)")
     runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
+    variant: Literal["unbiased", "published"] = Field(
+        default="unbiased",
+        description="published: Algorithm 2 of stl-ams as its code ran it, for comparison: K + 1 discarded, "
+        "levels on the robustness of the prefix, robustness <= 0 is failure",
+    )
     floor: float = Field(
         default=1e-18, gt=0.0, lt=1.0, description="a run ends, as extinct, once its weight falls below this"
     )

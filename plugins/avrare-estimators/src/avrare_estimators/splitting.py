@@ -11,6 +11,7 @@ from avrare.estimation.montecarlo import FAILURE_LIMIT
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
+from avrare.rollout.problem import Problem
 from avrare.rollout.request import FROM_START, Integers, Request, Rollouts, total_counts
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.levels import choose_parents, first_above, next_level
@@ -119,6 +120,14 @@ class Splitting:
     def __init__(self, config: AmsConfig) -> None:
         self.config = config
 
+    def prepare(self, problem: Problem) -> Problem:
+        """The problem, with the score of the variant."""
+        return problem.rescored("prefix") if self._published else problem
+
+    @property
+    def _published(self) -> bool:
+        return self.config.variant == "published"
+
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """State before the first rollout, and what to show."""
         particles = self.config.particles
@@ -146,6 +155,8 @@ class Splitting:
     def tell(self, state: AmsState, rollouts: Rollouts) -> tuple[AmsState, Info]:
         """Store the rollouts, set the next levels, discard, and choose where to branch."""
         state.population.store(state.pending.slots, state.pending.start, rollouts)
+        if self._published:  # its failures are robustness <= 0
+            state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
         if state.stage == 0:
             state = replace(state, first=np.where(rollouts.error, np.nan, rollouts.robustness[:, 0]))
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
@@ -160,7 +171,8 @@ class Splitting:
         population = state.population
         shape = (state.runs, self.config.particles)
         violated, error = population.violated.reshape(shape), population.error.reshape(shape)
-        level = next_level(population.final.reshape(shape), violated, self.config.discard)
+        discard = self.config.discard + self._published
+        level = next_level(population.final.reshape(shape), violated, discard)
         eligible = ~level.discarded & ~error
         state.active[:] &= ~level.reached & eligible.any(axis=1) & (state.weight >= self.config.floor)
         if state.plan.steps == 0:  # nothing to branch from: this is Monte Carlo

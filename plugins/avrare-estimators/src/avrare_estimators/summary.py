@@ -30,6 +30,8 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     roots = [_roots(state, r) for r in range(state.runs)]
     extinct = int((values == 0.0).sum())
     warnings = health.of_runs(values.tolist(), extinct, roots)
+    killed = [count for levels in state.levels for _, count in levels]
+    warnings |= health.of_ties(killed, config.discard, config.particles)
     warnings |= health.of_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
@@ -51,7 +53,10 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         worst=_worst(state, config.particles),
         robustness=state.first,
         counts=dict(tally.counts),
+        relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={
+            "full_rollouts": violated.size,
+            "branched_rollouts": tally.rollouts - violated.size,
             "stages": [len(levels) for levels in state.levels],
             "levels": [[level for level, _ in levels] for levels in state.levels],
             "discarded": [[killed for _, killed in levels] for levels in state.levels],

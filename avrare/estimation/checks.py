@@ -1,0 +1,61 @@
+"""Doubts about a finished result that only its problem can tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation import health
+from avrare.estimation.result import Result
+from avrare.rollout.problem import Problem
+
+_FALLBACK = "fallback_solves"
+_MOST_FALLBACKS = 0.01
+
+
+def examined(
+    problem: Problem, result: Result, column: int, *, replay: bool, suppress: Collection[str]
+) -> Result:
+    """The result with what its problem tells added to its health.
+
+    Args:
+        problem: What was estimated.
+        result: Of its specification number ``column``.
+        column: Number of the specification.
+        replay: Whether to drive the least robust rollout once more and compare.
+        suppress: Names of warnings to leave out.
+    """
+    found = {**result.health, **_horizon(problem, column), **_solver(result.counts)}
+    if replay:
+        found |= _determinism(problem, result, column)
+    return replace(result, health={name: text for name, text in found.items() if name not in suppress})
+
+
+def _horizon(problem: Problem, column: int) -> dict[str, str]:
+    formula = getattr(problem.monitors[column], "formula", None)
+    horizon = getattr(formula, "horizon", math.inf)
+    if not problem.steps < horizon < math.inf:
+        return {}
+    return health.warn("horizon_short", horizon=int(horizon), steps=problem.steps)
+
+
+def _solver(counts: Mapping[str, int]) -> dict[str, str]:
+    solves, fallbacks = counts.get("solves", 0), counts.get(_FALLBACK, 0)
+    if fallbacks <= _MOST_FALLBACKS * solves:
+        return {}
+    return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
+
+
+def _determinism(problem: Problem, result: Result, column: int) -> dict[str, str]:
+    first: float = result.worst.robustness
+    if math.isnan(first):
+        return {}
+    again: Any = problem.replay(result.worst.noise[None])
+    value = math.nan if again.error[0] else float(again.robustness[0, column])
+    if np.array_equal(first, value):
+        return {}
+    return health.warn("not_deterministic", first=first, again=value)
