@@ -79,7 +79,8 @@ def run(
     with closing(executor):
         state = _drive(estimator, plan, executor, progress or (lambda info: None), began)
     seconds = time.perf_counter() - began
-    replayed = settings.replay and problem is given  # else its tapes may be those of another system
+    # Else its tapes may be those of another system, or its robustness that of a part of the run.
+    replayed = settings.replay and problem is given and not getattr(estimator, "stops_early", False)
     results = [
         examined(problem, result, column, replay=replayed, suppress=settings.suppress)
         for column, result in enumerate(estimator.estimate(state))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -64,6 +64,7 @@ class MonteCarlo:
 
     def __init__(self, config: McConfig) -> None:
         self.config = config
+        self.stops_early = config.early_stop
 
     def init(self, plan: Plan) -> tuple[McState, Info]:
         """State before the first rollout, and what to show."""
@@ -82,7 +83,8 @@ class MonteCarlo:
         if state.info.goal is None:  # no larger than what is done, so that little is paid in vain
             wave = min(wave, max(min(_FIRST_WAVE, state.plan.chunk), done))
         index = np.arange(done, min(done + wave, state.total))
-        return Request.from_start(index // state.per_run, index % state.per_run)
+        request = Request.from_start(index // state.per_run, index % state.per_run)
+        return replace(request, stop_early=self.config.early_stop)
 
     def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
         """Store the wave."""

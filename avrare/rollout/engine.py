@@ -109,6 +109,8 @@ class _Rollout:
                 carry, rows = self._begin(np.flatnonzero(start == FROM_START))
             if t in carries:
                 carry, rows = self._join(carry, rows, carries[t], np.flatnonzero(start == t), t)
+            if carry is not None and self.request.stop_early:
+                carry, rows = self._retire(carry, rows)
             if carry is not None and self.request.keep_carries:
                 self.kept.append((t, rows, carry))
         if carry is not None:
@@ -227,6 +229,15 @@ class _Rollout:
         counts = getattr(self.system, "counts", None)
         for name, values in counts(carry.system).items() if counts is not None else ():
             self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
+
+    def _retire(self, carry: Carry, rows: Integers) -> tuple[Carry | None, Integers]:
+        """Finish the rows of which every specification's verdict is final."""
+        decided = np.all([state.decided for state in carry.monitors], axis=0)
+        if not decided.any():
+            return carry, rows
+        self._finish(batch.take(carry, decided), rows[decided])
+        rest = rows[~decided]
+        return (batch.take(carry, ~decided) if len(rest) else None), rest
 
     def _finish(self, carry: Carry, rows: Integers) -> None:
         for column, verdict in enumerate(carry.verdicts):

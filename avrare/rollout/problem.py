@@ -12,6 +12,7 @@ from avrare.errors import UsageError, did_you_mean
 from avrare.logic.api import Formula
 from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Floats, Signals, Specification, System
+from avrare.rollout.deciding import Deciding
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.progress import ProgressScored, shape_of
@@ -97,6 +98,8 @@ class Problem:
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
         specifications = self.specifications if scored else self.monitors
+        if request.stop_early:
+            specifications = tuple(Deciding(spec, self.steps + 1) for spec in specifications)
         return simulate(self.system, specifications, self.steps, noise, request, scored=scored)
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:

@@ -43,6 +43,7 @@ class Request:
         carries: (s, carry) pairs in ascending s; together they hold the rows with start >= 0 in order.
         tape: (M, steps + 1, noise_size) explicit noise in place of addressed noise, or None.
         keep_carries: Return the carry of every step.
+        stop_early: End a row as soon as no specification's verdict can change.
         law: What the system is to draw from instead of its own distribution: handed to ``System.under``.
     """
 
@@ -53,6 +54,7 @@ class Request:
     carries: tuple[tuple[int, Carry], ...] = ()
     tape: Floats | None = None
     keep_carries: bool = False
+    stop_early: bool = False
     law: Any = None
 
     @property
