@@ -14,6 +14,7 @@ _SIGNLESS = {
     "!=": "|l - r|: 0 where it is broken, never below",
 }
 _SAME = {"<->": "iff", "!==": "!="}
+_TERMS = ("signal", "arithmetic", "negative", "call")
 _BINARY = ("connective", "implication", "until")
 
 
@@ -51,17 +52,16 @@ def _unused(text: str, definitions: Definitions) -> list[Placed]:
 
 
 def _named_signal(text: str, definitions: Definitions, tree: Any) -> list[Placed]:
-    """``p = q`` at the end, where q is a signal, defines p as q > 0."""
+    """``p = q`` or ``p = q + 1`` at the end defines p as what stands there, above 0."""
     last = definitions.last
-    if last.name is None or last.body.data != "signal" or str(last.body.children[0]) in definitions.all:
+    if last.name is None or last.body.data not in _TERMS or str(last.body.children[0]) in definitions.all:
         return []
-    name = last.body.children[0]
-    message = f"'=' does not compare: this formula is {name} > 0 and is called {last.name}"
-    return [_placed(text, tree.children[1], message, f"write {last.name} == {name} to compare")]
+    message = f"'=' does not compare: what follows, above 0, is the formula, and {last.name} is its name"
+    return [_placed(text, tree.children[1], message, f"write {last.name} == ... to compare")]
 
 
 def _early_end(text: str, tree: Any) -> list[Placed]:
-    """``always p and q``: the operand of ``always`` ends before ``and``."""
+    """``always p and q``: the operand ends before ``and``; fine where another always follows."""
     op, operand = None, tree.children[0]
     while operand.data in (*_BINARY, "window", "step", "negation"):
         if operand.data in ("window", "step"):
@@ -69,7 +69,7 @@ def _early_end(text: str, tree: Any) -> list[Placed]:
         elif operand.data in _BINARY:
             op = None
         operand = operand.children[-1]
-    if op is None or operand.data == "group":
+    if op is None or operand.data == "group" or tree.children[-1].data in ("window", "step"):
         return []
     joint = tree.children[1]
     message = f"{op!s} binds tighter than {joint!s}: its operand ends before {joint!s}"

@@ -447,3 +447,16 @@ def test_huge_texts_are_answered_quickly(text):
     start = time.process_time()
     attempt(text)
     assert time.process_time() - start < 10
+
+
+@pytest.mark.parametrize("text", ["p = q", "p = q + 1", "p = -q", "p = abs(q)"])
+def test_a_name_before_a_last_statement_that_is_a_number(text):
+    (warning,) = parse_with_warnings(text)[1]
+    assert "'=' does not compare" in warning.message
+
+
+@pytest.mark.parametrize(
+    "text", ["always p and always q", "eventually p or next q", "always p -> eventually q"]
+)
+def test_temporal_operators_on_both_sides_are_clear(text):
+    assert parse_with_warnings(text)[1] == ()
