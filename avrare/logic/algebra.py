@@ -25,10 +25,13 @@ _TRUE_AT_ZERO = {"<": False, "<=": True, ">": False, ">=": True, "==": True, "!=
 
 def difference(left: Any, right: Any) -> Any:
     """``left - right``, and 0 for equal infinities, which have no margin between them."""
+    if type(right) is float and right == 0.0:  # no difference is needed, only a new array
+        return np.positive(left, order="C")
+    if type(left) is float and left == 0.0:
+        return np.negative(right, order="C")
     gap = np.subtract(left, right, order="C")
-    for x in (left, right):
-        if not isinstance(x, np.ndarray) and math.isfinite(x):
-            return gap
+    if (type(right) is float and math.isfinite(right)) or (type(left) is float and math.isfinite(left)):
+        return gap
     if not np.isnan(gap).any():
         return gap
     return np.where(np.isnan(gap) & np.equal(left, right), 0.0, gap)[()]
@@ -41,7 +44,7 @@ def flush(values: Array) -> Array:
         ``values`` itself where there is nothing to do, which tells that there is no NaN among them.
     """
     size = np.abs(values)
-    if not size.size or np.minimum.reduce(size, axis=None) > TINY:
+    if not size.size or size.item(size.argmin()) > TINY:  # the first NaN, if there is one
         return values
     return np.where(size <= TINY, 0.0, values)
 
@@ -93,8 +96,8 @@ class Signed(Robustness):
 
     def atom(self, node: Comparison, left: Any, right: Any) -> Any:
         """The margin, or the smallest one of the right sign."""
-        value = super().atom(node, left, right)
-        if np.count_nonzero(value) < np.size(value):
+        value = Robustness.atom(self, node, left, right)
+        if np.count_nonzero(value) < value.size:
             return np.where(np.equal(value, 0.0), TINY if _TRUE_AT_ZERO[node.op] else -TINY, value)[()]
         return value
 

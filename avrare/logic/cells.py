@@ -1,14 +1,14 @@
 """Sub-formulas of a monitor, which follow a trace one sample at a time.
 
 A cell with delay d (samples it looks ahead, unbounded operators counting 0) knows its value at sample t - d
-for good once sample t is seen, as a table over ``corners``: that is ``settle``. ``open`` gives its values at
-the samples after t - d, as things stand. This module has the cells without time; ``temporal`` has the rest.
+for good once sample t is seen, as a table over ``corners``. ``value`` gives it, and without corners also the
+values at later samples, as things stand; ``open`` gives those in all other cases, all of them at once. This
+module has the cells without time; ``temporal`` has the rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,42 +25,58 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 
-@dataclass
 class Moment:
     """What the cells know at sample t.
 
-    Attributes:
+    Args:
         t: The newest sample.
         rows: N.
         sample: name -> (N, ...).
         algebra: What values are.
+        tables: As they were before this sample.
         n: Number of corner axes.
-        tables: Per cell, its newest settled values (K, corners, N, ...), oldest first; None before the first.
-        before: The values (K, corners, N, ...) of the cell in hand before this sample; None before the first.
+
+    Attributes:
+        tables: Per cell, its newest settled values (corners, N, ...), oldest first; before this sample until
+            the cell has settled.
         values: Per unbounded future operator, its newly settled value.
     """
 
-    t: int
-    rows: int
-    sample: Mapping[str, Array]
-    algebra: Robustness
-    n: int
-    tables: list[Array | None]
-    before: Array | None
-    values: list[Array | None]
+    __slots__ = ("_open", "algebra", "n", "rows", "sample", "t", "tables", "values")
 
-    def between(self, cell: Cell, back: int, until: int) -> Array:
-        """The cell's values at the samples ``t - back .. t - until``, clipped at sample 0."""
-        table = self.tables[cell.index]
-        assert table is not None
-        newest = len(table) - 1 + cell.delay
-        return table[max(0, newest - back) : max(0, newest - until + 1)]
+    def __init__(
+        self,
+        t: int,
+        rows: int,
+        sample: Mapping[str, Array],
+        algebra: Robustness,
+        tables: Iterable[tuple[Array, ...]],
+        n: int,
+    ) -> None:
+        self.t, self.rows, self.sample, self.algebra, self.n = t, rows, sample, algebra, n
+        self.tables = list(tables)
+        self.values: list[Array | None] = [None] * n
+        self._open: dict[tuple[int, int], Array] = {}
 
-    def at(self, cell: Cell, back: int) -> Array:
-        """The cell's value at sample ``t - back``."""
-        table = self.tables[cell.index]
-        assert table is not None
-        return table[cell.delay - back - 1]  # type: ignore[no-any-return]
+    def at(self, cell: Cell, i: int) -> Array:
+        """The cell's value at sample ``i``; where that is not settled, as things stand.
+
+        The latter only without corners, and a few samples ahead: operators ask each other.
+        """
+        ahead = i - self.t + cell.delay
+        if ahead <= 0:
+            return self.tables[cell.index][ahead - 1]
+        key = cell.index, i
+        if key not in self._open:
+            self._open[key] = cell.value(self, i)
+        return self._open[key]
+
+    def last(self, cell: Cell, i: int) -> Array | None:
+        """The value before sample ``i`` of a cell that asks for its own; None before the first."""
+        if i > self.t - cell.delay:
+            return self.at(cell, i - 1) if i else None
+        before = self.tables[cell.index]
+        return before[-1] if before else None
 
 
 class Cell:
@@ -90,8 +106,8 @@ class Cell:
         for child in children:
             child.keep = max(child.keep, self.delay - child.delay + behind)
 
-    def settle(self, now: Moment) -> Array:
-        """The value (corners, N, ...) at sample ``t - delay``."""
+    def value(self, now: Moment, i: int) -> Array:
+        """The value (corners, N, ...) at sample ``i``, from those of its operands."""
         raise NotImplementedError
 
     def open(self, region: Region) -> Array:
@@ -107,18 +123,20 @@ class Atom(Cell):
         self.node = node
         self._left, self._right = reader(node.left, 1), reader(node.right, 1)
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """The newest sample's value."""
-        value = now.algebra.atom(self.node, *align(self._left(now.sample), self._right(now.sample)))
+        left, right = self._left(now.sample), self._right(now.sample)
+        if type(right) is not float:
+            left, right = align(left, right)
+        value = now.algebra.atom(self.node, left, right)
         if not isinstance(value, np.ndarray):
             value = np.full(now.rows, value)
-        return np.asarray(value.reshape((1,) * now.n + value.shape) if now.n else value)
+        return value.reshape((1,) * now.n + value.shape) if now.n else value  # type: ignore[no-any-return]
 
     def open(self, region: Region) -> Array:
         """What is known of samples that are not seen."""
-        table = region.now.tables[self.index]
-        assert table is not None
-        return region.unseen(region.exact.unseen(self.node), table.shape[region.now.n + 2 :])
+        newest = region.now.tables[self.index][-1]
+        return region.unseen(region.exact.unseen(self.node), newest.shape[region.now.n + 1 :])
 
 
 class Truth(Cell):
@@ -126,15 +144,15 @@ class Truth(Cell):
 
     def __init__(self, value: float) -> None:
         super().__init__()
-        self.value = value
+        self._margin = value
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """Plus or minus infinity."""
-        return np.full((1,) * now.n + (now.rows,), self.value)
+        return np.full((1,) * now.n + (now.rows,), self._margin)
 
     def open(self, region: Region) -> Array:
         """Plus or minus infinity."""
-        return region.unseen((self.value, self.value), ())
+        return region.unseen((self._margin, self._margin), ())
 
 
 class Joined(Cell):
@@ -144,10 +162,10 @@ class Joined(Cell):
         super().__init__([left, right])
         self.op = op
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """Both operands at the same sample."""
         left, right = self.children
-        return connect(self.op, now.at(left, self.delay), now.at(right, self.delay), now.algebra)
+        return connect(self.op, now.at(left, i), now.at(right, i), now.algebra)
 
     def open(self, region: Region) -> Array:
         """Both operands at the same samples."""
@@ -161,9 +179,9 @@ class Negated(Cell):
     def __init__(self, child: Cell) -> None:
         super().__init__([child])
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """The operand's opposite."""
-        return now.algebra.negate(now.at(self.children[0], self.delay))
+        return now.algebra.negate(now.at(self.children[0], i))
 
     def open(self, region: Region) -> Array:
         """The operand's opposite."""
@@ -177,9 +195,9 @@ class Quantified(Cell):
         super().__init__([child])
         self.node = node
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """The order statistic of the operand."""
-        return quantify(self.node, now.at(self.children[0], self.delay), now.n + 1)
+        return quantify(self.node, now.at(self.children[0], i), now.n + 1)
 
     def open(self, region: Region) -> Array:
         """The order statistic of the operand."""

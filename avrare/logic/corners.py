@@ -69,3 +69,10 @@ def compose(tables: Array, values: Sequence[Array | None], rows: int) -> Array:
     trailing = tables.ndim - n - rows - 1
     spread = tables.reshape(*before, *(1,) * n, *tables.shape[n + rows :])
     return evaluate(spread, values, n + 1, trailing)
+
+
+def stack(tables: Sequence[Array]) -> Array:
+    """Tables one after the other, which may differ in axes that broadcast."""
+    if len({table.shape for table in tables}) > 1:
+        return np.stack(np.broadcast_arrays(*tables))
+    return np.array(tables)

@@ -55,8 +55,8 @@ class IntervalState:
 class IntervalMonitor:
     """Bounds the robustness of a formula at sample 0 over everything that may follow.
 
-    The bounds come from interval arithmetic: they hold for every continuation, and are exact unless a signal
-    is used more than once. A step costs the same at every sample, as with ``FormulaMonitor``. A row whose
+    The bounds come from interval arithmetic: they hold for every continuation, and are exact unless a sample
+    is used more than once, as it is under ``rise`` and ``fall``. A step costs the same at every sample, as with ``FormulaMonitor``. A row whose
     value is NaN is never decided.
 
     Args:

@@ -5,61 +5,61 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.logic import formula as f
 from avrare.logic.algebra import Robustness, Signed, Truth, flush
-from avrare.logic.cells import Moment
-from avrare.logic.corners import compose
+from avrare.logic.cells import Cell, Moment
+from avrare.logic.corners import compose, stack
+from avrare.logic.leaves import Leaf
 from avrare.logic.plan import Plan, make_plan
 from avrare.logic.region import Region, Tail, make_tail
 from avrare.logic.robustness import Evaluator, require_scalar
 from avrare.logic.samples import read_sample
-from avrare.protocols import Bools, Floats, Signals, Verdict
+from avrare.protocols import Floats, Signals, Verdict
 
 if TYPE_CHECKING:
     from avrare.logic.api import Formula
 
 Array = NDArray[Any]
+Tables = tuple[tuple[Array, ...], ...]
 _SIGNED, _APART = (Signed(),), (Robustness(), Truth())
 
 
-@dataclass(frozen=True)
-class Carried:
+class Carried(NamedTuple):
     """What is carried from sample to sample: arrays with leading axis N.
 
     Attributes:
-        tables: Per cell, its newest settled values (N, K, ...) that are still needed.
+        tables: Per cell, its newest settled values (N, ...) that are still needed, oldest first.
         leaves: Per leaf, what it folded so far.
     """
 
-    tables: tuple[Array | None, ...]
-    leaves: tuple[tuple[Array, ...] | None, ...]
+    tables: Tables
+    leaves: Tables
 
 
-@dataclass(frozen=True)
-class MonitorState:
+class MonitorState(NamedTuple):
     """A monitor's state: a value that is copied with its particle.
 
     Attributes:
         t: Samples seen; the same for all particles of a batch.
         carried: Of the margins; a second one of the truth where the margins' signs do not tell it.
-        robustness: (N,) of the samples so far.
-        violated: (N,) of the samples so far.
-        score: (N,) running maximum of minus the robustness.
-        newest: (N,) for ``always φ``: the robustness of φ at the newest sample; else None.
+        verdict: On the samples so far; its score is the running maximum of minus the robustness.
+        newest: (N,) for ``always φ``: the margin of φ at the newest sample; else None.
     """
 
     t: int
     carried: tuple[Carried, ...]
-    robustness: Floats
-    violated: Bools
-    score: Floats
+    verdict: Verdict
     newest: Floats | None
+
+    @property
+    def robustness(self) -> Floats:
+        """(N,) of the samples so far."""
+        return self.verdict.robustness
 
 
 class Follower:
@@ -77,61 +77,65 @@ class Follower:
         self.plan: Plan = make_plan(node, closed)
         apart = any(isinstance(x, f.Connective) and x.op in ("iff", "xor") for x in f.walk(node))
         self.algebras: tuple[Robustness, ...] = _APART if apart else _SIGNED
+        cells = self.plan.cells
+        settles = [functools.partial(_compose, cell) if cell.depends else cell.value for cell in cells]
+        self._steps = [(cell.index, cell.delay, settle) for cell, settle in zip(cells, settles, strict=True)]
+        self._keeps = [slice(-cell.keep, None) if cell.keep else slice(0) for cell in cells]
 
     def start(self) -> tuple[Carried, ...]:
         """Before sample 0."""
-        nothing = Carried((None,) * len(self.plan.cells), (None,) * len(self.plan.leaves))
+        nothing = Carried(((),) * len(self.plan.cells), ((),) * len(self.plan.leaves))
         return (nothing,) * len(self.algebras)
 
     def advance(
         self, carried: tuple[Carried, ...], sample: Mapping[str, Array], t: int, rows: int
-    ) -> tuple[tuple[Carried, ...], list[tuple[Moment, list[Any]]]]:
+    ) -> tuple[tuple[Carried, ...], list[tuple[Moment, Tables]]]:
         """Carried after sample ``t``, and per algebra what the cells and the leaves know."""
-        n, cells = len(self.plan.obligations), len(self.plan.cells)
-        new, seen = [], []
+        n, new, seen = len(self.plan.obligations), [], []
         for algebra, before in zip(self.algebras, carried, strict=True):
-            now = Moment(t, rows, sample, algebra, n, [None] * cells, None, [None] * n)
-            tables = self._settle(now, before.tables)
-            folded = [_corners_first(x, n) for x in before.leaves] if n else before.leaves
-            leaves = [leaf.settle(now, x) for leaf, x in zip(self.plan.leaves, folded, strict=True)]
-            new.append(Carried(tables, tuple(_rows_first(x, n) for x in leaves) if n else tuple(leaves)))
-            seen.append((now, leaves))
+            if n:
+                before = Carried(*(_corners_first(x, n) for x in before))
+            now = Moment(t, rows, sample, algebra, before.tables, n)
+            after = Carried(self._settle(now), self._fold(now, before.leaves))
+            seen.append((now, after.leaves))
+            new.append(Carried(*(_rows_first(x, n) for x in after)) if n else after)
         return tuple(new), seen
 
-    def value(self, now: Moment, leaves: list[Any], tail: Tail | None = None) -> Array:
+    def value(self, now: Moment, leaves: Tables, tail: Tail | None = None) -> Array:
         """The formula's value as things stand: (N,), or its bounds (2, N)."""
-        region = Region(now, self.plan.obligations, tail)
-        values = [leaf.value(region, x) for leaf, x in zip(self.plan.leaves, leaves, strict=True)]
+        if tail is None and self.plan.stepwise:
+            algebra = now.algebra
+            values = [_nominal(leaf, now, x) for leaf, x in zip(self.plan.leaves, leaves, strict=True)]
+        else:
+            region = Region(now, self.plan.obligations, tail)
+            algebra = region.algebra
+            values = [leaf.value(region, x) for leaf, x in zip(self.plan.leaves, leaves, strict=True)]
         value = values[0]
         if not isinstance(self.plan.skeleton, f.Slot):
             slots = [value[None] for value in values]
-            value = Evaluator({}, 1, now.rows, region.algebra, self.closed, slots)(self.plan.skeleton)[0]
+            value = Evaluator({}, 1, now.rows, algebra, self.closed, slots)(self.plan.skeleton)[0]
         shape = (2, now.rows) if tail else (now.rows,)
+        if value.shape == shape:
+            return value
         require_scalar(value.ndim - len(shape))
-        return value if value.shape == shape else np.broadcast_to(value, shape)
+        return np.broadcast_to(value, shape)
 
     def tail(self, seen: int, length: int | None) -> Tail:
         """The samples to come."""
         return make_tail(seen, self.plan.settling, self.plan.reach, length)
 
-    def _settle(self, now: Moment, before: tuple[Array | None, ...]) -> tuple[Array | None, ...]:
+    def _settle(self, now: Moment) -> Tables:
         """Settle all cells; the tables to carry on."""
-        kept: list[Array | None] = []
-        for cell, table in zip(self.plan.cells, before, strict=True):
-            if now.t < cell.delay:
-                kept.append(None)
-                continue
-            now.before = None if table is None else _time_first(table, now.n)
-            if cell.obligation is not None:
-                now.values[cell.obligation] = value = cell.settle(now)
-                now.before = _compose(now, cell.depends)
-            else:
-                now.before = _compose(now, cell.depends)
-                value = cell.settle(now)
-            longer = value[None] if now.before is None else _append(now.before, value)
-            now.tables[cell.index] = longer
-            kept.append(_table_rows_first(longer[-cell.keep :], now.n) if cell.keep else None)
-        return tuple(kept)
+        t, tables = now.t, now.tables
+        for k, delay, settle in self._steps:
+            if t >= delay:
+                value = settle(now, t - delay)  # which may change the table
+                tables[k] += (value,)
+        return tuple([table[keep] for table, keep in zip(tables, self._keeps, strict=True)])
+
+    def _fold(self, now: Moment, before: Tables) -> Tables:
+        """Settle all leaves; what they carry on."""
+        return tuple([leaf.settle(now, x) for leaf, x in zip(self.plan.leaves, before, strict=True)])
 
 
 @functools.lru_cache(maxsize=256)
@@ -140,35 +144,39 @@ def follower(node: f.Node, closed: bool) -> Follower:
     return Follower(node, closed)
 
 
-def _compose(now: Moment, depends: frozenset[int]) -> Array | None:
-    if now.before is None or not depends:
-        return now.before
-    return compose(now.before, now.values, 1)
+def _compose(cell: Cell, now: Moment, i: int) -> Array:
+    """The value of a cell that depends on obligations; its table is brought to the new corners."""
+    value = None
+    if cell.obligation is not None:
+        value = now.values[cell.obligation] = cell.value(now, i)
+    before = now.tables[cell.index]
+    if before:
+        now.tables[cell.index] = tuple(compose(stack(before), now.values, 1))
+    return cell.value(now, i) if value is None else value
 
 
-def _append(table: Array, value: Array) -> Array:
-    """A table with one more row."""
-    longer = np.empty((len(table) + 1, *value.shape))
-    longer[:-1], longer[-1] = table, value
-    return longer
+def _nominal(leaf: Leaf, now: Moment, carried: tuple[Array, ...]) -> Array:
+    """A leaf's value as things stand, without corners."""
+    for i in leaf.unsettled(now.t) if leaf.delay else ():
+        carried = leaf.step(now, carried, i)
+    return leaf.result(now, carried)
 
 
-def _time_first(table: Array, n: int) -> Array:
-    """(N, K, corners, ...) as (K, corners, N, ...)."""
-    return np.moveaxis(table, 0, n + 1) if n else table.swapaxes(0, 1)
+def _corners_first(tables: Tables, n: int) -> Tables:
+    """(N, corners, ...) as (corners, N, ...)."""
+    return tuple([tuple([_move(x, 0, n) for x in table]) for table in tables])
 
 
-def _table_rows_first(table: Array, n: int) -> Array:
-    return np.moveaxis(table, n + 1, 0) if n else table.swapaxes(0, 1)
-
-
-def _rows_first(carried: tuple[Array, ...] | None, n: int) -> tuple[Array, ...] | None:
+def _rows_first(tables: Tables, n: int) -> Tables:
     """(corners, N, ...) as (N, corners, ...)."""
-    return tuple(np.moveaxis(x, n, 0) for x in carried) if carried else carried
+    return tuple([tuple([_move(x, n, 0) for x in table]) for table in tables])
 
 
-def _corners_first(carried: tuple[Array, ...] | None, n: int) -> tuple[Array, ...] | None:
-    return tuple(np.moveaxis(x, 0, n) for x in carried) if carried else carried
+def _move(x: Array, axis: int, to: int) -> Array:
+    """``np.moveaxis``, only faster."""
+    axes = list(range(x.ndim))
+    axes.insert(to, axes.pop(axis))
+    return x.transpose(axes)
 
 
 class FormulaMonitor:
@@ -193,8 +201,8 @@ class FormulaMonitor:
     def start(self, n: int) -> MonitorState:
         """Monitor state of ``n`` particles before sample 0."""
         newest = np.full(n, math.inf) if self._follower.plan.body else None
-        robustness, violated = np.full(n, math.inf), np.zeros(n, dtype=np.bool_)
-        return MonitorState(0, self._follower.start(), robustness, violated, np.full(n, -math.inf), newest)
+        verdict = Verdict(np.full(n, math.inf), np.zeros(n, dtype=np.bool_), np.full(n, -math.inf))
+        return MonitorState(0, self._follower.start(), verdict, newest)
 
     def margin(self, state: MonitorState) -> Floats | None:
         """For ``always φ``, φ looking only back: the robustness (N,) of φ at the newest sample; else None.
@@ -202,7 +210,7 @@ class FormulaMonitor:
         It is infinite before sample 0. Unlike the running minimum it tells apart particles that have been
         equally near to failure.
         """
-        return state.newest
+        return None if state.newest is None else flush(state.newest)
 
     def update(self, state: MonitorState, signals: Signals) -> tuple[MonitorState, Verdict]:
         """Monitor state and verdict after one more sample.
@@ -214,26 +222,24 @@ class FormulaMonitor:
         Raises:
             FormulaError: A signal is missing or has the wrong shape.
         """
-        sample = read_sample(signals, self._names, len(state.score))
-        with np.errstate(all="ignore"):
+        sample = read_sample(signals, self._names, len(state.verdict.score))
+        if self._follower.plan.quiet:
             new = self.follow(state, sample)
-        return new, Verdict(new.robustness, new.violated, new.score)
+        else:
+            with np.errstate(all="ignore"):
+                new = self.follow(state, sample)
+        return new, new.verdict
 
     def follow(self, state: MonitorState, sample: Mapping[str, Array]) -> MonitorState:
         """The state after one more sample, already read."""
-        t, plan = state.t, self._follower.plan
+        t, before, plan = state.t, state.verdict, self._follower.plan
         if t > plan.horizon:
-            kept = (state.robustness, state.violated, state.score, state.newest)
-            return MonitorState(t + 1, (), *kept)
-        carried, seen = self._follower.advance(state.carried, sample, t, len(state.score))
+            return MonitorState(t + 1, (), before, state.newest)
+        carried, seen = self._follower.advance(state.carried, sample, t, len(before.score))
         values = [self._follower.value(now, leaves) for now, leaves in seen]
-        robustness = flush(values[0])
-        newest = None
-        if plan.body:
-            now, _ = seen[0]
-            newest = flush(now.at(plan.body, 0))
-        violated = values[-1] < 0.0
+        robustness, violated = flush(values[0]), values[-1] < 0.0
         if len(values) > 1:
             violated &= ~np.isnan(robustness)
-        score = np.fmax(state.score, -robustness)
-        return MonitorState(t + 1, carried, robustness, violated, score, newest)
+        newest = seen[0][0].at(plan.body, t) if plan.body else None
+        verdict = Verdict(robustness, violated, np.fmax(before.score, -robustness))
+        return MonitorState(t + 1, carried, verdict, newest)

@@ -20,15 +20,10 @@ from avrare.logic.corners import MAX_CORNERS
 from avrare.logic.leaves import Fold, Leaf, Point, Race, Replay
 from avrare.logic.normal import core, is_endless, obligations, place_quantifiers
 from avrare.logic.robustness import joining
-from avrare.logic.temporal import (
-    FutureWindow,
-    Obligation,
-    PastFold,
-    PastWindow,
-    Since,
-    SinceFold,
-    Until,
-)
+from avrare.logic.temporal import FEW, Obligation, PastFold, Since, SinceFold, Until, windowed
+
+_HUGE = 1e290
+"""Too small to make the largest double overflow when it is added."""
 
 
 @dataclass
@@ -44,6 +39,9 @@ class Plan:
         settling: Samples after which values repeat once the signals do.
         reach: Samples that the cells look ahead.
         body: For ``always φ``, φ looking only back: φ's cell, else None.
+        quiet: Whether no floating-point warning can arise: signals are only compared with numbers that are
+            not huge, and there is no iff or xor.
+        stepwise: Whether nominal values come from a few open ones, without corners.
     """
 
     skeleton: f.Node
@@ -54,6 +52,8 @@ class Plan:
     settling: int = 0
     reach: int = 0
     body: Cell | None = None
+    quiet: bool = False
+    stepwise: bool = False
 
 
 def make_plan(node: f.Node, closed: bool) -> Plan:
@@ -62,6 +62,8 @@ def make_plan(node: f.Node, closed: bool) -> Plan:
     plan = builder.plan
     plan.horizon, plan.settling = f.horizon(node), f.settling(builder.root)
     plan.reach = max((cell.delay for cell in plan.cells), default=0)
+    plan.quiet = all(_is_quiet(part) for part in f.walk(node))
+    plan.stepwise = not plan.obligations and all(x.delay <= FEW or x.shrinking for x in plan.leaves)
     root = plan.leaves[0]
     if isinstance(plan.skeleton, f.Slot) and isinstance(root, Fold):
         looks_back = not (root.cell.delay or root.cell.depends)
@@ -100,7 +102,7 @@ class _Builder:
             return Replay(node, self.closed)
         match node:
             case f.Window("always" | "eventually" as op, lo, hi, child):
-                return Fold(joining(op), lo, hi, self._cell(child))
+                return Fold(joining(op), lo, hi, self._cell(child), self._shrinks(joining(op), child))
             case f.Until("until" | "release" as op, lo, hi, left, right):
                 return Race(joining(op), lo, hi, (self._cell(left), self._cell(right)), self.closed)
             case _:
@@ -108,11 +110,19 @@ class _Builder:
 
     def _cell(self, node: f.Node) -> Cell:
         if node not in self.cells:
-            cell = self._new(node, [self._cell(child) for child in f.children(node)])
-            cell.index = len(self.plan.cells)
-            self.plan.cells.append(cell)
-            self.cells[node] = cell
+            self.cells[node] = self._add(self._new(node, [self._cell(child) for child in f.children(node)]))
         return self.cells[node]
+
+    def _add(self, cell: Cell) -> Cell:
+        cell.index = len(self.plan.cells)
+        self.plan.cells.append(cell)
+        return cell
+
+    def _shrinks(self, join: np.ufunc, child: f.Node) -> bool:
+        """Whether a leaf's operand is a window ahead, of the other kind, over what does not look ahead."""
+        if not (isinstance(child, f.Window) and child.op in f.FUTURE and math.isfinite(child.hi)):
+            return False
+        return joining(child.op) is not join and self._cell(child.child).delay == 0
 
     def _new(self, node: f.Node, children: list[Cell]) -> Cell:
         match node:
@@ -143,8 +153,24 @@ class _Builder:
             cell = (PastFold if single else SinceFold)(join, children, past=True, closed=closed)
             cell.keep = 1
             return cell
-        kinds = (PastWindow, Since) if past else (FutureWindow, Until)
-        return kinds[0 if single else 1](join, children, (lo, int(hi)), past=past, closed=closed)
+        if single:
+            *chain, last = windowed(join, lo, int(hi), children[0], past)
+            for pair in chain:
+                self._add(pair)
+            return last
+        return (Since if past else Until)(join, children, (lo, int(hi)), past=past, closed=closed)
+
+
+def _is_quiet(part: f.Node | f.Term) -> bool:
+    match part:
+        case f.Comparison(_, f.Signal(), f.Number(value)) | f.Comparison(_, f.Number(value), f.Signal()):
+            return abs(value) < _HUGE
+        case f.Predicate(term):
+            return isinstance(term, f.Signal)
+        case f.Comparison():
+            return False
+        case _:
+            return not (isinstance(part, f.Connective) and part.op in ("iff", "xor"))
 
 
 def _below(leaf: f.Node) -> list[f.Node]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avrare.logic.algebra import Bounds, Robustness
 from avrare.logic.cells import Cell, Moment
-from avrare.logic.corners import evaluate
+from avrare.logic.corners import evaluate, stack
 from avrare.logic.reach import Range
 from avrare.logic.temporal import Obligation, join_rows
 from avrare.logic.windows import neutral
@@ -101,8 +101,10 @@ class Region:
 
     def settled(self, cell: Cell, count: int) -> Array | None:
         """The cell's newest settled values, ``count`` of them; None before the first."""
-        table = self.now.tables[cell.index]
-        return None if table is None else self.collapse(table[-count:], cell, 1)
+        newest = self.now.tables[cell.index][-count:]
+        if not newest:
+            return None
+        return self.collapse(stack(newest), cell, 1)
 
     def collapse(self, table: Array, cell: Cell, rows: int = 0) -> Array:
         """Values (rows..., corners, N, ...) as things stand."""

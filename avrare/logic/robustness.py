@@ -148,12 +148,13 @@ def joining(op: str) -> np.ufunc:
 
 def connect(op: str, left: Array, right: Array, algebra: Robustness) -> Array:
     """Two operands joined by and, or, implies, iff or xor."""
-    left, right = align(left, right)
+    if left.shape != right.shape:
+        left, right = align(left, right)
     match op:
         case "and":
-            return np.asarray(np.minimum(left, right))
+            return np.minimum(left, right)
         case "or":
-            return np.asarray(np.maximum(left, right))
+            return np.maximum(left, right)
         case "implies":
             return np.asarray(np.maximum(algebra.negate(left), right))
         case _:

@@ -1,7 +1,8 @@
 """Temporal operators of a monitor, as cells.
 
-A bounded operator asks its operands for their newest values. An unbounded past operator needs only its own
-last value; an unbounded future one is an obligation: it has a corner axis of its own.
+A bounded window is settled by a chain of pairs: two windows of 2^k samples, overlapping or not, make the
+wider one. A bounded until or since asks its operands for their newest values. An unbounded past operator
+needs only its own last value; an unbounded future one is an obligation: it has a corner axis of its own.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from numpy.typing import NDArray
 from avrare.logic.cells import Cell, Moment
 from avrare.logic.corners import corner
 from avrare.logic.terms import align
-from avrare.logic.windows import accumulate, neutral, other, sliding, until, until_first
+from avrare.logic.windows import accumulate, neutral, other, sliding, until
 
 if TYPE_CHECKING:
     from avrare.logic.region import Region
 
 Array = NDArray[Any]
+
+FEW = 16
+"""Open values up to which monitors without corners compute them one by one, each from the next."""
 
 
 class _Temporal(Cell):
@@ -39,50 +43,111 @@ class _Temporal(Cell):
         super().__init__(children, ahead=0 if past else self.hi, behind=self.hi if past else 0)
         self.join, self.closed = join, closed
 
-    def _own(self, now: Moment) -> float | Array:
-        """Its last value, or the neutral one."""
-        return neutral(self.join) if now.before is None else now.before[-1]
-
     def _pair(self, region: Region, behind: int = 0) -> tuple[Array, Array]:
         """Both operands' values from ``behind`` samples before the region on."""
         start = max(0, region.start(self) - behind)
         return broadcast(*(region.rows(child, start) for child in self.children))
 
-    def _step(self, left: Array, right: Array, later: Any) -> Array:
+    def _step(self, left: Array, right: Array, later: Array | None) -> Array:
         """The value of until from that at the next sample, of since from that at the last one."""
-        meet = other(self.join)
-        later = later if isinstance(later, np.ndarray) else np.full_like(right, later)
-        if self.closed:
+        join, meet = self.join, other(self.join)
+        if later is None:
+            left, right = broadcast(left, right)
+            return np.asarray(meet(left, right)) if self.closed else right
+        if not left.shape == right.shape == later.shape:
             right, later = align(right, later)
-            return np.asarray(meet(*align(left, self.join(right, later))))
-        return np.asarray(self.join(*align(right, meet(*align(left, later)))))
+            left, right = align(left, right)
+            left, later = align(left, later)
+        return np.asarray(meet(left, join(right, later)) if self.closed else join(right, meet(left, later)))
+
+    def _over(self, now: Moment, i: int, samples: Sequence[int]) -> Array:
+        """The value at sample ``i`` of an operator with two operands: their samples, farthest first."""
+        left, right = self.children
+        value = None
+        for k in samples:
+            if abs(k - i) >= self.lo:
+                value = self._step(now.at(left, k), now.at(right, k), value)
+            elif value is not None:
+                value = np.asarray(other(self.join)(*align(now.at(left, k), value)))
+        if value is None:
+            like, _ = broadcast(now.at(left, i), now.at(right, i))
+            return np.full_like(like, neutral(self.join))
+        return value
 
 
-class PastWindow(_Temporal):
-    """once and historically, bounded."""
+class Pair(Cell):
+    """The operand's values at two samples, ``near`` and ``far`` ones ahead (behind if negative), joined."""
 
-    def settle(self, now: Moment) -> Array:
-        """Over the operand's newest values."""
-        (child,) = self.children
-        values = now.between(child, self.delay + self.hi, self.delay + self.lo)
-        return over(self.join, values, now.at(child, child.delay))
+    def __init__(self, join: np.ufunc, child: Cell, near: int, far: int) -> None:
+        super().__init__([child], ahead=max(0, far), behind=max(0, -far))
+        self.join, self.near, self.far = join, near, far
+        self._child = child
+
+    def value(self, now: Moment, i: int) -> Array:
+        """What there is of the two; neutral if nothing."""
+        near, far, child = i + self.near, i + self.far, self._child
+        if 0 <= far <= now.t:
+            x = now.at(child, far)
+            return x if near == far else self.join(now.at(child, near), x)
+        if 0 <= near <= now.t:
+            return now.at(child, near)
+        return np.full_like(now.at(child, i), neutral(self.join))
+
+
+class Window(Pair):
+    """always, eventually, historically and once, bounded: the end of a chain of pairs.
+
+    Args:
+        pair: As the last pair of the chain.
+        base: The operand, whose samples ``lo`` to ``hi`` away are joined.
+        lo: First sample of the window.
+        hi: Last sample of the window.
+    """
+
+    def __init__(self, pair: Pair, base: Cell, lo: int, hi: int) -> None:
+        super().__init__(pair.join, pair.children[0], pair.near, pair.far)
+        self.base, self.lo, self.hi, self.past = base, lo, hi, pair.far < 0
+        self._few = 0 if self.past or lo else min(hi, FEW)
+        base.keep = max(base.keep, hi)
+
+    def value(self, now: Moment, i: int) -> Array:
+        """From the pair, or from the next sample's where both windows go to the newest one, not far off."""
+        if i <= now.t - self._few:
+            return Pair.value(self, now, i)
+        x = now.at(self.base, i)
+        return x if i == now.t else self.join(x, now.at(self, i + 1))
 
     def open(self, region: Region) -> Array:
-        """Over the operand's values, settled and open."""
-        start = region.start(self)
-        first = max(0, start - self.hi)
-        x = region.rows(self.children[0], first)
-        return sliding(x[::-1], self.lo, self.hi, self.join)[::-1][start - first :]
+        """Over what there is of the windows."""
+        start, count = region.start(self), region.count(self)
+        if self.past:
+            first = max(0, start - self.hi)
+            x = region.rows(self.base, first)
+            return sliding(x[::-1], self.lo, self.hi, self.join)[::-1][start - first :]
+        x = region.ahead(region.rows(self.base, start), self.hi)
+        return sliding(x, self.lo, self.hi, self.join)[:count]
+
+
+def windowed(join: np.ufunc, lo: int, hi: int, base: Cell, past: bool) -> list[Cell]:
+    """The chain of cells that ends with the window."""
+    sign, width, covered = -1 if past else 1, hi - lo + 1, 1
+    chain: list[Cell] = [base]
+    while len(chain) == 1 or covered < width:
+        by = min(covered, width - covered)
+        offset = lo if covered + by == width else 0
+        pair = Pair(join, chain[-1], sign * offset, sign * (offset + by))
+        chain.append(pair)
+        covered += by
+    return [*chain[1:-1], Window(pair, base, lo, hi)]
 
 
 class PastFold(_Temporal):
     """once and historically, over the whole past."""
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """The last value and one more."""
-        (child,) = self.children
-        value = now.at(child, self.delay)
-        return value if now.before is None else np.asarray(self.join(now.before[-1], value))
+        last, value = now.last(self, i), now.at(self.children[0], i)
+        return value if last is None else np.asarray(self.join(last, value))
 
     def open(self, region: Region) -> Array:
         """The settled value and the operand's open ones."""
@@ -96,11 +161,9 @@ class PastFold(_Temporal):
 class Since(_Temporal):
     """since and trigger, bounded."""
 
-    def settle(self, now: Moment) -> Array:
-        """Over the operands' newest values, seen backwards."""
-        back = self.delay + self.hi
-        left, right = broadcast(*(now.between(child, back, self.delay) for child in self.children))
-        return until_first(left[::-1], right[::-1], self.lo, self.closed, self.join)
+    def value(self, now: Moment, i: int) -> Array:
+        """Over the operands' values, oldest first."""
+        return self._over(now, i, range(max(0, i - self.hi), i + 1))
 
     def open(self, region: Region) -> Array:
         """Over the operands' values, settled and open, seen backwards."""
@@ -112,16 +175,16 @@ class Since(_Temporal):
 class SinceFold(_Temporal):
     """since and trigger, over the whole past."""
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """From its last value."""
-        left, right = (now.at(child, self.delay) for child in self.children)
-        return self._step(left, right, self._own(now))
+        left, right = (now.at(child, i) for child in self.children)
+        return self._step(left, right, now.last(self, i))
 
     def open(self, region: Region) -> Array:
         """From its settled value on."""
         left, right = self._pair(region)
         settled = region.settled(self, 1)
-        value: Any = neutral(self.join) if settled is None else settled[-1]
+        value = None if settled is None else settled[-1]
         values = []
         for l, r in zip(left, right, strict=True):
             value = self._step(l, r, value)
@@ -129,29 +192,17 @@ class SinceFold(_Temporal):
         return np.stack(values) if values else left
 
 
-class FutureWindow(_Temporal):
-    """always and eventually, bounded."""
-
-    def settle(self, now: Moment) -> Array:
-        """Over the operand's newest values."""
-        (child,) = self.children
-        values = now.between(child, self.delay - self.lo, self.delay - self.hi)
-        return over(self.join, values, now.at(child, child.delay))
-
-    def open(self, region: Region) -> Array:
-        """Over what there is of the window."""
-        x = region.ahead(region.rows(self.children[0], region.start(self)), self.hi)
-        return sliding(x, self.lo, self.hi, self.join)[: region.count(self)]
-
-
 class Until(_Temporal):
     """until and release, bounded."""
 
-    def settle(self, now: Moment) -> Array:
-        """Over the operands' newest values."""
-        back, to = self.delay, self.delay - self.hi
-        left, right = broadcast(*(now.between(child, back, to) for child in self.children))
-        return until_first(left, right, self.lo, self.closed, self.join)
+    def value(self, now: Moment, i: int) -> Array:
+        """Over the operands' values, newest first; or from the next sample's, as with a window."""
+        if not self.lo and i < now.t <= i + self.hi:
+            left, right = self.children
+            for k in range(now.t if i + self.hi == now.t else i + 1, i, -1):  # recursion is for a few only
+                later = now.at(self, k)
+            return self._step(now.at(left, i), now.at(right, i), later)
+        return self._over(now, i, range(min(i + self.hi, now.t), i - 1, -1))
 
     def open(self, region: Region) -> Array:
         """Over what there is of the window."""
@@ -168,9 +219,9 @@ class Obligation(_Temporal):
         self.depends |= {axis}
         self._corner = corner(axis, count)
 
-    def settle(self, now: Moment) -> Array:
+    def value(self, now: Moment, i: int) -> Array:
         """From its value at the next sample, whatever that is."""
-        operands = [now.at(child, self.delay) for child in self.children]
+        operands = [now.at(child, i) for child in self.children]
         if len(operands) == 1:
             return np.asarray(self.join(*align(operands[0], self._corner)))
         later = self._corner.reshape(self._corner.shape + (1,) * (operands[1].ndim - self._corner.ndim))
@@ -184,15 +235,10 @@ class Obligation(_Temporal):
         return until(left, right, 0, np.inf, self.closed, self.join) if len(left) else left
 
 
-def over(join: np.ufunc, values: Array, like: Array) -> Array:
-    """The values joined along time; neutral, shaped as ``like``, where there are none."""
-    if not len(values):
-        return np.full_like(like, neutral(join))
-    return values[0] if len(values) == 1 else np.asarray(join.reduce(values, axis=0))
-
-
 def broadcast(left: Array, right: Array) -> tuple[Array, Array]:
     """Two operands with all their axes."""
+    if left.shape == right.shape:
+        return left, right
     left, right = np.broadcast_arrays(*align(left, right))
     return left, right
 

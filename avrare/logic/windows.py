@@ -111,14 +111,3 @@ def until(left: Array, right: Array, lo: int, hi: float, closed: bool, join: np.
     if lo == 0:
         return p
     return np.asarray(meet(sliding(left, 0, lo - 1, meet), shift(p, lo, neutral(join))))
-
-
-def until_first(left: Array, right: Array, lo: int, closed: bool, join: np.ufunc = np.maximum) -> Array:
-    """``until(left, right, lo, inf, ...)[0]``, in one pass."""
-    meet = other(join)
-    if lo >= len(left):
-        return np.full_like(left[0], neutral(join))
-    held = accumulate(meet, left)
-    if not closed:
-        held = np.concatenate([np.full_like(held[:1], neutral(meet)), held[:-1]])
-    return np.asarray(join.reduce(meet(right[lo:], held[lo:]), axis=0))

@@ -273,6 +273,40 @@ def test_nested_unbounded_operators_equal_the_definitions(words, until):
     assert np.array_equal(prefixes, column(verdicts, "robustness"))
 
 
+WIDE = [
+    "always (p -> (p > -2 until[0,60] q > 1))",
+    "always eventually[0,60] p",
+    "always[0,9] eventually[3,30] (p > 1)",
+    "eventually always[0,2] (p and historically[1,13] q < 2)",
+    "always (p -> eventually[0,40] (q > 1))",
+    "always (once[2,37] p or (p since[1,30] q))",
+    "always (always[0,15] once eventually[0,5] p)",
+    "once eventually[0,50] p",
+    "historically[1,3] (p > -3 until[0,50] q > 2)",
+]
+
+
+@pytest.mark.parametrize("until", ["closed", "half-open"])
+@pytest.mark.parametrize("words", WIDE)
+def test_wide_windows_equal_the_evaluation_of_every_prefix(words, until):
+    """Across the widths at which a monitor changes its ways; rows alone give the same bits."""
+    formula, signals = stl(words, until=until, warn=False), random_signals(13, rows=3, steps=70)
+    signals = {
+        name: x + np.random.default_rng(14).normal(size=x.shape)
+        for name, x in signals.items()
+        if len(name) < 2
+    }
+    monitor = FormulaMonitor(formula)
+    _, verdicts = follow(monitor, monitor.start(3), signals, range(70))
+    for t, verdict in enumerate(verdicts):
+        seen = {name: x[:, : t + 1] for name, x in signals.items()}
+        assert np.array_equal(verdict.robustness, formula.robustness(seen)[:, 0])
+        assert np.array_equal(verdict.violated, ~formula.satisfied(seen)[:, 0])
+    _, alone = follow(monitor, monitor.start(1), {name: x[1:2] for name, x in signals.items()}, range(70))
+    for name in ("robustness", "violated", "score"):
+        assert np.array_equal(column(verdicts, name)[1], column(alone, name)[0])
+
+
 @pytest.mark.parametrize("words", UNBOUNDED)
 def test_a_step_does_not_grow_with_time(words):
     """What is carried stops growing, so a step has the same work at every sample."""

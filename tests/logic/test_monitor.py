@@ -1,6 +1,7 @@
 """The online monitor: its state is a value, it costs the same at every sample, and NaN is no violation."""
 
 import math
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -162,6 +163,46 @@ def test_nan_is_neither_violation_nor_progress():
     assert np.isnan(verdict.robustness[0])
     assert list(verdict.violated) == [False, True]
     assert list(verdict.score) == [-3.0, 1.0]
+
+
+@pytest.mark.parametrize("bad", range(9))
+@pytest.mark.parametrize(
+    "text",
+    ["always[0,40] (eventually[0,3] p)", "always (eventually[1,4] p)", "always (p or eventually[0,3] p)"],
+)
+def test_nan_stays_in_windows_ahead(text, bad):
+    """A value that is not settled is NaN for good too, if it depends on a NaN."""
+    monitor = FormulaMonitor(stl(text))
+    p = random_signals(9, 2, 12)["p"]
+    p[0, bad] = math.nan
+    _, verdicts = follow(monitor, monitor.start(2), {"p": p}, range(12))
+    missing = np.isnan(table(verdicts)[0])
+    depends = bad > 0 or "[1,4]" not in text
+    assert not missing[1].any()
+    assert not missing[0, :bad].any()
+    assert list(missing[0, bad:]) == [depends] * (12 - bad)
+
+
+@pytest.mark.parametrize(
+    "text", ["always (p - q > 0)", "always (p > 1e300)", "always (p iff q)", "always (p < q)"]
+)
+def test_infinite_and_huge_samples_cause_no_warnings(text):
+    """Warnings are errors in the tests."""
+    monitor = FormulaMonitor(stl(text))
+    huge = np.array([math.inf, -math.inf, -1.7e308, 1.7e308, math.nan])
+    state, _ = monitor.update(monitor.start(25), {"p": np.repeat(huge, 5), "q": np.tile(huge, 5)})
+    monitor.update(state, {"p": np.repeat(huge, 5), "q": np.tile(huge, 5)})
+
+
+def test_samples_of_other_kinds_are_read_alike():
+    """Whole numbers, strided arrays and mappings that are no dict."""
+    monitor, whole = FormulaMonitor(stl("always (p < q)")), np.arange(12).reshape(4, 3)
+    plain = {"p": whole[:, 0].astype(float), "q": whole[:, 2].astype(float) - 2.0}
+    for sample in (plain, {"p": whole[:, 0], "q": plain["q"]}, MappingProxyType(plain)):
+        _, verdict = monitor.update(monitor.start(4), sample)
+        assert verdict.robustness.dtype == np.float64
+        assert list(verdict.robustness) == [0.0] * 4
+        assert verdict.violated.all()
 
 
 def test_the_threshold_itself_is_a_violation():
