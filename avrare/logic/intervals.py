@@ -56,8 +56,8 @@ class IntervalMonitor:
     """Bounds the robustness of a formula at sample 0 over everything that may follow.
 
     The bounds come from interval arithmetic: they hold for every continuation, and are exact unless a sample
-    is used more than once, as it is under ``rise`` and ``fall``. A step costs the same at every sample, as with ``FormulaMonitor``. A row whose
-    value is NaN is never decided.
+    is used more than once, as it is under ``rise`` and ``fall``. A step costs the same at every sample, as
+    with ``FormulaMonitor``. A row whose value is NaN is never decided.
 
     Args:
         formula: From ``avrare.stl``.

@@ -38,8 +38,8 @@ on which side the others lie.
 ## Beside OpenTURNS
 
 Subset sampling of OpenTURNS (level probability {level}) and ten runs of splitting, {repetitions} repetitions
-each at about the same number of evaluations. The ratio of relative mean squared error times cost has a bootstrap
-interval.
+each at about the same number of evaluations. The ratio of relative mean squared error times cost has a
+bootstrap interval.
 
 {peers}
 """
