@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +12,8 @@ import numpy as np
 
 from avrare.build.closed_loop import ClosedLoop
 from avrare.driving import Scene
-from avrare.errors import PluginError, ScenarioError, UsageError
-from avrare.logic.api import stl
+from avrare.errors import FormulaError, PluginError, ScenarioError, UsageError
+from avrare.logic.api import FormulaWarning, stl
 from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Specification
 from avrare.scenario.formulas import reach_warnings
@@ -71,6 +72,8 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():
         with _placed(scenario, f"specifications.{name}"):
+            if isinstance(scenario.specifications[name], Formula):
+                _check_relations(spec, signals)
             monitor, verdict = spec.update(spec.start(1), signals)
         margin = getattr(spec, "margin", None)
         settled = margin is not None and margin(monitor) is not None
@@ -83,11 +86,24 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
         raise ScenarioError(problems)
 
 
-def build_and_try(scenario: Scenario, steps: int = 3) -> list[str]:
+def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:
+    """Refuse predicates of vehicles in a plain formula, whose signals are the simulator's.
+
+    Raises:
+        FormulaError: Saying what knows them.
+    """
+    formula = getattr(spec, "formula", None)
+    for name in [] if formula is None else formula.signals:
+        if name not in signals and name.endswith(")"):
+            hint = "predicates of vehicles are a plugin's: write {plugin: traffic_rules, formula: ...}"
+            raise FormulaError(f"signal {name!r} is missing", f"{hint} in place of {{stl: ...}}")
+
+
+def build_and_try(scenario: Scenario, steps: int = 3) -> list[tuple[str, str | None]]:
     """Build the stack and run a few noise-free steps: what ``validate --build`` does.
 
     Returns:
-        Warnings on plugins' specifications that look further than a run is long.
+        Warnings (message, hint) on plugins' specifications: those that loading the scenario cannot tell.
     """
     stack = build_stack(scenario)
     check_start(scenario, stack)
@@ -99,12 +115,17 @@ def build_and_try(scenario: Scenario, steps: int = 3) -> list[str]:
         signals = stack.loop.signals(state)
         for name, spec in stack.specifications.items():
             monitors[name], _ = spec.update(monitors[name], signals)
-    return [
-        f"{scenario.path}: specifications.{name}: {text}"
-        for name, spec in stack.specifications.items()
-        if isinstance(scenario.specifications[name], Block) and hasattr(spec, "formula")
-        for text in reach_warnings(spec.formula.horizon, spec.formula.history, scenario.steps)
-    ]
+    return [doubt for name, spec in stack.specifications.items() for doubt in _doubts(scenario, name, spec)]
+
+
+def _doubts(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str, str | None]]:
+    """What looks odd in the formula of a plugin; of a plain one loading has said it all."""
+    part, formula = scenario.specifications[name], getattr(spec, "formula", None)
+    if formula is None or not isinstance(part, Block):
+        return []
+    found = [] if part.component.check else [(one.message, one.hint) for one in formula.warnings]
+    found += [(text, None) for text in reach_warnings(formula.node, scenario.steps)]
+    return [(f"{scenario.path}: specifications.{name}: {text}", hint) for text, hint in found]
 
 
 @contextmanager
@@ -138,7 +159,9 @@ def build_block(block: Block, scene: Scene | None) -> Any:
             f"{block.component.kind} {block.plugin!r} cannot be loaded: {error}",
             f"pip install --upgrade {package}",
         ) from error
-    return factory(block.config, scene)
+    with warnings.catch_warnings():  # a formula's doubts are told where it is written
+        warnings.simplefilter("ignore", FormulaWarning)
+        return factory(block.config, scene)
 
 
 def build_specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:

@@ -6,10 +6,14 @@ import argparse
 import json
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from avrare.cli.doubts import warn
 from avrare.errors import ExitCode, UsageError
+
+_LANE_WIDTH = 3.5
 
 _EXAMPLE = """\
 FILE is one of
@@ -24,7 +28,7 @@ examples:
   avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
   avrare monitor runs/lane_change --specification safe_distance --failure 0
 
-exit code: 0 kept, 1 broken, 4 bad file or usage
+exit code: 0 kept, 1 broken, 4 bad file or usage, 5 a package or plugin is missing
 """
 
 
@@ -44,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--ego", metavar="NAME", help="the vehicle that rules are for; in CSV files 'ego'")
     where.add_argument("--scenario", metavar="FILE", help="take the road of this scenario's simulator")
     where.add_argument("--lanes", metavar="Y,...", help="lane centres from right to left [m]")
-    where.add_argument("--lane-width", type=float, metavar="W", help="of every lane [m]; default 3.5")
+    where.add_argument(
+        "--lane-width", type=float, metavar="W", help=f"of every lane [m]; default {_LANE_WIDTH}"
+    )
     where.add_argument("--access-ramp", metavar="I,...", help="which lanes are an access ramp, from 0")
     where.add_argument("--failure", type=int, metavar="K", help="of a run: which failure; default: the worst")
     parser.add_argument("--out", metavar="DIR", help="write monitor.csv, monitor.json and a picture")
@@ -56,8 +62,11 @@ def execute(args: argparse.Namespace) -> int:
     from avrare.record.trace_score import score
     from avrare.report.monitoring import to_dict
 
-    scored = score(*_case(args))
-    if args.out:
+    _check(args)
+    name, specification, recording = _case(args)
+    warn((found.message, found.hint) for found in _doubts(args, specification, recording))
+    scored = score(name, specification, recording)
+    if args.out is not None:
         _write(scored, Path(args.out))
     if args.json:
         print(json.dumps(to_dict(scored)))
@@ -68,7 +77,6 @@ def execute(args: argparse.Namespace) -> int:
 
 def _case(args: argparse.Namespace) -> tuple[str, Any, Any]:
     """Name and monitor of the specification, and the recording."""
-    _check(args)
     if Path(args.file).is_dir():
         return _of_run(args)
     scenario, road = _surroundings(args)
@@ -79,10 +87,8 @@ def _case(args: argparse.Namespace) -> tuple[str, Any, Any]:
 def _check(args: argparse.Namespace) -> None:
     chosen = [f"--{name}" for name in ("rule", "stl", "specification") if getattr(args, name) is not None]
     if Path(args.file).is_dir():
-        wrong = [
-            name for name in ("ego", "scenario", "lanes", "lane_width", "access_ramp") if getattr(args, name)
-        ]
-        if wrong:
+        names = ("ego", "scenario", "lanes", "lane_width", "access_ramp")
+        if wrong := [name for name in names if getattr(args, name) is not None]:
             option = wrong[0].replace("_", "-")
             raise UsageError(f"--{option} does not fit the folder of a run", "its own scenario says all that")
         chosen = [name for name in chosen if name != "--specification"]
@@ -92,9 +98,11 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--failure is for the folder of a run")
     if len(chosen) > 1:
         raise UsageError(f"{' and '.join(chosen)} together", "score one after the other")
+    if args.out == "":
+        raise UsageError("--out should be a folder, not ''")
     if args.set and args.rule is None and args.stl is None:
         raise UsageError("--set gives options of a rule", "give --rule NAME too")
-    if args.specification and not Path(args.file).is_dir() and not args.scenario:
+    if args.specification is not None and not Path(args.file).is_dir() and args.scenario is None:
         raise UsageError("--specification names one of a scenario", "give --scenario FILE too")
 
 
@@ -102,8 +110,7 @@ def _of_run(args: argparse.Namespace) -> tuple[str, Any, Any]:
     from avrare.record.trace_run import replay
 
     found = replay(Path(args.file), args.specification, args.failure, args.rule)
-    for line in found.differing:
-        print(f"warning: {line}", file=sys.stderr)
+    warn((line, None) for line in found.differing)
     if args.rule is None and args.stl is None:
         specification = found.scenario.stack.specifications[found.specification]
         return found.specification, specification, found.recording
@@ -115,16 +122,17 @@ def _surroundings(args: argparse.Namespace) -> tuple[Any, Any]:
     from avrare.record.trace_lanes import parse_road
 
     scenario = road = None
-    if args.scenario:
+    if args.scenario is not None:
         from avrare.build.stack import build_block
         from avrare.scenario.load import load
 
         scenario = load(args.scenario)
         scene = getattr(build_block(scenario.simulator, None), "scene", None)
         road = scene.road if scene is not None else None
-    if args.lanes:
-        return scenario, parse_road(args.lanes, args.lane_width or 3.5, args.access_ramp or "")
-    if args.lane_width or args.access_ramp:
+    if args.lanes is not None:
+        width = _LANE_WIDTH if args.lane_width is None else args.lane_width
+        return scenario, parse_road(args.lanes, width, args.access_ramp)
+    if args.lane_width is not None or args.access_ramp is not None:
         raise UsageError("--lane-width and --access-ramp describe --lanes", "give --lanes too")
     return scenario, road
 
@@ -136,7 +144,7 @@ def _read(args: argparse.Namespace, road: Any) -> Any:
         return read_commonroad(args.file, args.ego, road)
     from avrare.record.trace_csv import read_csv
 
-    return read_csv(args.file, args.ego or "ego", road)
+    return read_csv(args.file, "ego" if args.ego is None else args.ego, road)
 
 
 def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> tuple[str, Any]:
@@ -148,7 +156,7 @@ def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> t
         return "formula", _formula(args, recording)
     if args.rule is not None:
         if recording.scene is None:
-            raise UsageError(f"{recording.source}: {_missing_scene(recording)}", _scene_hint(recording))
+            raise _missing_scene(recording, "a rule needs")
         return args.rule, build_rule(args.rule, args.set, recording.scene)
     part = scenario.specifications.get(args.specification)
     if part is None:
@@ -162,29 +170,34 @@ def _formula(args: argparse.Namespace, recording: Any) -> Any:
     from avrare.build.rules import build_formula
     from avrare.logic import formula as f
     from avrare.logic import stl
-    from avrare.logic.parse import parse_with_warnings
 
-    node, complaints = parse_with_warnings(args.stl, recording.dt)
-    for complaint in complaints:
-        print(f"warning: {complaint.message}\nhint: {complaint.hint}", file=sys.stderr)
-    relations = any(isinstance(part, f.Signal) and part.arguments for part in f.walk(node))
+    formula = stl(args.stl, dt=recording.dt, warn=False)
+    relations = any(isinstance(part, f.Signal) and part.arguments for part in f.walk(formula.node))
     if relations and recording.scene is not None:
         return build_formula(args.stl, args.set, recording.scene)
     if args.set:
         raise UsageError("--set gives options of a rule", "a formula over signals has none")
-    return stl(args.stl, dt=recording.dt, warn=False).monitor()
+    if relations and not set(formula.signals) <= set(recording.signals):
+        raise _missing_scene(recording, "predicates of vehicles need")
+    return formula.monitor()
 
 
-def _missing_scene(recording: Any) -> str:
-    return (
-        "a rule needs a road" if "ego_x" in recording.signals else "a rule needs vehicles, not named signals"
-    )
+def _doubts(args: argparse.Namespace, specification: Any, recording: Any) -> Sequence[Any]:
+    """What looks odd in the formula: as the user wrote it, not as a plugin completes it."""
+    from avrare.logic import stl
+
+    if args.stl is not None:
+        return stl(args.stl, dt=recording.dt, warn=False).warnings
+    return getattr(getattr(specification, "formula", None), "warnings", ())
 
 
-def _scene_hint(recording: Any) -> str:
+def _missing_scene(recording: Any, what: str) -> UsageError:
+    """Why what is said of vehicles cannot be scored."""
     if "ego_x" in recording.signals:
-        return "give --scenario FILE, or --lanes with the lane centres from right to left"
-    return "give a file with the columns time, vehicle, x, y, ...; or score it with --stl"
+        hint = "give --scenario FILE, or --lanes with the lane centres from right to left"
+        return UsageError(f"{recording.source}: {what} a road", hint)
+    hint = "give a file with the columns time, vehicle, x, y, ...; or score signals with --stl"
+    return UsageError(f"{recording.source}: {what} vehicles, not named signals", hint)
 
 
 def _write(scored: Any, folder: Path) -> None:
@@ -211,7 +224,7 @@ def _show(scored: Any, out: str | None) -> None:
     from avrare.report.monitoring import chart, headline
 
     console = Console(soft_wrap=True, highlight=False)
-    for line in [*headline(scored), "", *chart(scored)]:
+    for line in [*headline(scored), *([] if scored.nobody else ["", *chart(scored)])]:
         console.print(line)
     if out:
         console.print(f"\nwritten to {out}", markup=False)

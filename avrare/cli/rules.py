@@ -22,7 +22,9 @@ _WIDTH = 100
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="show these rules in full")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="show these rules in full; case and _ do not matter"
+    )
     parser.add_argument("--json", action="store_true", help="print a list of objects")
 
 
@@ -31,7 +33,8 @@ def execute(args: argparse.Namespace) -> int:
     catalogue = Catalogue.of(default_registry())
     for line in catalogue.broken:
         print(f"warning: {line}", file=sys.stderr)
-    offers = [offer for name in dict.fromkeys(args.names) for offer in catalogue.find(name)]
+    found = [offer for name in args.names for offer in catalogue.find(name, loosely=True)]
+    offers = list({id(offer): offer for offer in found}.values())
     if args.json:
         print(json.dumps([_plain(offer) for offer in offers or catalogue.offers], indent=2))
     elif offers:

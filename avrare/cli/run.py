@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from avrare.cli.doubts import warn
 from avrare.cli.parser import add_scenario_arguments
 from avrare.errors import ExitCode, UsageError
 from avrare.scenario.schema import Scenario
@@ -47,6 +48,8 @@ def execute(args: argparse.Namespace) -> int:
     overrides = [*args.set, *([f"seed={args.seed}"] if args.seed is not None else [])]
     overrides += _until(args.until)
     scenarios = [load(path, overrides, args.estimator) for path in args.scenarios]
+    for scenario in scenarios:
+        warn(scenario.warnings)
     names = [scenario.name for scenario in scenarios]
     if len(set(names)) < len(names):
         raise UsageError(

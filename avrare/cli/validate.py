@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-from collections.abc import Iterable
 
+from avrare.cli.doubts import warn
 from avrare.cli.parser import add_scenario_arguments
 from avrare.errors import AvrareError, ExitCode
 from avrare.scenario.load import load
@@ -29,20 +29,15 @@ def execute(args: argparse.Namespace) -> int:
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
         scenario = load(path, args.set, args.estimator)
-        _warn(scenario.warnings)
+        warn(scenario.warnings)
         if args.build:
             stack = importlib.import_module("avrare.build.stack")
-            _warn((text, None) for text in stack.build_and_try(scenario, steps=3))
+            warn(stack.build_and_try(scenario, steps=3))
     except AvrareError as error:
         print("\n".join(error.lines()), file=sys.stderr)
         return int(error.exit_code)
     print(f"{path}: ok  {describe(scenario)}" + (", built and run for 3 steps" if args.build else ""))
     return int(ExitCode.PASS)
-
-
-def _warn(warnings: Iterable[tuple[str, str | None]]) -> None:
-    for message, hint in warnings:
-        print(f"warning: {message}" + (f"\nhint: {hint}" if hint else ""), file=sys.stderr)
 
 
 def describe(scenario: Scenario) -> str:

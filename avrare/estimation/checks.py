@@ -11,6 +11,7 @@ import numpy as np
 
 from avrare.estimation import health
 from avrare.estimation.result import Result
+from avrare.logic.formula import bounded_span
 from avrare.rollout.problem import Problem
 
 _FALLBACK = "fallback_solves"
@@ -37,10 +38,10 @@ def examined(
 
 def _horizon(problem: Problem, column: int) -> dict[str, str]:
     formula = getattr(problem.monitors[column], "formula", None)
-    horizon = getattr(formula, "horizon", math.inf)
-    if not problem.steps < horizon < math.inf:
+    span = bounded_span(formula.node) if formula is not None else 0
+    if span <= problem.steps:
         return {}
-    return health.warn("horizon_short", horizon=int(horizon), steps=problem.steps)
+    return health.warn("horizon_short", horizon=span, steps=problem.steps)
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:

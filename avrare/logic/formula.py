@@ -232,6 +232,20 @@ def history(node: Node) -> float:
     return _reach(node, PAST)
 
 
+def bounded_span(node: Node) -> int:
+    """Samples that the bounded parts of a formula look ahead, nested ones added up.
+
+    An unbounded operator counts with the bound that it has, at which it begins.
+    """
+    below = max((bounded_span(child) for child in children(node)), default=0)
+    match node:
+        case Window(op=op, lo=lo, hi=hi) | Until(op=op, lo=lo, hi=hi) if op in FUTURE:
+            return below + int(lo if math.isinf(hi) else hi)
+        case Step(op=op) if op in FUTURE:
+            return below + 1
+    return below
+
+
 def settling(node: Node) -> int:
     """Samples after which the formula's value repeats once its signals do.
 

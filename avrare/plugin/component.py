@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from avrare.plugin.finding import Finding
 from avrare.plugin.rulecard import RuleCard
 
 KINDS = (
@@ -39,6 +40,9 @@ class Component:
         api: Version of the plugin interface it was written for.
         rules: ``"package.module:function"`` returning a list of ``RuleCard``, for a specification that offers
             rules by name (its option ``rule``); empty for everything else. Must import nothing heavy.
+        check: ``"package.module:function"`` of a specification whose options can be wrong in ways that the
+            model cannot see: called as ``check(config, dt)`` when a scenario is loaded, with the simulator's
+            step [s] or None where it is not known; returns a list of ``Finding``. Must import nothing heavy.
     """
 
     kind: str
@@ -49,6 +53,7 @@ class Component:
     needs: tuple[str, ...] = ()
     api: int = 1
     rules: str = ""
+    check: str = ""
 
     def load_config(self) -> type[Any]:
         """The pydantic model of the part's options."""
@@ -61,6 +66,10 @@ class Component:
     def load_rules(self) -> list[RuleCard]:
         """The rules that the part offers; empty where it offers none by name."""
         return list(resolve(self.rules)()) if self.rules else []
+
+    def find_faults(self, config: Any, dt: float | None) -> list[Finding]:
+        """What the part itself has to say of its options; nothing where it has no ``check``."""
+        return list(resolve(self.check)(config, dt)) if self.check else []
 
 
 def resolve(reference: str) -> Any:

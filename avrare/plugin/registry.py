@@ -232,10 +232,12 @@ def _component(item: object) -> Component:
             raise TypeError(
                 f"component {item.name!r}: {field} is {value!r}; expected 'package.module:attribute'"
             )
-    if not isinstance(item.rules, str) or (item.rules and ":" not in item.rules):
-        raise TypeError(
-            f"component {item.name!r}: rules is {item.rules!r}; expected 'package.module:function'"
-        )
+    for field in ("rules", "check"):
+        value = getattr(item, field)
+        if not isinstance(value, str) or (value and ":" not in value):
+            raise TypeError(
+                f"component {item.name!r}: {field} is {value!r}; expected 'package.module:function'"
+            )
     return item
 
 

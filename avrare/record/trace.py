@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from avrare.driving import Road, Scene, Vehicles, World
 from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.errors import UsageError
 from avrare.protocols import Bools, Floats
 
 FIELDS = ("x", "y", "heading", "speed", "acceleration")
@@ -21,6 +22,9 @@ ABSENT = {"x": -1e6, "y": -1e6, "heading": 0.0, "speed": 0.0, "acceleration": 0.
 It is in front of nobody, beside nobody and closes in on nobody, so that no rule speaks of it, and unlike NaN
 or infinity it leaves every predicate a number.
 """
+
+_TAKEN = {"ego": "the ego", "others": "all vehicles but the ego"}
+"""Names that no vehicle but the ego may have."""
 
 _STANDING = 0.01
 """A vehicle never faster than this [m/s] is parked."""
@@ -111,7 +115,14 @@ def assemble(
         ego: The vehicle that rules are for; present at every sample.
         others: The other vehicles.
         road: Lanes; without them there is no scene and no rule, only signals.
+
+    Raises:
+        UsageError: Another vehicle has a name that formulas use in another sense.
     """
+    for name in (other.name for other in others if other.name in _TAKEN):
+        text = f"{source}: a vehicle beside the ego is called {name!r}"
+        hint = f"formulas mean {_TAKEN[name]} by that: give the vehicle another name"
+        raise UsageError(text, hint)
     signals = {f"ego_{field}": x for field, x in ego.filled(dt).items()}
     filled = [other.filled(dt) for other in others]
     for field in FIELDS:

@@ -15,6 +15,9 @@ from avrare.record.trace_table import Table, read_table, steady_step
 COLUMNS = ("vehicle", "x", "y", "heading", "speed", "length", "width")
 """What a file of vehicles has beside the time; ``acceleration`` is optional."""
 
+_ALIASES = ("vehicleid", "id", "trackid", "objectid", "carid", "name", "vehicles", "car", "track", "object")
+"""What others call the column ``vehicle``, without regard to case, ``_`` and ``-``."""
+
 _OFF_GRID = 0.25
 """Share of a step by which a row may lie beside the sample that it belongs to."""
 
@@ -36,7 +39,25 @@ def read_csv(path: str, ego: str = "ego", road: Road | None = None) -> Recording
         UsageError: With file and line of what is wrong.
     """
     table = read_table(path)
-    return _vehicles(table, ego, road) if "vehicle" in table.names else _signals(table)
+    if "vehicle" in table.names or _speaks_of_vehicles(table):
+        return _vehicles(table, ego, road)
+    return _signals(table)
+
+
+def _speaks_of_vehicles(table: Table) -> bool:
+    """Whether a file without a column ``vehicle`` must be meant to have one: two of three signs say so."""
+    if not {"x", "y"} <= set(table.names):
+        return False
+    column = table.names.index(table.time)
+    times = [cells[column] for _, cells in table.rows]
+    complete, again = set(COLUMNS[1:]) <= set(table.names), len(set(times)) < len(times)
+    return complete + again + (_alias(table) is not None) >= 2
+
+
+def _alias(table: Table) -> str | None:
+    """The column that names the vehicles in other formats."""
+    plain = {name.lower().replace("_", "").replace("-", ""): name for name in table.names}
+    return next((plain[word] for word in _ALIASES if word in plain), None)
 
 
 def _signals(table: Table) -> Recording:
@@ -67,7 +88,10 @@ def _check_columns(table: Table) -> None:
     missing = [repr(name) for name in COLUMNS if name not in table.names]
     if missing:
         words = f"column {missing[0]} is" if len(missing) == 1 else f"columns {', '.join(missing)} are"
+        alias = None if "vehicle" in table.names else _alias(table)
         hint = f"vehicles have the columns time, {', '.join(COLUMNS)} and, if known, acceleration"
+        if alias is not None:
+            hint = f"call the column vehicle in place of {alias}" + (f"; {hint}" if len(missing) > 1 else "")
         raise UsageError(f"{table.path}:1: {words} missing", hint)
 
 

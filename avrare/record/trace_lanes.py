@@ -48,7 +48,7 @@ class _Strip:
     ramp: bool
 
 
-def parse_road(centres: str, width: float, ramp: str = "") -> Road:
+def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
     """The road that ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0`` describes.
 
     Raises:
@@ -62,7 +62,7 @@ def parse_road(centres: str, width: float, ramp: str = "") -> Road:
         raise UsageError(f"--lanes should go from right to left, not {centres!r}", _LANES)
     if not (math.isfinite(width) and width > 0.0):
         raise UsageError(f"--lane-width should be above zero, not {width:g}")
-    words = [word.strip() for word in ramp.split(",")] if ramp else []
+    words = [] if ramp is None else [word.strip() for word in ramp.split(",")]
     if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
         raise UsageError(f"--access-ramp should name lanes 0 to {len(lanes) - 1}, not {ramp!r}")
     return Road(lanes, width, tuple(map(int, words)))

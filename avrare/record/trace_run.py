@@ -52,7 +52,9 @@ def replay(folder: Path, specification: str | None, index: int | None, rule: str
         raise UsageError(f"{folder}: no scenario.yaml in it", "give the folder that `avrare run` has written")
     scenario = BuildableScenario(load(folder / "scenario.yaml"))
     stored = read_failures(folder)
-    name = _chosen(folder, scenario, stored, specification or _of_rule(scenario, rule))
+    name = _chosen(
+        folder, scenario, stored, _of_rule(scenario, rule) if specification is None else specification
+    )
     failures = stored[name]
     count = len(failures.robustness)
     if index is not None and not 0 <= index < count:
@@ -99,14 +101,16 @@ def _chosen(
         raise UsageError(f"{folder}: no failure {what}is stored", hint)
     if specification is None and len(stored) > 1:
         raise UsageError(f"{folder}: whose failure?", f"choose it with --specification: {listing}")
-    return specification or next(iter(stored))
+    return next(iter(stored)) if specification is None else specification
 
 
 def _of_rule(scenario: BuildableScenario, rule: str | None) -> str | None:
     """The only specification whose option ``rule`` is this one."""
     parts = scenario.definition.specifications.items()
     found = [
-        name for name, part in parts if rule and getattr(getattr(part, "config", None), "rule", None) == rule
+        name
+        for name, part in parts
+        if rule is not None and getattr(getattr(part, "config", None), "rule", None) == rule
     ]
     return found[0] if len(found) == 1 else None
 

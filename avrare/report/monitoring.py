@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import re
 import textwrap
@@ -16,13 +17,17 @@ from rich.text import Text
 from avrare.estimation.result import finite
 from avrare.protocols import Floats
 from avrare.record.trace import Recording
-from avrare.record.trace_score import Moment, Score
+from avrare.record.trace_causes import Moment
+from avrare.record.trace_score import Score
 from avrare.record.whole import write_text
 
 _WIDTH = 80
 _COLUMNS = 64
 _UP, _DOWN = " ▁▂▃▄▅▆▇█", " ▔▀█"
 _ROWS_UP, _ROWS_DOWN = 4, 3
+_LONG = 6
+"""A formula of more lines than this is shown without its definitions."""
+_DEFINITION = r"\w+\([\w, ]*\) = "
 
 
 def headline(score: Score) -> list[Text]:
@@ -32,12 +37,21 @@ def headline(score: Score) -> list[Text]:
     span = f"{clock(recording, 0)} to {clock(recording, recording.samples - 1)} s" if end else "0 s"
     lines = [
         Text.assemble((score.name, "bold"), f"  {recording.source}"),
-        Text(f"{recording.samples} samples, {recording.dt:g} s apart, {span}{_crowd(recording)}"),
+        Text(f"{recording.samples} samples, {recording.dt:g} s apart, {span}{_crowd(score)}"),
     ]
-    for line in score.formula.strip().splitlines():
-        lines.append(Text(_wrapped(line, "  "), style="cyan"))
+    lines += [Text(line, style="cyan") for line in _formula(score.formula)]
     colour = "bold red" if score.broken else "bold green"
     return [*lines, Text(), Text(_wrapped(sentence(score), ""), style=colour)]
+
+
+def _formula(words: str) -> list[str]:
+    """A formula in lines; of a long one what comes after its definitions."""
+    statements = words.strip().splitlines()
+    lines = [line for one in statements for line in _wrapped(one, "  ").splitlines()]
+    rest = list(itertools.dropwhile(lambda one: re.match(_DEFINITION, one), statements))
+    if len(lines) <= _LONG or not rest or len(rest) == len(statements):
+        return lines
+    return ["  (its definitions are in the output of --json)", *(_wrapped(one, "  ") for one in rest)]
 
 
 def _wrapped(words: str, indent: str) -> str:
@@ -47,39 +61,57 @@ def _wrapped(words: str, indent: str) -> str:
 
 
 def sentence(score: Score) -> str:
-    """``R_G1 broken first at 2.1 s with car: gap(ego, car) = -0.12 (worst robustness -0.31 at 2.8 s)``."""
+    """``R_G1 broken first at 2.1 s with car: gap(ego, car) has robustness -0.1 (worst -0.31 at 2.8 s)``."""
+    verdict = f"{score.name} {'broken' if score.broken else 'kept'}"
     robustness = number(score.robustness)
-    if not score.broken:
-        least = "" if score.worst is None else f", least {_place(score, score.worst)}"
-        return f"{score.name} kept with robustness {robustness}{least}"
+    if score.nobody:
+        return f"{verdict}: no vehicle to speak of{_left_out(score)}"
+    if not score.pointwise or (score.broken and score.first is None):
+        decided = "" if score.worst is None else f", decided {_place(score, score.worst)}"
+        return f"{verdict} with robustness {robustness}{decided}"
     if score.first is None:
-        return f"{score.name} broken with robustness {robustness}"
+        least = "" if score.worst is None else f", least {_place(score, score.worst)}"
+        return f"{verdict} with robustness {robustness}{least}"
     if score.worst is not None and score.worst.sample == score.first.sample:
-        also = "" if number(score.first.value) == robustness else f" (robustness {robustness})"
-        return f"{score.name} broken first and worst {_place(score, score.first)}{also}"
+        also = "" if number(score.first.value) == robustness else f" (robustness of the whole {robustness})"
+        return f"{verdict} first and worst {_place(score, score.first)}{also}"
+    # a part may be further from holding than the whole, which other parts excuse
+    whole = " of the whole" if score.first.value < score.first.robustness else ""
     worst = "" if score.worst is None else f" at {clock(score.recording, score.worst.sample)} s"
-    return f"{score.name} broken first {_place(score, score.first)} (worst robustness {robustness}{worst})"
+    return f"{verdict} first {_place(score, score.first)} (worst robustness{whole} {robustness}{worst})"
 
 
 def _place(score: Score, moment: Moment) -> str:
-    """``at 2.1 s with cut_in: keeps_safe_distance(ego, cut_in) = -0.12``."""
+    """``at 2.1 s with cut_in: at 1.8 s speed(cut_in) > 3 has robustness -0.12``."""
+    names = dict.fromkeys(name for key, name in moment.vehicles.items() if key not in moment.sought)
+    nearest = dict.fromkeys(name for key, name in moment.vehicles.items() if key in moment.sought)
     words = f"at {clock(score.recording, moment.sample)} s"
-    if moment.vehicles:
-        words += f" with {' and '.join(dict.fromkeys(moment.vehicles.values()))}"
-    return words + (f": {_reason(moment)}" if moment.formula else "")
+    words += f" with {' and '.join(names)}" if names else ""
+    if nearest:
+        words += f", {'nearest' if score.broken else 'thanks to'} {' and '.join(nearest)}"
+    other = f"at {clock(score.recording, moment.at)} s " if moment.at != moment.sample else ""
+    return words + (f": {other}{_reason(moment)}" if moment.formula else "")
 
 
 def _reason(moment: Moment) -> str:
-    """``keeps_safe_distance(ego, cut_in) = -0.12``, or ``gap > 2 by -0.5``."""
-    term = re.fullmatch(r"(\w+(?:\([^()]*\))?)(?: >=? 0)?", moment.formula)
-    value = number(moment.value)
-    return f"{term[1]} = {value}" if term else f"{moment.formula} has robustness {value}"
+    """``gap = -0.12``, or ``gap > 2 has robustness -0.5``, as has what is measured in units of its own."""
+    term = re.fullmatch(r"(\w+)(\([^()]*\))?(?: >=? 0)?", moment.formula)
+    if term is None:
+        return f"{moment.formula} has robustness {number(moment.value)}"
+    if term[2] is None:
+        return f"{term[1]} = {number(moment.value)}"
+    return f"{term[1]}{term[2]} has robustness {number(moment.value)}"
 
 
-def _crowd(recording: Recording) -> str:
+def _crowd(score: Score) -> str:
+    recording = score.recording
     if "ego_x" not in recording.signals:
         return ""
-    return f"; the ego and {', '.join(recording.names) or 'nobody else'}"
+    return f"; the ego and {', '.join(recording.names) or 'nobody else'}{_left_out(score)}"
+
+
+def _left_out(score: Score) -> str:
+    return f" (left out: {', '.join(score.excluded)})" if score.excluded else ""
 
 
 def number(value: float) -> str:
@@ -161,6 +193,7 @@ def to_dict(score: Score) -> dict[str, Any]:
         "robustness": score.robustness,
         "first": _plain(score, score.first),
         "worst": _plain(score, score.worst),
+        "excluded": list(score.excluded),
         "time": recording.times.tolist(),
         "prefix": score.prefix.tolist(),
         "violated": score.violated.tolist(),
@@ -179,6 +212,8 @@ def _plain(score: Score, moment: Moment | None) -> dict[str, Any] | None:
         "vehicles": moment.vehicles,
         "formula": moment.formula,
         "value": moment.value,
+        "value_sample": moment.at,
+        "value_time": score.recording.time(moment.at),
     }
 
 

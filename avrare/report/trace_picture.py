@@ -69,18 +69,26 @@ def _draw_robustness(ax: Any, score: Score, moments: list[int]) -> None:
 def _marks(score: Score) -> dict[int, tuple[float, str]]:
     """Sample -> robustness and a word for it, of the moments that can be drawn."""
     marks: dict[int, tuple[float, str]] = {}
-    for moment, word in ((score.first, "first"), (score.worst, "worst" if score.broken else "least")):
+    for moment, word in ((score.first, "first"), (score.worst, _word(score))):
         if moment is not None and np.isfinite(moment.robustness):
             before = f"{marks[moment.sample][1]}, " if moment.sample in marks else ""
             marks[moment.sample] = moment.robustness, before + word
     return marks
 
 
+def _word(score: Score) -> str:
+    """What the moment that decides the robustness is."""
+    if not score.pointwise:
+        return "decided here"
+    return "worst" if score.broken else "least"
+
+
 def _draw_moment(ax: Any, score: Score, sample: int) -> None:
     recording = score.recording
     assert recording.scene is not None
     words, vehicles = [], set()
-    for moment, name in ((score.first, "first violation"), (score.worst, "least robustness")):
+    decides = "least robustness" if score.pointwise else "decides the robustness"
+    for moment, name in ((score.first, "first violation"), (score.worst, decides)):
         if moment is not None and moment.sample == sample:
             words.append(name)
             vehicles |= set(moment.vehicles.values())

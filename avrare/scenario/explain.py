@@ -150,6 +150,8 @@ def _words(
     """What is wrong with a value, and a hint."""
     first = found[0]
     about = _about(model, loc)
+    if first["type"] == "with_hint":
+        return first["msg"], first["ctx"]["hint"] or about
     if first["type"] == "missing":
         return "required, but missing", about
     if first["type"] == "extra_forbidden":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from fractions import Fraction
 
 from avrare.errors import FormulaError
@@ -16,8 +15,14 @@ _ANY_STEP = Fraction(1, 10**9)
 """A step of which every sensible time bound is a multiple, for simulators that do not tell theirs."""
 
 
+def step_of(simulator: Block | None) -> float | None:
+    """The step [s] that a simulator's option ``dt`` tells, None where there is none."""
+    dt = getattr(simulator.config, "dt", None) if simulator else None
+    return float(dt) if isinstance(dt, (int, float)) and not isinstance(dt, bool) else None
+
+
 def check_formula(
-    part: Formula, node: Node, path: Path, simulator: Block | None, steps: int | None
+    part: Formula, node: Node, path: Path, dt: float | None, steps: int | None
 ) -> tuple[list[Problem], list[Problem]]:
     """Errors and warnings of one formula; its signals are known once the simulator is built.
 
@@ -25,39 +30,31 @@ def check_formula(
         part: The specification.
         node: Where it is written.
         path: Keys that lead to it.
-        simulator: Its option ``dt`` [s], if it has one, tells how many samples a time bound is.
+        dt: Step of the simulator [s], which tells how many samples a time bound is; None if not known.
         steps: Of a rollout, None if not known.
     """
     mark, path = node.entries["stl"].mark, (*path, "stl")
-    dt = getattr(simulator.config, "dt", None) if simulator else None
-    known = isinstance(dt, (int, float)) and not isinstance(dt, bool)
     try:
-        formula, complaints = parse_with_warnings(part.stl, dt if known and dt is not None else _ANY_STEP)
+        formula, complaints = parse_with_warnings(part.stl, _ANY_STEP if dt is None else dt)
     except FormulaError as error:
         return [Problem(mark, path, error.message, error.hint)], []
     warnings = [Problem(mark, path, complaint.message, complaint.hint) for complaint in complaints]
-    if known and steps is not None:
-        texts = reach_warnings(f.horizon(formula), f.history(formula), steps)
-        warnings += [Problem(mark, path, text) for text in texts]
+    if dt is not None and steps is not None:
+        warnings += [Problem(mark, path, text) for text in reach_warnings(formula, steps)]
     return [], warnings
 
 
-def reach_warnings(horizon: float, history: float, steps: int) -> list[str]:
-    """Warnings on a formula that looks further than a run is long.
+def reach_warnings(formula: f.Node, steps: int) -> list[str]:
+    """Warnings on a formula that looks further ahead than a run is long.
+
+    Looking back further is no mistake: what lies before the start is nowhere, and windows end there.
 
     Args:
-        horizon: Samples that it looks ahead; unbounded operators mean the whole run and are fine.
-        history: Samples that it looks back.
+        formula: Of which unbounded operators mean the whole run; what lies below them counts.
         steps: Of a run.
     """
+    span = f.bounded_span(formula)
+    if span <= steps:
+        return []
     run = f"a run has {steps} step{'s' * (steps != 1)}"
-    texts = []
-    if steps < horizon < math.inf:
-        texts.append(
-            f"looks {horizon:.0f} samples ahead but {run}: what lies beyond counts as if the trace ended"
-        )
-    if steps < history < math.inf:
-        texts.append(
-            f"looks {history:.0f} samples back but {run}: what lies before counts as if the trace began there"
-        )
-    return texts
+    return [f"looks {span} samples ahead but {run}: what lies beyond counts as if the trace ended"]

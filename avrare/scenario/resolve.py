@@ -7,7 +7,8 @@ from pydantic import BaseModel
 from avrare.errors import ExitCode, PluginError, did_you_mean
 from avrare.plugin.registry import Registry, Row
 from avrare.scenario.explain import Problem, check, describe, scenario_error
-from avrare.scenario.formulas import check_formula
+from avrare.scenario.findings import check_block
+from avrare.scenario.formulas import check_formula, step_of
 from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.source import Node, Path
 
@@ -36,7 +37,7 @@ def resolve(tree: Node, path: str, registry: Registry) -> Scenario:
             if block:
                 blocks[key] = block
     steps = document.steps if document else None
-    specifications, found, warnings = _specifications(tree, registry, blocks.get("simulator"), steps)
+    specifications, found, warnings = _specifications(tree, registry, step_of(blocks.get("simulator")), steps)
     problems += found + _cross_checks(tree)
     if problems or document is None:
         raise scenario_error(problems)
@@ -94,7 +95,7 @@ def _config(row: Row) -> type[BaseModel]:
 
 
 def _specifications(
-    tree: Node, registry: Registry, simulator: Block | None, steps: int | None
+    tree: Node, registry: Registry, dt: float | None, steps: int | None
 ) -> tuple[dict[str, Block | Formula], list[Problem], list[Problem]]:
     """The specifications, what is wrong with them, and what only deserves a warning."""
     parts: dict[str, Block | Formula] = {}
@@ -109,7 +110,7 @@ def _specifications(
         if "stl" in node.value and "plugin" not in node.value:
             part, found = check(Formula, node, path)
             if part:
-                errors, doubts = check_formula(part, node, path, simulator, steps)
+                errors, doubts = check_formula(part, node, path, dt, steps)
                 found += errors
                 warnings += doubts
         elif "stl" in node.value or "plugin" not in node.value:
@@ -117,6 +118,10 @@ def _specifications(
             found = [Problem(node.name_mark, path, text, 'for example {stl: "always (gap > 2.0)"}')]
         else:
             part, found = _block("specification", node, path, registry)
+            if part:
+                errors, doubts = check_block(part, node, path, dt)
+                found += errors
+                warnings += doubts
         problems += found
         if part:
             parts[name] = part

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
+from pydantic_core import PydanticCustomError
 
 import avrare
 from avrare.errors import UsageError
-from avrare.estimation.health import check_names
+from avrare.estimation.health import MESSAGES, check_names
 from avrare.plugin.component import Component
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
@@ -76,12 +77,20 @@ class Threshold(_Model):
         return str(self.probability).startswith("< ")
 
 
-def _suppressible(names: tuple[str, ...]) -> tuple[str, ...]:
+def _suppressible(name: str) -> str:
     try:
-        check_names(names)
+        check_names((name,))
     except UsageError as error:
-        raise ValueError("; ".join(filter(None, (error.message, error.hint)))) from None
-    return names
+        details = {"message": error.message, "hint": error.hint}
+        raise PydanticCustomError("with_hint", "{message}", details) from None
+    return name
+
+
+HealthWarning = Annotated[
+    str,
+    AfterValidator(_suppressible),
+    WithJsonSchema({"type": "string", "enum": [name for name in MESSAGES if name != "errors"]}),
+]
 
 
 class Document(_Model):
@@ -105,9 +114,7 @@ class Document(_Model):
         0.01, ge=0.0, le=1.0, description="share of rollouts that may end in an error"
     )
     confidence: Probability = Field(0.95, description="of the reported intervals, 0 to 1")
-    suppress: Annotated[tuple[str, ...], AfterValidator(_suppressible)] = Field(
-        (), description="names of health warnings to leave out"
-    )
+    suppress: tuple[HealthWarning, ...] = Field((), description="names of health warnings to leave out")
 
 
 @dataclass(frozen=True)
@@ -147,7 +154,7 @@ class Scenario:
         max_error_rate: Share of the rollouts that may end in an error.
         confidence: Of the reported intervals.
         suppress: Names of health warnings to leave out.
-        warnings: (message, hint) on formulas that can be used but may not say what is meant.
+        warnings: (message, hint) on specifications that can be used but may not say what is meant.
     """
 
     path: str = field(compare=False)

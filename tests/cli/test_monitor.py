@@ -107,6 +107,66 @@ def test_an_odd_formula_is_scored_with_a_warning(gaps, monitor):
     assert "formula broken" in out
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_odd_formula_over_vehicles_is_warned_of_once(monitor):
+    formula = "always distance(ego, truck) > 2 and stands(ego)"
+    code, _, err = monitor(DRIVE, "--stl", formula, *LANES)
+    assert code == 1
+    assert err.startswith("warning: line 1, column 1: always binds tighter than and")
+    assert (err.count("binds tighter"), err.count("\nhint: write (always ...) and ...")) == (1, 1)
+
+
+def said(monitor, *words):
+    """The sentence with the verdict."""
+    out = monitor(*words)[1]
+    return " ".join(re.search(r"^\w+ (broken|kept).*?(?=\n\n|\Z)", out, re.M | re.S)[0].split())
+
+
+def test_the_time_told_is_that_of_the_value(monitor, tmp_path):
+    (tmp_path / "x.csv").write_text("time,x\n0,-7\n0.1,-1\n0.2,1\n0.3,1\n")
+    words = said(monitor, "x.csv", "--stl", "always (x < 5 -> next (x > 0))")
+    assert words == "formula broken first and worst at 0.0 s: at 0.1 s x = -1"
+    first = json.loads(monitor("x.csv", "--stl", "always always[0.1,0.1] (x > 0)", "--json")[1])["first"]
+    assert (first["sample"], first["value"], first["value_sample"], first["value_time"]) == (0, -1, 1, 0.1)
+
+
+def test_what_no_sample_alone_can_break_has_no_first_violation(gaps, monitor):
+    words = said(monitor, gaps, "--stl", "eventually (gap > 9)")
+    assert words == "formula broken with robustness -4, decided at 0.0 s: gap > 9 has robustness -4"
+    words = said(monitor, gaps, "--stl", "eventually (gap < 1)")
+    assert words == "formula kept with robustness 0.5, decided at 2.5 s: gap < 1 has robustness 0.5"
+
+
+def test_of_a_vehicle_that_is_looked_for_the_nearest_is_named(monitor):
+    words = said(monitor, DRIVE, "--stl", "always exists o in others: stands(o)", *LANES)
+    assert words.startswith("formula broken first and worst at 0.0 s, nearest truck: stands(truck) has")
+
+
+def test_a_long_formula_is_shown_without_its_definitions(monitor):
+    _, out, _ = monitor(DRIVE, "--rule", "R_I2", *LANES)
+    assert "(its definitions are in the output of --json)\n  forall o in others: always" in out
+    assert "in_congestion(a) =" not in out
+    assert (
+        "in_congestion(a) =" in json.loads(monitor(DRIVE, "--rule", "R_I2", *LANES, "--json")[1])["formula"]
+    )
+
+
+def test_nobody_to_speak_of(monitor, tmp_path):
+    alone, parked = [], []
+    for line in Path(DRIVE).read_text().splitlines():
+        time, name, *_ = line.split(",")
+        if name in ("vehicle", "ego"):
+            alone.append(line)
+            parked += [line, *([f"{time},parked,90,1.75,0,0,4,2"] if name == "ego" else [])]
+    (tmp_path / "alone.csv").write_text("\n".join(alone))
+    (tmp_path / "parked.csv").write_text("\n".join(parked))
+    assert said(monitor, "alone.csv", "--rule", "R_G1", *LANES) == "R_G1 kept: no vehicle to speak of"
+    code, out, _ = monitor("parked.csv", "--rule", "R_G1", *LANES)
+    assert code == 0
+    assert "R_G1 kept: no vehicle to speak of (left out: parked)" in out
+    assert "robustness at" not in out
+
+
 def test_a_rules_options_can_be_set(monitor):
     code, out, _ = monitor(DRIVE, "--rule", "R_G1", *LANES, "--set", "cut_in_time=0.5", "--json")
     early = json.loads(out)["first"]["time"]
@@ -175,7 +235,18 @@ def test_files_of_the_result(gaps, monitor, tmp_path):
         ([DRIVE, "--rule", "R_G1", *LANES, "--ego", "me"], 4, "no vehicle is called 'me'"),
         ([DRIVE, "--rule", "R_G1", "--lanes", "2,1"], 4, "from right to left"),
         ([DRIVE, "--rule", "R_G1", "--lane-width", "3"], 4, "give --lanes too"),
+        ([DRIVE, "--rule", "R_G1", "--lane-width", "0"], 4, "give --lanes too"),
         ([DRIVE, "--rule", "R_G1", *LANES, "--lane-width", "wide"], 4, "invalid float value"),
+        ([DRIVE, "--rule", "R_G1", *LANES, "--lane-width", "0"], 4, "--lane-width should be above zero"),
+        ([DRIVE, "--rule", "R_G1", *LANES, "--access-ramp", ""], 4, "--access-ramp should name lanes 0 to 2"),
+        ([DRIVE, "--rule", "R_G1", "--lanes", ""], 4, "--lanes should be numbers"),
+        ([DRIVE, "--rule", "R_G1", *LANES, "--ego", ""], 4, "no vehicle is called ''"),
+        ([DRIVE, "--rule", "R_G1", *LANES, "--out", ""], 4, "--out should be a folder"),
+        ([DRIVE, "--rule", "R_G1", "--scenario", ""], 4, "'': no such file"),
+        ([DRIVE, "--rule", "R_G9", *LANES], 4, "did you mean 'R_G1', 'R_G2', 'R_G3' or 'R_G4'?"),
+        ([DRIVE, "--stl", "always (distance(ego, van) > 2)"], 4, "predicates of vehicles need a road"),
+        (["gaps.csv", "--stl", "always (distance(ego, van) > 2)"], 4, "predicates of vehicles need vehicles"),
+        ([".", "--lane-width", "0"], 4, "--lane-width does not fit the folder of a run"),
         (
             [DRIVE, "--specification", "safe", "--scenario", LANE_CHANGE],
             4,

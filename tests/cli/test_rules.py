@@ -106,10 +106,19 @@ def test_the_same_rule_of_two_plugins_is_shown_twice(offer, capsys):
     assert out.count("R_B  stop") == 2
 
 
+@pytest.mark.parametrize("names", [["ra"], ["r_a"], ["RA", "r-A"], ["R_A", "ra"]])
+def test_case_and_underscores_do_not_matter(offer, capsys, names):
+    offer(book="cards")
+    assert main(["rules", "--json", *names]) == 0
+    assert [card["name"] for card in json.loads(capsys.readouterr().out)] == ["R_A"]
+
+
 def test_an_unknown_rule(offer, capsys):
     offer(book="cards")
-    assert main(["rules", "R_a"]) == 4
-    assert capsys.readouterr().err == "there is no rule 'R_a'\nhint: did you mean 'R_A'?\n"
+    assert main(["rules", "R_AB"]) == 4
+    assert capsys.readouterr().err == "there is no rule 'R_AB'\nhint: did you mean 'R_A' or 'R_B'?\n"
+    assert main(["rules", "speed"]) == 4
+    assert capsys.readouterr().err == "there is no rule 'speed'\nhint: 'avrare rules' lists them\n"
     offer()
     assert main(["rules", "R_a"]) == 5
     assert "pip install avrare-traffic-rules" in capsys.readouterr().err
@@ -140,6 +149,15 @@ def test_a_reference_that_is_none_is_noticed():
     registry.register(Plugin("odd", "no colon"), "odd", "dist-odd", "1.0")
     [row] = [row for row in registry.rows() if row.name == "odd"]
     assert "rules is 'no colon'" in row.detail
+
+
+def test_a_reference_of_a_check_that_is_none_is_noticed():
+    registry = Registry()
+    plugin = Plugin("odd", "")
+    plugin.part = Component("specification", "odd", "a:b", "a:b", "for tests", check="no colon")
+    registry.register(plugin, "odd", "dist-odd", "1.0")
+    [row] = [row for row in registry.rows() if row.name == "odd"]
+    assert "check is 'no colon'" in row.detail
 
 
 def test_the_installed_rules_are_listed_without_weight():

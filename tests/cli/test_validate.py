@@ -17,16 +17,41 @@ def test_the_scenarios_raise_no_doubts(capsys):
         assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(("steps", "doubts"), [(39, 0), (20, 1)])
+RULE = (
+    "specifications={enter: {plugin: traffic_rules, rule: R_I5}, safe: {plugin: traffic_rules, rule: R_G1}}"
+)
+
+
+@pytest.mark.parametrize(("steps", "doubts"), [(50, 0), (20, 1)])
 def test_build_checks_how_far_a_plugins_rule_looks(capsys, steps, doubts):
-    words = ["validate", "--build", LANE_CHANGE, "--set", f"steps={steps}", "--set", PARKED]
+    words = ["validate", "--build", LANE_CHANGE, "--set", f"steps={steps}", "--set", PARKED, "--set", RULE]
     assert main(words) == 0
     out, err = capsys.readouterr()
     assert "built and run for 3 steps" in out
     assert err.count("warning: ") == doubts
     if doubts:
-        place = f"{LANE_CHANGE}: specifications.safe_distance"
-        assert err.startswith(f"warning: {place}: looks 31 samples back but a run has 20 steps: ")
+        place = f"{LANE_CHANGE}: specifications.enter"
+        assert err.startswith(f"warning: {place}: looks 50 samples ahead but a run has 20 steps: ")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("build", [[], ["--build"]])
+def test_an_odd_formula_of_a_plugin_is_doubted_once(capsys, build):
+    text = "always distance(ego, parked) > -9 and drives_faster(ego, parked) > -99"
+    part = f"specifications={{odd: {{plugin: traffic_rules, formula: '{text}'}}}}"
+    assert main(["validate", *build, LANE_CHANGE, "--set", PARKED, "--set", part]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{LANE_CHANGE}: ok")
+    assert err.startswith("warning: --set specifications: ")
+    assert (err.count("warning: "), err.count("binds tighter"), err.count("\nhint: ")) == (1, 1, 1)
+
+
+def test_predicates_of_vehicles_in_a_plain_formula_are_sent_to_the_plugin(capsys):
+    part = "specifications={far: {stl: 'forall o in others: always (distance(o, ego) > 2)'}}"
+    assert main(["validate", "--build", LANE_CHANGE, "--set", PARKED, "--set", part]) == 4
+    message, hint = capsys.readouterr().err.splitlines()
+    assert message == f"{LANE_CHANGE}: specifications.far: signal 'distance(others, ego)' is missing"
+    assert "{plugin: traffic_rules, formula: ...}" in hint
 
 
 def test_many_formulas_are_checked_in_no_time(capsys):

@@ -105,9 +105,24 @@ def test_acceleration_starts_anew_after_a_gap(read):
 def test_the_ego_sets_the_time(read):
     text = VEHICLES + "5.0,late,0,0,0,0,4,2\n-1.0,early,0,0,0,0,4,2\n"
     assert read(text).scene.names == ("a", "parked")
-    found = read(VEHICLES.replace("0.2,ego", "0.2,b"), ego="a")
+    found = read(VEHICLES.replace(",ego", ",b"), ego="a")
     assert found.samples == 2
-    assert found.scene.names == ("ego",)
+    assert found.scene.names == ("b",)
+
+
+@pytest.mark.parametrize("name", ["ego", "others"])
+def test_no_other_vehicle_has_a_name_that_formulas_use_otherwise(read, name):
+    text = VEHICLES.replace(",ego", ",me").replace(",parked", f",{name}")
+    with pytest.raises(UsageError, match=f"a vehicle beside the ego is called '{name}'"):
+        read(text, ego="me")
+
+
+def test_another_name_of_the_column_is_recognised(read):
+    for name in ("id", "Track_ID"):
+        with pytest.raises(UsageError, match="column 'vehicle' is missing") as caught:
+            read(VEHICLES.replace("vehicle", name, 1))
+        assert caught.value.hint == f"call the column vehicle in place of {name}"
+    assert set(read("time,id,x,y\n0,1,2,3\n1,1,2,3\n").signals) == {"id", "x", "y"}
 
 
 def test_without_a_road_there_are_signals_but_no_scene(read):

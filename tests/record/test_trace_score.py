@@ -68,7 +68,8 @@ def test_the_series_are_those_of_the_formula(text):
     assert found.robustness == formula.robustness(signals)[0]
     assert (found.body is None) == (not text.startswith("always"))
     assert found.worst is not None
-    assert (found.first is not None) == found.broken
+    assert (found.first is not None) == (found.broken and found.pointwise)
+    assert found.pointwise == text.startswith("always")
 
 
 def test_the_body_as_a_batch_is_the_monitor_sample_by_sample_bit_for_bit():
@@ -128,6 +129,50 @@ def test_where_more_than_one_thing_is_asked_for_the_deciding_one_is_named():
 def test_a_kept_rule_has_no_first_violation():
     found = score("f", avrare.stl("always (x > 0)", dt=0.1).monitor(), recorded(x=[3, 1, 2]))
     assert (found.broken, found.first, found.worst.sample, found.worst.value) == (False, None, 1, 1.0)
+
+
+def why(text, dt=0.1, **signals):
+    found = score("f", avrare.stl(text, dt=dt).monitor(), recorded(**signals)).first
+    return found.sample, found.formula, found.value, found.at
+
+
+def test_what_a_rule_asks_for_later_is_looked_at_there():
+    p, q = [1, -1, -1, -1, -1], [0, -3, -4, 2, -1]
+    assert why("always (p > 0 -> always[1,2] (q > 0))", 1.0, p=p, q=q) == (0, "q > 0", -3.0, 1)
+    assert why("always always[1,1] (x > 0)", 1.0, x=[-7, -1, 1, 1]) == (0, "x > 0", -1.0, 1)
+    assert why("always (x < 5 -> next (x > 0))", x=[-7, -1, 1, 1]) == (0, "x > 0", -1.0, 1)
+    assert why("always (x > 0 -> once[2,2] (y > 0))", 1.0, x=[0, 0, 0, 9], y=[1, -5, 1, 1])[2:] == (-5.0, 1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_value_named_is_the_one_at_the_sample_named(seed):
+    draw = np.random.default_rng(seed)
+    margin = {name: draw.normal(size=(12, 3)) for name in "abc"}
+    text = (
+        "forall o in others: always (a(o) > 0.3 -> eventually[1:2] exists p in others: b(p) > 1 and c(o) > 1)"
+    )
+    found = score("r", Rule(text.replace("[1:2]", "[0.1:0.2]"), ("u", "v", "w")), recorded(**margin))
+    for moment in filter(None, (found.first, found.worst)):
+        if moment.value == -np.inf:  # nothing is ahead of the last sample
+            assert (moment.formula[:10], moment.at) == ("eventually", 11)
+            continue
+        name, vehicle = moment.formula[0], moment.formula[2]
+        index = "uvw".index(vehicle)
+        bound = {"a": 0.3, "b": 1.0, "c": 1.0}[name]
+        assert moment.value == margin[name][moment.at, index] - bound
+        assert moment.vehicles["o" if name in "ac" else "p"] == vehicle
+        assert moment.sought == (("p",) if "p" in moment.vehicles else ())
+        if found.broken:
+            assert moment.sample + 1 <= moment.at <= moment.sample + 2
+            assert name in "bc"
+
+
+def test_of_a_rule_without_vehicles_nobody_is_left():
+    rule = Rule("forall o in others: always (safe(o) > 0)", ())
+    rule.excluded = ("parked",)
+    found = score("r", rule, recorded(safe=np.ones((3, 0))))
+    assert (found.nobody, found.excluded, found.broken) == (True, ("parked",), False)
+    assert not score("f", avrare.stl("always (x > 0)").monitor(), recorded(x=[1, 2])).nobody
 
 
 def test_touching_the_bound_breaks_a_strict_comparison():

@@ -8,7 +8,8 @@ import pytest
 
 from avrare.driving import Road
 from avrare.record.trace import Recording, Track, assemble
-from avrare.record.trace_score import Moment, Score
+from avrare.record.trace_causes import Moment
+from avrare.record.trace_score import Score
 from avrare.report.monitoring import chart, clock, headline, sentence, to_dict, write_series
 
 
@@ -24,29 +25,32 @@ def scored(body, first=None, worst=None, **changes):
 
 
 FALLING = np.linspace(3.0, -1.0, 61)
-CAUSE = Moment(46, -0.0667, {"o": "cut_in"}, "keeps_safe_distance(ego, cut_in)", -0.0667)
-WORST = Moment(60, -1.0, {"o": "cut_in"}, "keeps_safe_distance(ego, cut_in)", -1.0)
+CAUSE = Moment(46, -0.0667, {"o": "cut_in"}, "keeps_safe_distance(ego, cut_in)", -0.0667, 46)
+WORST = Moment(60, -1.0, {"o": "cut_in"}, "keeps_safe_distance(ego, cut_in)", -1.0, 60)
 
 
 def test_a_violation_in_one_sentence():
     found = sentence(scored(FALLING, CAUSE, WORST))
-    cause = "keeps_safe_distance(ego, cut_in) = -0.0667"
+    cause = "keeps_safe_distance(ego, cut_in) has robustness -0.0667"
     assert found == f"R_G1 broken first at 4.6 s with cut_in: {cause} (worst robustness -1 at 6.0 s)"
 
 
 def test_first_and_worst_at_once():
-    one = Moment(46, -0.1, {"o": "cut_in"}, "safe(ego, cut_in) >= 0", -0.1)
+    one = Moment(46, -0.1, {"o": "cut_in"}, "safe(ego, cut_in) >= 0", -0.1, 46)
     body = np.r_[np.ones(46), -0.1, np.ones(14)]
     assert sentence(scored(body, one, one)) == (
-        "R_G1 broken first and worst at 4.6 s with cut_in: safe(ego, cut_in) = -0.1"
+        "R_G1 broken first and worst at 4.6 s with cut_in: safe(ego, cut_in) has robustness -0.1"
     )
-    other = Moment(46, -0.1, {}, "p > 2", -3.0)
+    other = Moment(46, -0.1, {}, "p > 2", -3.0, 44)
     found = sentence(scored(body, other, other))
-    assert found == "R_G1 broken first and worst at 4.6 s: p > 2 has robustness -3 (robustness -0.1)"
+    assert (
+        found == "R_G1 broken first and worst at 4.6 s: at 4.4 s p > 2 has robustness -3"
+        " (robustness of the whole -0.1)"
+    )
 
 
 def test_a_kept_rule_says_where_it_was_nearest():
-    found = sentence(scored(FALLING + 2.0, None, Moment(60, 1.0, {}, "gap > 2", 1.0)))
+    found = sentence(scored(FALLING + 2.0, None, Moment(60, 1.0, {}, "gap > 2", 1.0, 60)))
     assert found == "R_G1 kept with robustness 1, least at 6.0 s: gap > 2 has robustness 1"
     assert sentence(scored(FALLING + 2.0)) == "R_G1 kept with robustness 1"
 

@@ -1,5 +1,7 @@
 import pytest
 
+from avrare.scenario.jsonschema import scenario_schema
+
 
 def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
     text = good.replace("gap", "gapp").replace("steps: 40", 'steps: "40"').replace("near, p", "neer, p")
@@ -122,3 +124,23 @@ def test_an_empty_mapping_lists_what_is_required(fails):
     lines, _ = fails("{}")
     places = [line.split(": ")[1] for line in lines if line.startswith("s.yaml:1:1: ")]
     assert places == ["name", "simulator", "specifications", "steps"]
+
+
+def test_the_names_of_suppressed_warnings_are_checked_one_by_one(fails, read, good):
+    assert read(good + "suppress: [ties, extinct]\n").suppress == ("ties", "extinct")
+    lines, code = fails(good + "suppress:\n  - extinct\n  - tiess\n  - errors\n")
+    assert code == 4
+    assert lines == [
+        "s.yaml:16:5: suppress.1: there is no health warning 'tiess'",
+        "hint: did you mean 'ties'?",
+        "s.yaml:17:5: suppress.2: health warning 'errors' cannot be suppressed",
+        "hint: raise max_error_rate instead",
+    ]
+    lines, _ = fails(good + "suppress: ties\n")
+    assert lines[0] == "s.yaml:14:11: suppress: should be a list, found the string 'ties'"
+
+
+def test_the_schema_lists_the_warnings_that_can_be_suppressed(registry):
+    names = scenario_schema(registry)["properties"]["suppress"]["items"]["enum"]
+    assert {"ties", "extinct", "not_deterministic"} <= set(names)
+    assert "errors" not in names
