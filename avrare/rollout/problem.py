@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -87,7 +86,8 @@ class Problem:
 
     def rescored(self, score: ScoreFunction | str) -> Problem:
         """The same problem with another score; also ``"prefix"`` (``avrare.rollout.score.PrefixScored``)."""
-        other = copy.copy(self)
+        other = object.__new__(type(self))  # copy.copy would go through __reduce__, which ends here
+        other.__dict__.update(self.__dict__)
         other.score, other._scored = score, None
         return other
 
