@@ -141,8 +141,8 @@ class Pull(Reach):
 )
 def test_splitting_on_the_default_score_is_unbiased_and_no_run_dies_out(system, text, steps, probability):
     problem = Problem(system, avrare.stl(text), steps)
-    result = avrare.estimate(problem, "ams", particles=100, discard=10, runs=60, seed=4)
-    error = result.run_probabilities.std(ddof=1) / np.sqrt(60)
+    result = avrare.estimate(problem, "ams", particles=60, discard=6, runs=30, seed=4)
+    error = result.run_probabilities.std(ddof=1) / np.sqrt(30)
     assert abs(result.probability - probability) < 4 * error < probability
     assert result.diagnostics["extinct_runs"] == 0
 
