@@ -1,5 +1,6 @@
 """What is said of the rules, in cards and in the docs, is what is computed."""
 
+import re
 import subprocess
 import sys
 import warnings
@@ -12,9 +13,9 @@ from avrare.logic.api import stl
 from avrare_traffic_rules.catalogue import rules
 from avrare_traffic_rules.config import Parameters, TrafficRuleConfig
 from avrare_traffic_rules.definitions import RECOMMENDED
-from avrare_traffic_rules.rule import text
 from avrare_traffic_rules.rulebook import shipped
 from avrare_traffic_rules.situations import SITUATIONS
+from avrare_traffic_rules.written import text
 
 CARDS = rules()
 DOCS = Path(__file__).parents[3] / "docs"
@@ -90,6 +91,28 @@ def test_the_page_lists_every_predicate_and_situation():
         assert situation.because in page
     for rule in shipped().rules.values():
         assert rule.published is None or rule.published in page
+
+
+@pytest.mark.skipif(not PAGE.exists(), reason="the docs are not beside the package")
+def test_the_page_tells_the_limits():
+    bounds = {"minimum": set(), "exclusiveMaximum": set(), "exclusiveMinimum": set()}
+    least = {}
+    for name, schema in TrafficRuleConfig.model_json_schema()["properties"].items():
+        for kind, names in bounds.items():
+            if kind in schema:
+                names.add(name)
+        least[name] = schema.get("minimum")
+    told = [set(re.findall(r"`(\w+)`", item)) for item in _limits().split("\n- ")[1:]]
+    assert told[0] == {name for name in bounds["minimum"] if least[name] == 0}
+    assert told[1] == {name for name in bounds["minimum"] if least[name] == 1}
+    assert told[2] == bounds["exclusiveMaximum"] | {"lane_limit"}
+    others = set(Parameters.model_fields) - told[0] - told[1] - told[2] - {"shoulder", "vehicle_type"}
+    assert others == bounds["exclusiveMinimum"]
+
+
+def _limits():
+    page = PAGE.read_text(encoding="utf-8")
+    return page.partition("**Limits.**")[2].partition("## The rules")[0]
 
 
 def test_the_catalogue_and_the_options_import_nothing_heavy():

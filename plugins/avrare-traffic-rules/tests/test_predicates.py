@@ -256,7 +256,11 @@ def test_raw_quantities_have_units(value):
         ({"x": -24.0, "speed": 30.0}, 2.0),  # who closes in from behind
         ({"x": 24.0, "speed": 10.0, "y": 5.25}, np.inf),
         ({"x": 3.0}, 0.0),  # they overlap
-        ({"x": 4.0}, np.inf),  # touching, not closing
+        ({"x": 4.0}, 0.0),  # they touch, closing or not
+        ({"x": 4.0, "speed": 30.0}, 0.0),
+        ({"x": -4.0}, 0.0),
+        ({"y": 3.75}, 0.0),
+        ({"x": 4.0 + 1e-9}, np.inf),
         ({"x": 24.0, "speed": -20.0}, 0.5),
         # crosses from the left: the ego is there between 37 / 20 and 43 / 20 s, the other's front after 2 m
         ({"y": 6.75, "speed": 1.0, "heading": -np.pi / 2, "x": 40.0}, 2.0),
@@ -297,6 +301,37 @@ def test_rss_longitudinal(value):
     assert value("rss_longitudinal(ego, a)", {"x": 24.0, "speed": 60.0}) == near(20.0)  # none is needed
 
 
+@pytest.mark.parametrize("onward", [{"speed": 10.0}, {"speed": -10.0, "heading": np.pi}])
+@pytest.mark.parametrize("against", [{"speed": -10.0}, {"speed": 10.0, "heading": np.pi}, {"speed": 0.0}])
+def test_who_moves_against_the_road_is_credited_with_no_braking_distance(value, onward, against):
+    room = {"x": 24.0}  # 20 m
+    safe = 20.0 - 20.0**2 / 20.0 - 0.4 * 20.0
+    assert value("keeps_safe_distance", {**room, **onward}) == near((safe + 10.0**2 / 21.0) / 10.0)
+    assert value("keeps_safe_distance", {**room, **against}) == near(safe / 10.0)
+    rss = 20.0 - (20.0 + 1.75 + 23.5**2 / 8.0)
+    for call, scale in [("rss_longitudinal(ego, a)", 1.0), ("keeps_rss_longitudinal(ego, a)", 10.0)]:
+        assert value(call, {**room, **onward}) == near((rss + 10.0**2 / 16.0) / scale)
+        assert value(call, {**room, **against}) == near(rss / scale)
+    # the ego that moves away from what is ahead needs nothing, or what it gains in the response time
+    assert value("keeps_safe_distance", {**room, "speed": 0.0}, **against) == near(2.0)
+    assert value("rss_longitudinal(ego, a)", {**room, "speed": 0.0}, **against) == near(
+        20.0 - 1.75 - 3.5**2 / 8.0
+    )
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.3, -1.5])
+def test_a_heading_along_the_road_changes_no_braking_distance(lab, heading):
+    """Only the extent of the rectangles depends on it."""
+    for definition in ("keeps_safe_distance", "keeps_rss_longitudinal"):
+        rule = lab.rule(None, 1, formula=f"exists o in others: {definition}(ego, o)")
+        signals = lab.signals({"x": 24.0, "speed": 13.7, "heading": heading})
+        (found,) = rule.sample(signals).values()
+        cos, sin = np.abs(np.cos(heading)), np.abs(np.sin(heading))
+        shifted = lab.signals({"x": 24.0 + (2.0 - 0.5 * (4.0 * cos + 2.0 * sin)), "speed": 13.7})
+        (straight,) = rule.sample(shifted).values()
+        np.testing.assert_allclose(found, straight, atol=1e-12)
+
+
 def test_rss_lateral(value):
     aside = {"y": 5.25}
     assert value("rss_lateral(ego, a)", aside) == near(1.5 - 0.1 - 0.25)
@@ -330,6 +365,7 @@ def test_shapes_and_rows_bit_for_bit(lab, definitions, vehicles):
     options = {"definitions": definitions, "lane_limit": (20.0, None, 30.0), "shoulder": (2,)}
     n = 23
     signals = lab.random(rng, n, vehicles)
+    signals["others_speed"][::3] *= -1.0
     rows = [{field: array[i : i + 1] for field, array in signals.items()} for i in range(n)]
     for name in EVERY_PREDICATE:
         for words in ONES if len(RECOMMENDED.predicates[name].arguments) == 1 else PAIRS:

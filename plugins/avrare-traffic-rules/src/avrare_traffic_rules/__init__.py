@@ -14,5 +14,6 @@ def avrare_components() -> list[Component]:
             factory="avrare_traffic_rules.rule:build",
             summary="interstate rules R_G1-R_G4, R_I1-R_I5, RSS, time to collision, or your own formula",
             rules="avrare_traffic_rules.catalogue:rules",
+            check="avrare_traffic_rules.check:check",
         )
     ]

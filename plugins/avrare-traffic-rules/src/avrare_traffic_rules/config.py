@@ -10,7 +10,7 @@ of the RSS check of the simulator CARLA.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -18,10 +18,13 @@ from pydantic_core import PydanticCustomError
 from avrare.errors import UsageError
 from avrare_traffic_rules.rulebook import Rulebook, read, shipped
 
+_LIMITS = {"ge": "at least", "gt": "above", "lt": "below"}
+
 
 def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> Any:
     """A parameter; ``title``, ``unit`` and ``source`` also serve the catalogue."""
-    words = f"{text} [{unit}] {source}" if unit else f"{text} {source}"
+    bounds = "".join(f", {_LIMITS[kind]} {limit:g}" for kind, limit in limits.items())
+    words = f"{text} [{unit}]{bounds} {source}" if unit else f"{text}{bounds} {source}"
     extra: Any = {"unit": unit, "source": source}
     return Field(default=default, title=text, description=words.strip(), json_schema_extra=extra, **limits)
 
@@ -52,7 +55,7 @@ class Parameters(BaseModel):
         -2.0, "m/s^2", "acceleration below which braking is abrupt", "[M20]; [I24] has -4.75", lt=0.0
     )
     lane_limit: float | tuple[float | None, ...] | None = _option(
-        None, "m/s", "speed limit: one number, or one a lane from right to left; null: none", "ours"
+        None, "m/s", "speed limit, above 0: one number, or one a lane from right to left; null: none", "ours"
     )
     vehicle_type: Literal["car", "truck"] = _option("car", "", "of the ego", "ours")
     truck_limit: float = _option(22.22, "m/s", "speed limit of trucks", "[M20]", gt=0.0)
@@ -75,7 +78,9 @@ class Parameters(BaseModel):
     turn_heading: float = _option(1.57, "rad", "more against the road is a U-turn", "[M20]", gt=0.0)
     broad_road: float = _option(7.0, "m", "main carriageway with room for an emergency lane", "[M20]", gt=0.0)
     border_distance: float = _option(0.2, "m", "nearer to the lane's border is kept to it", "[M20]", ge=0.0)
-    shoulder: tuple[int, ...] = _option((), "", "lanes that are a shoulder, counted from the right", "ours")
+    shoulder: tuple[Annotated[int, Field(ge=0)], ...] = _option(
+        (), "", "lanes of the road that are a shoulder, counted from the right, from 0", "ours"
+    )
     entering_time: float = _option(5.0, "s", "within which somebody enters", "[M20]", ge=0.0)
     least_time_to_collision: float = _option(1.5, "s", "least time to a collision", "ours", ge=0.0)
     rss_response_time: float = _option(1.0, "s", "response time rho", "[S17], CARLA", ge=0.0)
@@ -87,6 +92,16 @@ class Parameters(BaseModel):
     )
     rss_lateral_braking: float = _option(0.8, "m/s^2", "least after the response", "[S17], CARLA", gt=0.0)
     rss_lateral_margin: float = _option(0.1, "m", "left over between the two, mu", "[S17], CARLA", ge=0.0)
+
+    @field_validator("lane_limit")
+    @classmethod
+    def _is_above_zero(
+        cls, limit: float | tuple[float | None, ...] | None
+    ) -> float | tuple[float | None, ...] | None:
+        for one in limit if isinstance(limit, tuple) else (limit,):
+            if one is not None and one <= 0.0:
+                raise ValueError(f"a speed limit should be above 0, found {one:g}")
+        return limit
 
 
 class TrafficRuleConfig(Parameters):
@@ -117,8 +132,8 @@ class TrafficRuleConfig(Parameters):
     def _is_known(cls, rule: str | None, info: ValidationInfo) -> str | None:
         try:
             known = _rulebook(info.data.get("rules_file")).rules
-        except UsageError as error:
-            raise ValueError(error.message) from error
+        except UsageError:
+            return rule  # check.py says what is wrong with the file
         if rule is not None and rule not in known:
             expected = ", ".join(f"'{name}'" for name in known)
             raise PydanticCustomError("literal_error", "Input should be {expected}", {"expected": expected})
@@ -132,7 +147,11 @@ class TrafficRuleConfig(Parameters):
 
     @property
     def rulebook(self) -> Rulebook:
-        """The rules to choose from."""
+        """The rules to choose from.
+
+        Raises:
+            UsageError: The rules file cannot be read or is none.
+        """
         return _rulebook(self.rules_file)
 
 

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 
-from avrare.driving import Scene
+from avrare.driving import Road, Scene
 from avrare.errors import FormulaError, UsageError, did_you_mean
 from avrare.logic import formula as f
 from avrare.logic.algebra import Robustness
-from avrare.logic.api import Formula, stl
+from avrare.logic.api import Formula
 from avrare.logic.online import FormulaMonitor
 from avrare.logic.robustness import Evaluator
 from avrare.protocols import Floats, Signals, Verdict
+from avrare_traffic_rules.check import read, require
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
 from avrare_traffic_rules.definitions import DEFINITIONS
-from avrare_traffic_rules.rulebook import fill
 from avrare_traffic_rules.traffic import read_traffic
 from avrare_traffic_rules.vocabulary import Definitions, Predicate, Setting
 
 _UNSCALED = Scales(longitudinal=1.0, lateral=1.0, speed=1.0, acceleration=1.0, heading=1.0, time=1.0)
+_WORD = r"[^\W\d]\w*(\.[^\W\d]\w*)*"
 _ALL_OTHERS = "write 'forall o in others: ...' and use o"
 
 
@@ -28,7 +30,8 @@ def build(config: TrafficRuleConfig, scene: Scene | None) -> TrafficRule:
     """The specification of a scenario.
 
     Raises:
-        UsageError: The simulator has no road, or the formula is none.
+        UsageError: The simulator has no road, an option speaks of lanes that it has not, or the formula is
+            none; the messages are those of ``check``.
     """
     if scene is None:
         raise UsageError(
@@ -38,31 +41,23 @@ def build(config: TrafficRuleConfig, scene: Scene | None) -> TrafficRule:
     return TrafficRule(config, scene)
 
 
-def text(config: TrafficRuleConfig) -> str:
-    """The formula of a configuration, below the definitions that it uses, with its parameters filled in."""
-    book = config.rulebook
-    formula = config.formula
-    if formula is None:
-        rule = book.rules[config.rule or ""]
-        formula = (rule.published if config.definitions == "published" else None) or rule.formula
-    return fill(book.complete(formula), config.model_dump())
-
-
 class TrafficRule:
     """One rule (an ``avrare.protocols.Specification``).
 
     Attributes:
-        formula: Over predicates of vehicles.
+        formula: Over predicates of vehicles; its ``warnings`` say what looks odd.
         scene: The road and the vehicles.
         score: Name of the score that orders particles.
         names: The other vehicles that it speaks of, in the order of the predicates' axes.
+        excluded: The other vehicles that it does not speak of, such as parked ones for R_G1.
     """
 
     def __init__(self, config: TrafficRuleConfig, scene: Scene) -> None:
         self.config = config
         self.scene = scene
         self.score = config.score
-        self.formula: Formula = stl(text(config), dt=scene.dt)
+        _require_lanes(config, scene.road)
+        self.formula = _formula(config, scene.dt)
         self._definitions = DEFINITIONS[config.definitions]
         self._setting = Setting(config, config.scales if self._definitions.scaled else _UNSCALED, scene.road)
         self._wanted = _look_up(self.formula.node, self._definitions, scene.names)
@@ -70,6 +65,8 @@ class TrafficRule:
         which = config.vehicles or default
         self._chosen = scene.moving if which == "moving" else np.ones(len(scene.names), dtype=bool)
         self.names = tuple(name for name, chosen in zip(scene.names, self._chosen, strict=True) if chosen)
+        asked = {name for _, names in self._wanted.values() for name in names}
+        self.excluded = tuple(name for name in scene.names if name not in {*self.names, *asked})
         self._monitor = FormulaMonitor(self.formula)
 
     def start(self, n: int) -> Any:
@@ -110,30 +107,46 @@ class TrafficRule:
         return f"{title} with vehicle {self.names[worst]!r} (robustness {each[worst]:.3g})"
 
 
+def _require_lanes(config: TrafficRuleConfig, road: Road) -> None:
+    lanes = len(road.lane_centres)
+    hint = f"its lanes are 0 to {lanes - 1}, counted from the right"
+    for lane in config.shoulder:
+        if lane >= lanes:
+            raise UsageError(f"shoulder: the road has no lane {lane}", hint)
+    limit = config.lane_limit
+    if isinstance(limit, tuple) and len(limit) != lanes:
+        message = f"lane_limit has {len(limit)} entries, the road {lanes} lanes"
+        raise UsageError(message, f"{hint}; write null where there is no limit")
+
+
+def _formula(config: TrafficRuleConfig, dt: float) -> Formula:
+    formula, findings = read(config, dt)
+    require(findings)
+    assert formula is not None  # it has no errors
+    return formula
+
+
 def _look_up(
     node: f.Node, definitions: Definitions, vehicles: tuple[str, ...]
 ) -> dict[str, tuple[Predicate, tuple[str, ...]]]:
     """Key of the samples -> the predicate and the vehicles or groups that it is asked about."""
+    known = {"ego": "ego", "others": "others", **_spellings(vehicles)}
     wanted = {}
     for part in f.walk(node):
-        if isinstance(part, f.Quantifier) and part.group != "others":
-            raise FormulaError(f"there is no group of vehicles {part.group!r}", "quantify over 'others'")
         if isinstance(part, f.Signal):
-            if not part.arguments:
-                hint = did_you_mean(part.name, definitions.predicates)
-                raise FormulaError(
-                    f"{part.name!r} is asked about no vehicle", hint or "write speed(ego), not speed"
-                )
-            name = part.name.split("(")[0]
-            predicate = definitions.find(name, len(part.arguments))
-            wanted[part.name] = predicate, _groups(part, vehicles)
+            name, _, inside = part.name.partition("(")
+            words = [word.strip() for word in inside.rstrip(")").split(",")]
+            for word in words:
+                if word not in known:
+                    raise FormulaError(
+                        f"there is no vehicle {word!r}", did_you_mean(word, known) or _ALL_OTHERS
+                    )
+            wanted[part.name] = definitions.find(name, len(words)), tuple(known[word] for word in words)
     return wanted
 
 
-def _groups(signal: f.Signal, vehicles: tuple[str, ...]) -> tuple[str, ...]:
-    groups = tuple(word.strip() for word in signal.name.partition("(")[2].rstrip(")").split(","))
-    known = ("ego", "others", *vehicles)
-    for group in groups:
-        if group not in known:
-            raise FormulaError(f"there is no vehicle {group!r}", did_you_mean(group, known) or _ALL_OTHERS)
-    return groups
+def _spellings(vehicles: tuple[str, ...]) -> dict[str, str]:
+    """Word of a formula -> vehicle; ``v7`` is the vehicle 7, unless another one has that name."""
+    plain = {name: name for name in vehicles if re.fullmatch(_WORD, name)}
+    spelt = ((f"v{name}", name) for name in vehicles if name not in plain)
+    return {word: name for word, name in spelt if re.fullmatch(_WORD, word)} | plain

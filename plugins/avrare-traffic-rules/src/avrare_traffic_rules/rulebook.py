@@ -1,50 +1,20 @@
-"""Rules as text: the file that comes with this package, and files of the user's own."""
+"""Rules as text: those that come with this package, and those of a file of the user's own."""
 
 from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
-
-import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from typing import Any
 
 from avrare.errors import UsageError, did_you_mean
+from avrare_traffic_rules import rulesfile
+from avrare_traffic_rules.rulesfile import Rule
 
-
-class Rule(BaseModel):
-    """One entry of a rules file; ``{names}`` in its texts stand for options.
-
-    Attributes:
-        title: A few words.
-        text: The rule in English.
-        formula: Over predicates of vehicles.
-        published: The formula of [I24] where it is built differently.
-        vehicles: Whom it speaks of unless the scenario says so.
-        parameters: The options that it depends on.
-        source: Where it comes from.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    title: str = ""
-    text: str = ""
-    formula: str
-    published: str | None = None
-    vehicles: Literal["moving", "all"] = "all"
-    parameters: tuple[str, ...] = ()
-    source: str = ""
-
-
-class _RulesFile(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-    definitions: str = ""
-    rules: dict[str, Rule]
+_OPTION = re.compile(r"\{(\w+)\}")
 
 
 @dataclass(frozen=True)
@@ -59,8 +29,8 @@ class Rulebook:
     rules: Mapping[str, Rule]
     definitions: Mapping[str, str]
 
-    def complete(self, formula: str) -> str:
-        """The formula below the definitions that it needs, one a line."""
+    def needed(self, formula: str) -> dict[str, str]:
+        """The definitions that a formula uses, those that others of them use first."""
         needed: dict[str, str] = {}
 
         def add(text: str) -> None:
@@ -71,7 +41,11 @@ class Rulebook:
                     needed[name] = definition
 
         add(formula)
-        return "\n".join([*needed.values(), formula])
+        return needed
+
+    def complete(self, formula: str) -> str:
+        """The formula below the definitions that it needs, one a line."""
+        return "\n".join([*self.needed(formula).values(), formula])
 
 
 @functools.cache
@@ -89,9 +63,9 @@ def read(path: Path) -> Rulebook:
     """
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # ValueError: bytes that are no text, or a NUL in the path
         reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise UsageError(f"{path}: {reason}") from error
+        raise UsageError(f"{path}: {reason}", "give `rules_file` relative to the current folder") from error
     return _parse(text, str(path), shipped().definitions)
 
 
@@ -99,16 +73,31 @@ def fill(text: str, options: Mapping[str, Any]) -> str:
     """The text with its ``{names}`` replaced by options.
 
     Raises:
-        UsageError: There is no such option.
+        UsageError: There is no such option, or it is no number.
     """
+    error = next(unfit(text, options), None)
+    if error is not None:
+        raise error
+    return _OPTION.sub(lambda match: plain(options[match.group(1)]), text)
 
-    def value(match: re.Match[str]) -> str:
-        name = match.group(1)
+
+def unfit(text: str, options: Mapping[str, Any]) -> Iterator[UsageError]:
+    """What is wrong with the ``{names}`` of a text: no options, or none with a number."""
+    numbers = {name for name, value in options.items() if isinstance(value, int | float)}
+    for name in dict.fromkeys(_OPTION.findall(text)):
         if name not in options:
-            raise UsageError(f"{{{name}}} is no option of a traffic rule", did_you_mean(name, options))
-        return plain(options[name])
+            yield UsageError(f"{{{name}}} is no option of a traffic rule", did_you_mean(name, numbers))
+        elif name not in numbers:
+            yield UsageError(f"the option {name} is no number, so a formula cannot have {{{name}}}")
 
-    return re.sub(r"\{(\w+)\}", value, text)
+
+def places(text: str, options: Mapping[str, Any]) -> dict[tuple[int, int], str]:
+    """(line, column) where the value of an option begins in the filled text, from 1 -> its name."""
+    found = {}
+    for match in _OPTION.finditer(text):
+        before = fill(text[: match.start()], options)
+        found[before.count("\n") + 1, len(before) - before.rfind("\n")] = match.group(1)
+    return found
 
 
 def plain(value: Any) -> str:
@@ -117,18 +106,7 @@ def plain(value: Any) -> str:
 
 
 def _parse(text: str, name: str, definitions: Mapping[str, str]) -> Rulebook:
-    try:
-        content = _RulesFile.model_validate(yaml.safe_load(text))
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
-        raise UsageError(f"{place}: {getattr(error, 'problem', None) or error}") from error
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        path = ".".join(str(step) for step in first["loc"])
-        raise UsageError(
-            f"{name}: {path}: {first['msg']}", "a rules file has `rules: {NAME: {formula: ...}}`"
-        ) from error
+    content = rulesfile.parse(text, name)
     return Rulebook(content.rules, {**definitions, **_statements(content.definitions, name)})
 
 

@@ -25,20 +25,22 @@ def gap(s: Setting, a: Bodies, b: Bodies) -> Floats:
 @predicate("longitudinal")
 def keeps_safe_distance(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A can stop behind b if both brake as hard as they can, a after its reaction time."""
-    own, theirs = a.speed**2 / (2.0 * s.braking(a)), b.speed**2 / (2.0 * s.braking(b))
-    needed = np.maximum(own - theirs + a.speed * s.parameters.reaction_time, 0.0)
+    behind, before = onward(a), onward(b)
+    own, theirs = behind**2 / (2.0 * s.braking(a)), before**2 / (2.0 * s.braking(b))
+    needed = np.maximum(own - theirs + behind * s.parameters.reaction_time, 0.0)
     return b.rear - a.front - needed
 
 
 @quantity("s")
 def time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """Until the bounding boxes of a and b touch if both keep their velocities; infinite if they never do."""
+    # closed intervals: boxes that touch now have met, whether they close or not
     reaches = (a.half_length + b.half_length, a.half_width + b.half_width)
     apart = (b.x - a.x, b.y - a.y)
     closing = (_along(a) - _along(b), _across(a) - _across(b))
     along, across = (_meeting(*axis) for axis in zip(apart, reaches, closing, strict=True))
     enter = np.maximum(np.maximum(along[0], across[0]), 0.0)
-    return np.where(enter < np.minimum(along[1], across[1]), enter, np.inf)
+    return np.where(enter <= np.minimum(along[1], across[1]), enter, np.inf)
 
 
 @predicate("time")
@@ -51,9 +53,10 @@ def keeps_time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
 def rss_longitudinal(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """Room that a has behind b beyond the longitudinal RSS distance."""
     p = s.parameters
-    rho, faster = p.rss_response_time, a.speed + p.rss_response_time * p.rss_acceleration
-    own = a.speed * rho + 0.5 * p.rss_acceleration * rho**2 + faster**2 / (2.0 * p.rss_least_braking)
-    needed = np.maximum(own - b.speed**2 / (2.0 * p.rss_strongest_braking), 0.0)
+    rho, behind = p.rss_response_time, onward(a)
+    faster = behind + rho * p.rss_acceleration
+    own = behind * rho + 0.5 * p.rss_acceleration * rho**2 + faster**2 / (2.0 * p.rss_least_braking)
+    needed = np.maximum(own - onward(b) ** 2 / (2.0 * p.rss_strongest_braking), 0.0)
     return b.rear - a.front - needed
 
 
@@ -78,6 +81,14 @@ def keeps_rss_lateral(s: Setting, a: Bodies, b: Bodies) -> Floats:
     return rss_lateral(s, a, b)
 
 
+def onward(bodies: Bodies) -> Floats:
+    """Speed of each vehicle for its braking distance along the road; 0 of one that moves against it [m/s].
+
+    The speed itself, not its part along the road: one that changes lanes brakes along its heading.
+    """
+    return np.where(_along(bodies) > 0.0, np.abs(bodies.speed), 0.0)
+
+
 def _approach(s: Setting, towards: Floats) -> Floats:
     """How far a vehicle may come towards the other: it speeds up for the response time, then brakes.
 
@@ -90,8 +101,8 @@ def _approach(s: Setting, towards: Floats) -> Floats:
 
 
 def _meeting(apart: Floats, reach: Floats, closing: Floats) -> tuple[Floats, Floats]:
-    """When intervals on a line, ``apart`` between centres, begin and cease to overlap [s]."""
-    still = np.where(np.abs(apart) < reach, np.inf, -np.inf)
+    """When intervals on a line, ``apart`` between centres, begin and cease to overlap or touch [s]."""
+    still = np.where(np.abs(apart) <= reach, np.inf, -np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         one, two = (apart - reach) / closing, (apart + reach) / closing
     moving = closing != 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from avrare.errors import UsageError
 from avrare.protocols import Floats
 from avrare_traffic_rules.traffic import Bodies
 from avrare_traffic_rules.vocabulary import Setting, predicate, quantity
@@ -113,8 +112,6 @@ def keeps_lane_limit(s: Setting, a: Bodies) -> Floats:
     limit = s.parameters.lane_limit
     if not isinstance(limit, tuple):
         return ((np.inf if limit is None else limit) - a.speed) / s.scales.speed
-    if len(limit) != len(s.road.lane_centres):
-        raise UsageError(f"lane_limit has {len(limit)} entries, the road {len(s.road.lane_centres)} lanes")
     limits = np.array([np.inf if one is None else one for one in limit]).reshape(-1, *[1] * a.speed.ndim)
     below = (limits - a.speed) / s.scales.speed
     return np.asarray(np.maximum(-a.lanes / s.scales.lateral, below).min(axis=0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from avrare_traffic_rules.situations.situation import LEFT, RIGHT, Car, Situation
 
 # ego at 20 m/s: 400 / (2 * 10) m to stop, less 400 / (2 * 10.5) m of one ahead at 20 m/s, and 0.4 s to react
@@ -24,6 +26,11 @@ _R_G1 = (
     Situation(
         "R_G1", "exempt", "a cuts in", 0.05 / 0.1, "turning in by 0.05 rad, one unit being 0.1 rad",
         others={"a": Car(x=9.0, y=3.5, heading=-0.05)},
+    ),
+    Situation(
+        "R_G1", "fail", "a comes towards the ego", (25.0 - 28.0) / 10.0,
+        "25 m of room, 28 m needed: a's braking distance does not count",
+        others={"a": Car(x=29.0, heading=math.pi)},
     ),
     Situation(
         "R_G1", "fail", "a cut in 4 s ago", (5.0 - _NEEDED) / 10.0,

@@ -1,0 +1,266 @@
+"""Mistakes told without a road, and the same ones when a rule is built."""
+
+import subprocess
+import sys
+import warnings
+
+import pytest
+
+import avrare_traffic_rules
+from avrare.errors import FormulaError
+from avrare.plugin.finding import Finding
+from avrare_traffic_rules.check import check, read, require
+from avrare_traffic_rules.config import TrafficRuleConfig
+from avrare_traffic_rules.rulebook import shipped
+
+FILE = """\
+definitions: |
+  behind(a, b) = in_same_lane(a, b) and
+    in_front_of(b, a)
+  wrong(a) = speed(a) > > 3
+rules:
+  push:
+    formula: "forall o in others: always (behind(o, ego) -> gap(o, ego) > 5)"
+  bent:
+    formula: "always (speed(ego) > {{speed_limitt}}) and {{gap}} > {{lane_limit}}"
+  unread:
+    formula: "always wrong(ego)"
+{more}
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    def write(text=None, **more):
+        path = tmp_path / "mine.yaml"
+        path.write_text(FILE.format(more=more.get("more", "")) if text is None else text)
+        return path
+
+    return write
+
+
+def told(dt=0.1, **options):
+    """The only finding; building says the same."""
+    (finding,) = check(TrafficRuleConfig(**options), dt)
+    return finding
+
+
+@pytest.mark.parametrize("dt", [0.1, None])
+@pytest.mark.parametrize("definitions", ["recommended", "published"])
+@pytest.mark.parametrize("rule", shipped().rules)
+def test_the_shipped_rules_are_without_fault(rule, definitions, dt):
+    assert check(TrafficRuleConfig(rule=rule, definitions=definitions), dt) == []
+
+
+def test_the_core_finds_the_check():
+    (component,) = avrare_traffic_rules.avrare_components()
+    config = component.load_config()(formula="always in_frontof(ego, ego)")
+    assert [finding.option for finding in component.find_faults(config, None)] == ["formula"]
+
+
+@pytest.mark.parametrize(
+    ("formula", "message", "hint"),
+    [
+        # the definitions above it do not count as lines, and the mark is below the place
+        (
+            "forall o in others: always ahead(o, ego) -> )",
+            "line 1, column 45: ')' does not fit here: an operand is missing\n"
+            "  forall o in others: always ahead(o, ego) -> )\n" + " " * 46 + "^",
+            None,
+        ),
+        ("fast = speed(ego) > 3\nalways (fast and", "line 2, column 17: the formula ends early", None),
+        ("always in_frontof(ego, ego)", "there is no predicate 'in_frontof'", "did you mean 'in_front_of'?"),
+        ("always speed(ego, ego) > 1", "speed takes 1 vehicle, not 2", "speed(a): Speed of a along"),
+        ("always speed > 1", "'speed' is asked about no vehicle", "did you mean 'speed'?"),
+        (
+            "forall o in cars: always slow(o)",
+            "there is no group of vehicles 'cars'",
+            "quantify over 'others'",
+        ),
+        ("always ahead(ego)", "line 1, column 8: ahead takes 2 arguments, not 1", "ahead(a, b)"),
+        ("always speed(ego) > {speed_limitt}", "{speed_limitt} is no option", "did you mean 'speed_limit'?"),
+        ("always speed(ego) > {lane_limit}", "the option lane_limit is no number", None),
+        ("always[0,0.25s] speed(ego) > 1", "line 1, column 10: 0.25 s is not a whole multiple", "0.2 s"),
+    ],
+)
+def test_mistakes_in_a_formula(lab, formula, message, hint):
+    finding = told(formula=formula)
+    assert finding.message.startswith(message)
+    assert hint is None or hint in finding.hint
+    assert (finding.option, finding.is_error) == ("formula", True)
+    with pytest.raises(FormulaError) as error:
+        lab.rule(None, 1, formula=formula)
+    assert (error.value.message, error.value.hint) == (finding.message, finding.hint)
+
+
+def test_several_mistakes_are_told_together(lab):
+    formula = "always (in_frontof(ego, ego) and speed(ego, ego) > 1 and in_frontof(ego, ego))"
+    assert len(check(TrafficRuleConfig(formula=formula), 0.1)) == 2
+    with pytest.raises(FormulaError, match=r"no predicate 'in_frontof'\nhint: .*\nspeed takes 1 vehicle"):
+        lab.rule(None, 1, formula=formula)
+
+
+class TestBounds:
+    @pytest.mark.parametrize(
+        ("rule", "option", "value"), [("R_G1", "cut_in_time", 0.25), ("R_I5", "entering_time", 1.01)]
+    )
+    def test_an_option_between_samples_is_named(self, lab, rule, option, value):
+        finding = told(rule=rule, **{option: value})
+        wanted = f"{value:g} s is not a whole multiple of dt = 0.1 s (option {option})"
+        assert (finding.message, finding.option) == (wanted, option)
+        assert finding.hint.startswith("the nearest sample is at")
+        with pytest.raises(FormulaError) as error:
+            lab.rule(rule, **{option: value})
+        assert error.value.message == wanted
+
+    def test_not_where_the_step_is_unknown_or_divides_it(self):
+        config = TrafficRuleConfig(rule="R_G1", cut_in_time=0.25)
+        assert check(config, None) == []
+        assert check(config, 0.05) == []
+
+    def test_an_option_is_told_from_a_number_that_is_equal(self):
+        formula = "always[0,0.25s] (once[0,{cut_in_time}s] speed(ego) > 1)"
+        assert told(formula=formula, cut_in_time=0.25).option == "formula"
+        assert told(formula=formula.replace("0.25", "0.2"), cut_in_time=0.25).option == "cut_in_time"
+
+    def test_options_that_are_no_bounds_do_not_matter(self):
+        assert (
+            check(TrafficRuleConfig(formula="always speed(ego) < {speed_limit}", speed_limit=0.123), 0.1)
+            == []
+        )
+
+
+class TestWarnings:
+    FORMULA = "forall o in others: always ahead(o, ego) and speed(ego) > 1"
+
+    def test_are_findings_but_no_errors(self):
+        finding = told(formula=self.FORMULA)
+        assert finding.message.startswith("line 1, column 21: always binds tighter than and")
+        assert not finding.is_error
+        require([finding])
+
+    def test_come_with_the_rule_and_not_as_python_warnings(self, lab):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            rule = lab.rule(None, 1, formula=self.FORMULA)
+        (complaint,) = rule.formula.warnings
+        assert (complaint.message, complaint.hint) == (told(formula=self.FORMULA).message, complaint.hint)
+
+
+class TestRulesFiles:
+    def test_a_good_one(self, mine):
+        assert check(TrafficRuleConfig(rule="push", rules_file=mine()), 0.1) == []
+
+    def test_an_unknown_rule_is_still_an_error_of_the_choice(self, mine):
+        with pytest.raises(ValueError, match="'push', 'bent', 'unread'"):
+            TrafficRuleConfig(rule="pushh", rules_file=mine())
+
+    def test_options_in_braces(self, mine):
+        findings = check(TrafficRuleConfig(rule="bent", rules_file=mine()), 0.1)
+        assert [finding.message.split("}")[0][:30] for finding in findings] == [
+            "{speed_limitt", "{gap", "the option lane_limit is no nu",
+        ]  # fmt: skip
+        assert {finding.option for finding in findings} == {"rules_file"}
+
+    def test_a_mistake_in_a_definition(self, mine):
+        path = mine()
+        finding = told(rule="unread", rules_file=path)
+        assert finding.message.startswith(f"{path}: rules.unread: in the definition of wrong, column ")
+        assert "wrong(a) = speed(a) > > 3" in finding.message
+
+    @pytest.mark.parametrize(
+        ("text", "message", "hint"),
+        [
+            ("", "mine.yaml: the file is empty", "NAME"),
+            ("# nothing\n", "mine.yaml: the file is empty", "NAME"),
+            ("3\n", "mine.yaml:1:1: should be a mapping", "NAME"),
+            ("- a\n", "mine.yaml:1:1: should be a mapping", "NAME"),
+            ("rules: [\n", "mine.yaml:2:1: not YAML: ", "NAME"),
+            ("rules: 3\n", "mine.yaml:1:1: rules: should be a mapping", "NAME"),
+            ("rules: {}\n", "mine.yaml:1:1: rules: there is no rule", "NAME"),
+            ("definitions: a(b) = c\n", "mine.yaml:1:1: rules: required, but missing", "NAME"),
+            ("rules:\n  push: 3\n", "mine.yaml:2:3: rules.push: should be a mapping", "NAME"),
+            (
+                "rules:\n  push:\n    formula: 3\n",
+                "mine.yaml:3:5: rules.push.formula: should be a string",
+                "",
+            ),
+            ("rules:\n  push: {}\n", "mine.yaml:2:3: rules.push.formula: required, but missing", ""),
+            ("rules:\n  push: {formul: x}\n", "mine.yaml:2:10: rules.push.formul: unknown key", "'formula'"),
+            ("rule: {}\n", "mine.yaml:1:1: rule: unknown key", "'rules'"),
+            (
+                "rules: {push: {formula: x, vehicles: 1}}",
+                "rules.push.vehicles: should be 'moving' or 'all'",
+                "",
+            ),
+            ("rules: {push: {formula: x, parameters: a}}", "rules.push.parameters: should be a list", ""),
+            ("rules:\n  3: {formula: x}\n", "mine.yaml:2:3: rules.3: a name should be a string", "quotes"),
+            (
+                "rules:\n  a: {formula: x}\n  a: {formula: y}\n",
+                "mine.yaml:3:3: duplicate key 'a'",
+                "keep one",
+            ),
+            (
+                "rules: {push: {formula: 2020-13-45}}",
+                "mine.yaml: not YAML: month must be",
+                "NAME",
+            ),
+            ("[" * 5000, "mine.yaml: not YAML: nested too deeply", "NAME"),
+            ("rules: &a {push: *a}\n", "mine.yaml:1:1", ""),
+            ("rules: {push: {formula: \0}}", "mine.yaml:1:25: not YAML: the character '\\x00'", ""),
+            (
+                "definitions: nonsense\nrules: {push: {formula: x}}",
+                "mine.yaml: definitions: 'nonsense'",
+                "write",
+            ),
+        ],
+    )
+    @pytest.mark.parametrize("asked", [{"rule": "push"}, {"formula": "always speed(ego) > 1"}])
+    def test_wrong_ones(self, lab, mine, asked, text, message, hint):
+        path = mine(text)
+        finding = told(**asked, rules_file=path)
+        assert message in finding.message
+        assert finding.message.startswith(str(path))
+        assert "\n" not in finding.message
+        for leaked in ("RulesFile", "Rule ", "Input", "pydantic", "<unicode string>"):
+            assert leaked not in finding.message
+        assert hint in (finding.hint or "")
+        assert finding.option == "rules_file"
+        with pytest.raises(FormulaError) as error:
+            lab.rule(asked.get("rule"), formula=asked.get("formula"), rules_file=path)
+        assert error.value.message == finding.message
+
+    @pytest.mark.parametrize(("name", "reason"), [("no.yaml", "No such file"), ("", "Is a directory")])
+    def test_no_file(self, tmp_path, name, reason):
+        finding = told(rule="push", rules_file=tmp_path / name)
+        assert finding.message.startswith(f"{tmp_path / name}: {reason}")
+        assert finding.option == "rules_file"
+
+    def test_no_text(self, mine):
+        path = mine("")
+        path.write_bytes(b"\xff\xfe\x00")
+        assert told(rule="push", rules_file=path).message == f"{path}: not a text file"
+
+    def test_a_rule_that_has_gone_since(self, mine):
+        config = TrafficRuleConfig(rule="push", rules_file=mine())
+        path = mine("rules: {pull: {formula: always speed(ego) > 1}}")
+        finding = Finding(f"{path} has no rule 'push'", "known: pull", "rule")
+        assert check(config, 0.1) == [finding]
+
+
+def test_a_read_formula_is_the_one_that_is_monitored(lab):
+    config = TrafficRuleConfig(rule="R_G1", cut_in_time=0.5)
+    formula, findings = read(config, 0.1)
+    assert findings == []
+    assert formula == lab.rule("R_G1", cut_in_time=0.5).formula
+
+
+def test_the_check_imports_nothing_heavy():
+    script = (
+        "import sys; from avrare_traffic_rules.check import check\n"
+        "from avrare_traffic_rules.config import TrafficRuleConfig\n"
+        "check(TrafficRuleConfig(rule='R_G1'), 0.1); print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert not loaded & {"torch", "pyro", "casadi", "numba", "scipy", "matplotlib", "pandas", "plotly"}
