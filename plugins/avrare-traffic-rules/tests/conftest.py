@@ -82,3 +82,12 @@ class Lab:
 @pytest.fixture(scope="session")
 def lab():
     return Lab()
+
+
+@pytest.fixture
+def value(lab):
+    def value(predicate, *others, **ego):
+        found = lab.value(predicate, *others, **ego)
+        return float(found[0]) if len(found) == 1 else found
+
+    return value

@@ -1,0 +1,128 @@
+"""Distances, times and braking as predicates, told by hand; units as in test_predicates."""
+
+import numpy as np
+import pytest
+
+AHEAD, ASIDE = {"x": 24.0}, {"y": 5.25}
+
+
+def near(expected):
+    return pytest.approx(expected, abs=1e-12)
+
+
+def test_raw_quantities_have_units(value):
+    other = {"x": 24.0, "speed": 15.0, "acceleration": -1.0, "heading": 0.1}
+    assert value("speed(ego)") == 20.0
+    assert value("speed(a)", other) == 15.0
+    assert value("acceleration(a)", other) == -1.0
+    assert value("heading(a)", other) == 0.1
+    assert value("gap(ego, a)", AHEAD) == near(20.0)
+    assert value("gap(a, ego)", AHEAD) == near(-28.0)
+    assert value("distance(ego, a)", {"x": 7.0, "y": 7.75}) == near(5.0)
+
+
+@pytest.mark.parametrize(
+    ("other", "seconds"),
+    [
+        ({"x": 24.0, "speed": 10.0}, 2.0),
+        ({"x": 24.0, "speed": 20.0}, np.inf),
+        ({"x": 24.0, "speed": 30.0}, np.inf),
+        ({"x": -24.0, "speed": 30.0}, 2.0),  # who closes in from behind
+        ({"x": 24.0, "speed": 10.0, "y": 5.25}, np.inf),
+        ({"x": 3.0}, 0.0),  # they overlap
+        ({"x": 4.0}, 0.0),  # they touch, closing or not
+        ({"x": 4.0, "speed": 30.0}, 0.0),
+        ({"x": -4.0}, 0.0),
+        ({"y": 3.75}, 0.0),
+        ({"x": 4.0 + 1e-9}, np.inf),
+        ({"x": 24.0, "speed": -20.0}, 0.5),
+        # crosses from the left: the ego is there between 37 / 20 and 43 / 20 s, the other's front after 2 m
+        ({"y": 6.75, "speed": 1.0, "heading": -np.pi / 2, "x": 40.0}, 2.0),
+        ({"y": 6.75, "speed": 0.9, "heading": -np.pi / 2, "x": 40.0}, np.inf),
+    ],
+)
+def test_time_to_collision(value, other, seconds):
+    assert value("time_to_collision(ego, a)", other) == near(seconds)
+    assert value("time_to_collision(a, ego)", other) == near(seconds)
+
+
+def test_time_to_collision_is_when_moving_rectangles_first_touch(value):
+    rng = np.random.default_rng(3)
+    times = np.arange(0.0, 6.0, 0.002)
+    met = 0
+    for _ in range(60):
+        other = {"x": rng.uniform(-30, 30), "y": rng.uniform(-8, 8), "speed": rng.uniform(0, 30)}
+        other["heading"] = rng.normal(0.0, 0.4)
+        length, width = 4.0, 2.0
+        cos, sin = abs(np.cos(other["heading"])), abs(np.sin(other["heading"]))
+        x = other["x"] + (other["speed"] * np.cos(other["heading"]) - 20.0) * times
+        y = other["y"] + other["speed"] * np.sin(other["heading"]) * times - 1.75
+        reach_x, reach_y = 2.0 + 0.5 * (length * cos + width * sin), 1.0 + 0.5 * (length * sin + width * cos)
+        touching = (np.abs(x) < reach_x) & (np.abs(y) < reach_y)
+        found = value("time_to_collision(ego, a)", other)
+        if touching.any():
+            met += 1
+            assert found == pytest.approx(times[touching.argmax()], abs=0.0021)
+        else:
+            assert found > 5.99
+    assert 10 < met < 50
+
+
+def test_rss_longitudinal(value):
+    # 20 + 3.5/2 + 23.5^2/8 - v^2/16
+    needed = 20.0 + 1.75 + 23.5**2 / 8.0 - 100.0 / 16.0
+    assert value("rss_longitudinal(ego, a)", {"x": 24.0, "speed": 10.0}) == near(20.0 - needed)
+    assert value("rss_longitudinal(ego, a)", {"x": 24.0, "speed": 60.0}) == near(20.0)  # none is needed
+
+
+@pytest.mark.parametrize("onward", [{"speed": 10.0}, {"speed": -10.0, "heading": np.pi}])
+@pytest.mark.parametrize("against", [{"speed": -10.0}, {"speed": 10.0, "heading": np.pi}, {"speed": 0.0}])
+def test_who_moves_against_the_road_is_credited_with_no_braking_distance(value, onward, against):
+    room = {"x": 24.0}  # 20 m
+    safe = 20.0 - 20.0**2 / 20.0 - 0.4 * 20.0
+    assert value("keeps_safe_distance", {**room, **onward}) == near((safe + 10.0**2 / 21.0) / 10.0)
+    assert value("keeps_safe_distance", {**room, **against}) == near(safe / 10.0)
+    rss = 20.0 - (20.0 + 1.75 + 23.5**2 / 8.0)
+    for call, scale in [("rss_longitudinal(ego, a)", 1.0), ("keeps_rss_longitudinal(ego, a)", 10.0)]:
+        assert value(call, {**room, **onward}) == near((rss + 10.0**2 / 16.0) / scale)
+        assert value(call, {**room, **against}) == near(rss / scale)
+    # the ego that moves away from what is ahead needs nothing, or what it gains in the response time
+    assert value("keeps_safe_distance", {**room, "speed": 0.0}, **against) == near(2.0)
+    assert value("rss_longitudinal(ego, a)", {**room, "speed": 0.0}, **against) == near(
+        20.0 - 1.75 - 3.5**2 / 8.0
+    )
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.3, -1.5])
+def test_a_heading_along_the_road_changes_no_braking_distance(lab, heading):
+    """Only the extent of the rectangles depends on it."""
+    for definition in ("keeps_safe_distance", "keeps_rss_longitudinal"):
+        rule = lab.rule(None, 1, formula=f"exists o in others: {definition}(ego, o)")
+        signals = lab.signals({"x": 24.0, "speed": 13.7, "heading": heading})
+        (found,) = rule.sample(signals).values()
+        cos, sin = np.abs(np.cos(heading)), np.abs(np.sin(heading))
+        shifted = lab.signals({"x": 24.0 + (2.0 - 0.5 * (4.0 * cos + 2.0 * sin)), "speed": 13.7})
+        (straight,) = rule.sample(shifted).values()
+        np.testing.assert_allclose(found, straight, atol=1e-12)
+
+
+def test_rss_lateral(value):
+    aside = {"y": 5.25}
+    assert value("rss_lateral(ego, a)", aside) == near(1.5 - 0.1 - 0.25)
+    assert value("rss_lateral(a, ego)", aside) == near(1.5 - 0.1 - 0.25)
+    # moves away by more than it can turn back in the response time: nothing is needed, the margin is
+    assert value("rss_lateral(ego, a)", {**aside, "speed": 30.0, "heading": 0.05}) == near(
+        5.25 - 1.75 - 1.0 - 2.0 * np.sin(0.05) - np.cos(0.05) - 0.1
+    )
+
+
+def test_the_published_rss_formula(value):
+    """For cars that come towards each other: mu + sum of the ways during the response and the braking."""
+    v1, v2, rho, a, b, mu = 0.4, 0.7, 1.0, 0.2, 0.8, 0.1
+    after1, after2 = v1 + rho * a, -v2 - rho * a  # c1 is the left one; positive is to the right
+    way1 = (v1 + after1) / 2 * rho + after1**2 / (2 * b)
+    way2 = (-v2 + after2) / 2 * rho - after2**2 / (2 * b)
+    left = {"y": 9.0, "heading": -np.arcsin(v1 / 20.0)}
+    right = {"heading": np.arcsin(v2 / 20.0)}
+    room = 9.0 - 1.75 - sum(2.0 * abs(np.sin(c["heading"])) + np.cos(c["heading"]) for c in (left, right))
+    assert value("rss_lateral(ego, a)", left, **right) == near(room - mu - max(way1 - way2, 0.0))
