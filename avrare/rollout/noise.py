@@ -26,16 +26,20 @@ _CHOICE_STEP = 0xFFFFFFFF
 
 def philox(counter: tuple[Words, Words, Words, Words], key: tuple[Words, Words]) -> tuple[Words, ...]:
     """Four 32-bit words (in uint64 arrays) for each counter, ten rounds."""
-    c0, c1, c2, c3 = counter
+    c0, c1, c2, c3 = (np.array(word) for word in np.broadcast_arrays(*counter))
     k0, k1 = key
-    for _ in range(10):
-        product_0, product_1 = c0 * _MULTIPLIER_0, c2 * _MULTIPLIER_1
-        c0, c1, c2, c3 = (
-            (product_1 >> _SHIFT) ^ c1 ^ k0,
-            product_1 & _LOW,
-            (product_0 >> _SHIFT) ^ c3 ^ k1,
-            product_0 & _LOW,
-        )
+    product_0, product_1 = np.empty_like(c0), np.empty_like(c0)
+    for _ in range(10):  # in place: most of the time would go into new memory
+        np.multiply(c0, _MULTIPLIER_0, out=product_0)
+        np.multiply(c2, _MULTIPLIER_1, out=product_1)
+        np.right_shift(product_1, _SHIFT, out=c0)
+        c0 ^= c1
+        c0 ^= k0
+        np.right_shift(product_0, _SHIFT, out=c2)
+        c2 ^= c3
+        c2 ^= k1
+        np.bitwise_and(product_1, _LOW, out=c1)
+        np.bitwise_and(product_0, _LOW, out=c3)
         k0, k1 = (k0 + _WEYL_0) & _LOW, (k1 + _WEYL_1) & _LOW
     return c0, c1, c2, c3
 

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 # are whole numbers of the tiles of every common BLAS kernel: a part of a tile is summed in another order.
 _BLOCK = 48
 _TILE = 64
+_TOGETHER = 8
+"""Blocks that one stacked product takes: what they need stays in the cache."""
 
 
 @dataclass(frozen=True)
@@ -53,30 +55,35 @@ class SparseGp:
         Returns:
             (n, L) means and (n, L) variances; a row depends on its own input only, to the last bit.
         """
-        count = len(x)
-        padded = np.zeros((-(-count // _BLOCK) * _BLOCK, x.shape[1]))
-        padded[:count] = x
-        if not count:
-            return np.empty((0, len(self.prior))), np.empty((0, len(self.prior)))
-        blocks = [self._block(padded[i : i + _BLOCK]) for i in range(0, len(padded), _BLOCK)]
-        means, variances = (np.concatenate(parts)[:count] for parts in zip(*blocks, strict=True))
-        return means, variances
+        count, latents = len(x), len(self.prior)
+        blocks = np.zeros((-(-count // _BLOCK), _BLOCK, x.shape[1]))
+        blocks.reshape(-1, x.shape[1])[:count] = x
+        moments = np.empty((2, *blocks.shape[:2], latents))
+        for i in range(0, len(blocks), _TOGETHER):
+            part = slice(i, i + _TOGETHER)
+            moments[0, part], moments[1, part] = self._blocks(blocks[part])
+        mean, variance = moments.reshape(2, -1, latents)[:, :count]
+        return mean, variance
 
-    def _block(self, x: Floats) -> tuple[Floats, Floats]:
+    def _blocks(self, x: Floats) -> tuple[Floats, Floats]:
         latents, points = self.location.shape
         product = self._kernel(x) @ self.projection
-        mean = product[:, :latents] + self.prior[:, 0] + x[:, :1] * self.prior[:, 1]
-        whitened = product[:, latents : latents + (latents + 1) * points]
-        squares = whitened.reshape(len(x), latents + 1, points) ** 2
-        explained = squares.sum(axis=-1)
-        return mean, np.maximum(self.variance - explained[:, :1] + explained[:, 1:], 0.0)
+        mean = product[..., :latents] + self.prior[:, 0] + x[..., :1] * self.prior[:, 1]
+        whitened = product[..., latents : latents + (latents + 1) * points]
+        whitened = whitened.reshape(*x.shape[:2], latents + 1, points)
+        explained = np.einsum("...m,...m->...", whitened, whitened)
+        return mean, np.maximum(self.variance - explained[..., :1] + explained[..., 1:], 0.0)
 
     def _kernel(self, x: Floats) -> Floats:
-        distance = np.zeros((len(x), len(self.inducing)))
-        for column, scale in enumerate(self.lengthscale):
-            difference = (x[:, column, None] - self.inducing[:, column]) / scale
-            distance += difference * difference
-        return self.variance * np.exp(-0.5 * distance)
+        """k(x, Z) of (b, _BLOCK, D) inputs, from |x|^2 - 2 x.z + |z|^2."""
+        scaled, points = x / self.lengthscale, self.inducing / self.lengthscale
+        size = np.einsum("...d,...d->...", scaled, scaled)[..., None]
+        exponent = scaled @ points.T
+        exponent -= 0.5 * size
+        exponent -= 0.5 * (points * points).sum(axis=1)
+        np.exp(np.minimum(exponent, 0.0, out=exponent), out=exponent)
+        exponent *= self.variance
+        return exponent
 
 
 def sparse_gp(
