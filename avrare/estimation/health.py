@@ -45,7 +45,7 @@ LARGEST_SPREAD = 0.7
 LEAST_EFFECTIVE = 15.0
 LARGEST_SHARE = 0.3
 LARGEST_SURPRISE = 3.0
-LARGEST_UNSEEN = 0.8
+MOST_UNSEEN = 0.5
 LARGEST_DEVIATION = 4.0
 LARGEST_MEAN_ERROR = 0.5
 
@@ -132,6 +132,6 @@ def of_weights(
         return found | warn("no_failures")
     if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
         found |= warn("weight_degenerate", effective=effective, largest=largest)
-    if surprise > LARGEST_SURPRISE or unseen > LARGEST_UNSEEN:
+    if surprise > LARGEST_SURPRISE or unseen >= MOST_UNSEEN:
         found |= warn("cross_check", surprise=surprise, unseen=unseen)
     return found
