@@ -35,9 +35,9 @@ def visibility(world: World, scene: Scene, rays: int = 24) -> Floats:
         return np.ones_like(seen.forward)
     half = np.stack([scene.lengths, scene.widths], axis=-1) / 2  # (V, 2)
     fraction = np.ones_like(seen.forward)
-    pairs = np.nonzero(_may_be_hidden(seen, half))  # rays are cast only where they may be stopped
-    if len(pairs[0]):
-        fraction[pairs] = _clear(seen, half, pairs, rays)
+    particle, target = np.nonzero(_may_be_hidden(seen, half))  # rays are cast only where they may be stopped
+    if len(target):
+        fraction[particle, target] = _clear(seen, half, (particle, target), rays)
     return fraction
 
 
