@@ -16,7 +16,7 @@ class McConfig(BaseModel):
     rollouts: int = Field(
         default=1000,
         ge=1,
-        description="rollouts of each run; with relative_error, the most (default 1e6 then)",
+        description="rollouts of each run; with relative_error or threshold, the most (default 1e6 then)",
     )
     early_stop: bool = Field(
         default=False,
@@ -27,14 +27,27 @@ class McConfig(BaseModel):
         default=None, ge=1e-3, lt=1.0, description="stop when the estimate is as exact as this"
     )
 
+    threshold: float | None = Field(
+        default=None, gt=0.0, lt=1.0,
+        description="stop as soon as it is known on which side of this the probability lies",
+    )  # fmt: skip
+
     @model_validator(mode="after")
     def _one_sequence(self) -> McConfig:
-        if self.relative_error is not None and self.runs > 1:
-            raise ValueError("relative_error stops one run; leave runs at 1")
+        given = [name for name in ("relative_error", "threshold") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError("relative_error and threshold are two ways to stop: choose one")
+        if given and self.runs > 1:
+            raise ValueError(f"{given[0]} stops one run; leave runs at 1")
         return self
+
+    @property
+    def sequential(self) -> bool:
+        """What it sees decides when it stops."""
+        return self.relative_error is not None or self.threshold is not None
 
     @property
     def most(self) -> int:
         """Rollouts of each run, or the most of them."""
         given = "rollouts" in self.model_fields_set
-        return self.rollouts if given or self.relative_error is None else MOST_WITHOUT_LIMIT
+        return self.rollouts if given or not self.sequential else MOST_WITHOUT_LIMIT

@@ -107,6 +107,39 @@ def inverse_binomial(failures: int, trials: int, confidence: float, undecided: i
     return low, high
 
 
+def mixture(around: float) -> tuple[float, float]:
+    """Beta(a, b) with mean ``around``, as broad as one failure: what the confidence sequence mixes over."""
+    return 1.0, (1.0 - around) / around
+
+
+def anytime(failures: int, trials: int, confidence: float, undecided: int = 0, *, around: float) -> Interval:
+    """Interval that holds after every rollout at once (confidence sequence of a beta mixture, Robbins 1970).
+
+    Args:
+        failures: Rollouts that failed.
+        trials: All rollouts.
+        confidence: For example 0.95: of the whole sequence.
+        undecided: Rollouts that ended in an error: the upper bound counts them as failures.
+        around: Probability near which the sequence is tightest.
+    """
+    a, b = mixture(around)
+    least = -math.log(1.0 - confidence)
+
+    def evidence(failed: int, p: float) -> float:
+        """Log likelihood of the mixture over that of ``p``."""
+        held = trials - failed
+        log_p = (failed * math.log(p) if failed else 0.0) + (held * math.log1p(-p) if held else 0.0)
+        mixed = [math.lgamma(x) for x in (a + failed, b + held, a + b, a, b, a + b + trials)]
+        return mixed[0] + mixed[1] + mixed[2] - mixed[3] - mixed[4] - mixed[5] - log_p
+
+    low, high, worst = 0.0, 1.0, failures + undecided
+    if failures:
+        low = _invert(lambda p: -evidence(failures, p) if p else -math.inf, -least, 0.0, failures / trials)
+    if worst < trials:
+        high = _invert(lambda p: evidence(worst, p) if p < 1.0 else math.inf, least, worst / trials, 1.0)
+    return low, high
+
+
 def log_normal(
     mean: float, relative_variance: float, confidence: float, *, freedom: int, undecided: float = 0.0
 ) -> Interval:

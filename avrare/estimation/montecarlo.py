@@ -14,6 +14,7 @@ from avrare.estimation import health, intervals
 from avrare.estimation.config import McConfig
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Result, Worst
+from avrare.estimation.sequential import AtFailures, AtThreshold, Stopping
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Request, Rollouts, total_counts
 
@@ -54,9 +55,9 @@ class McState:
 class MonteCarlo:
     """Binomial estimate with the exact interval of Clopper and Pearson.
 
-    With ``relative_error`` it stops at a number of failures that was fixed beforehand (inverse binomial
-    sampling, Haldane 1945), which keeps the interval exact: looking at a fixed-size interval until it pleases
-    would not. Each specification has its own stop; rollouts beyond it are paid for and not used.
+    With ``relative_error`` or ``threshold`` it stops by a rule that keeps its confidence
+    (``avrare.estimation.sequential``): looking at a fixed-size interval until it pleases would not. Each
+    specification has its own stop; rollouts beyond it are paid for and not used.
     """
 
     name = "mc"
@@ -71,7 +72,8 @@ class MonteCarlo:
         per_run = self.config.most
         if plan.budget is not None:
             per_run = _affordable(plan, self.config)
-        goal = None if per_run == _UNLIMITED or self._needed else per_run * self.config.runs
+        open_ended = per_run == _UNLIMITED or self.config.sequential
+        goal = None if open_ended else per_run * self.config.runs
         info = Info(goal=goal)
         return McState(plan, per_run * self.config.runs, per_run, (), info), info
 
@@ -98,17 +100,20 @@ class MonteCarlo:
 
     def _result(self, state: McState, outcome: Rollouts, column: int) -> Result:
         plan, paid = state.plan, len(outcome.error)
-        stop = self._stop(outcome.violated[:, column])
+        stopping = self._stopping(plan)
+        stop = stopping.at(outcome.violated[:, column], outcome.error) if stopping else 0
         used = slice(0, stop or paid)
         violated, error = outcome.violated[used, column], outcome.error[used]
         trials, failures, errors = len(error), int(violated.sum()), int(error.sum())
-        values = self._values(state, violated, stop)
+        values = self._values(state, violated)
+        if stopping:
+            values = np.array([stopping.value(violated, stop)])
         probability = float(values.mean())
         robustness = np.where(error, np.nan, outcome.robustness[used, column])
         warnings = health.of_errors(errors, trials, plan.max_error_rate, outcome.messages)
         if failures == trials:
             warnings |= health.warn("all_failed")
-        interval = intervals.inverse_binomial if stop else intervals.clopper_pearson
+        interval = stopping.interval(stop) if stopping else intervals.clopper_pearson
         known = probability > 0.0
         return Result(
             specification=plan.names[column],
@@ -126,32 +131,28 @@ class MonteCarlo:
             worst=self._worst(state, robustness),
             robustness=robustness,
             counts=total_counts([outcome]),
-            diagnostics={"used_rollouts": trials} if self._needed else {},
+            diagnostics={"used_rollouts": trials} if stopping else {},
         )
 
-    @property
-    def _needed(self) -> int:
-        """Failures to stop at, 0: none planned; m of them leave a relative error of at most 1/sqrt(m - 2)."""
-        wanted = self.config.relative_error
-        return math.ceil(wanted**-2) + 2 if wanted else 0
+    def _stopping(self, plan: Plan) -> Stopping | None:
+        """By what it may stop early, if by anything."""
+        if self.config.relative_error is not None:
+            return AtFailures.for_error(self.config.relative_error)
+        if self.config.threshold is not None:
+            return AtThreshold(self.config.threshold, plan.confidence)
+        return None
 
     def _satisfied(self, state: McState) -> bool:
-        """Whether every specification has failed as often as planned."""
-        if not (self._needed and state.parts):
+        """Whether enough is seen of every specification."""
+        stopping = self._stopping(state.plan)
+        if not (stopping and state.parts):
             return False
-        count = np.sum([part.violated.sum(axis=0) for part in state.parts], axis=0)
-        return bool((count >= self._needed).all())
+        error = np.concatenate([part.error for part in state.parts])
+        violated = np.concatenate([part.violated for part in state.parts])
+        return all(stopping.at(column, error) for column in violated.T)
 
-    def _stop(self, violated: Bools) -> int:
-        """Rollouts up to the planned number of failures; 0 where it was not planned or not reached."""
-        if not self._needed or violated.sum() < self._needed:
-            return 0
-        return int(np.flatnonzero(violated)[self._needed - 1]) + 1
-
-    def _values(self, state: McState, violated: Bools, stop: int) -> Floats:
-        """(runs,) unbiased: after a stop the last failure was certain and does not count."""
-        if stop:
-            return np.array([(violated.sum() - 1) / (stop - 1)])
+    def _values(self, state: McState, violated: Bools) -> Floats:
+        """(runs,) share of failures of each run."""
         runs = np.arange(len(violated)) // state.per_run
         return np.asarray(np.bincount(runs, weights=violated) / np.bincount(runs))
 
