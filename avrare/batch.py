@@ -23,23 +23,36 @@ _SHARED = (type(None), bool, int, float, str, np.generic)
 def map_leaves(function: Callable[..., Any], *states: Any) -> Any:
     """Apply ``function`` to the corresponding array leaves of states of the same structure.
 
+    Leaves that are one array in every state are one array in the result: states are values, and a monitor's
+    verdict often is part of its memory too.
+
     Raises:
         UsageError: A leaf is neither an array with a leading axis nor a shared scalar.
     """
+    return _map(function, {}, states)
+
+
+def _map(function: Callable[..., Any], done: dict[Any, Any] | None, states: Sequence[Any]) -> Any:
+    """``done`` holds the results by the identities of their leaves; None: every leaf gets its own."""
     first = states[0]
     if isinstance(first, np.ndarray):
         if first.ndim == 0:
             raise UsageError("a state holds an array without axes", "give every array a leading axis N")
-        return function(*states)
+        if done is None:
+            return function(*states)
+        key = id(first) if len(states) == 1 else tuple(map(id, states))
+        if key not in done:
+            done[key] = function(*states)
+        return done[key]
     if isinstance(first, dict):
-        return {key: map_leaves(function, *[s[key] for s in states]) for key in first}
+        return {key: _map(function, done, [s[key] for s in states]) for key in first}
     if isinstance(first, tuple):
-        parts = [map_leaves(function, *group) for group in zip(*states, strict=True)]
+        parts = [_map(function, done, group) for group in zip(*states, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
     if isinstance(first, _SHARED):
         return first
     kind: Any = type(first)
-    return kind(**{name: map_leaves(function, *[getattr(s, name) for s in states]) for name in _fields(kind)})
+    return kind(**{name: _map(function, done, [getattr(s, name) for s in states]) for name in _fields(kind)})
 
 
 @functools.cache
@@ -62,6 +75,11 @@ def concatenate(states: Sequence[State]) -> State:
     if len(states) == 1:
         return states[0]
     return map_leaves(lambda *leaves: np.concatenate(leaves), *states)  # type: ignore[no-any-return]
+
+
+def separated(state: State) -> State:
+    """A copy in which no two leaves are the same array."""
+    return _map(np.copy, None, [state])  # type: ignore[no-any-return]
 
 
 def leaves(state: Any) -> list[NDArray[Any]]:

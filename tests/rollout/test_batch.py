@@ -48,3 +48,19 @@ def test_every_container():
 def test_what_a_state_may_not_hold(state):
     with pytest.raises(UsageError, match="state"):
         batch.take(state, slice(0, 1))
+
+
+def test_one_array_in_two_places_stays_one():
+    x = np.arange(4.0)
+    shared, apart = {"a": x, "b": x}, {"a": x, "b": x.copy()}
+    picked = batch.take(shared, np.array([1, 2]))
+    assert picked["a"] is picked["b"]
+    both = batch.concatenate([shared, shared])
+    assert both["a"] is both["b"]
+    mixed = batch.concatenate([shared, apart])
+    assert mixed["a"] is not mixed["b"]
+    assert mixed["b"].tolist() == [*x, *x]
+    copy = batch.separated(shared)
+    assert copy["a"] is not copy["b"]
+    assert copy["a"] is not x
+    assert copy["b"].tolist() == x.tolist()

@@ -6,6 +6,7 @@ The arrays are the estimator's own and are written in place: a stage touches onl
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,5 +115,17 @@ class Population:
                 lambda leaf: np.zeros((total, *leaf.shape[1:]), leaf.dtype), carry
             )
 
+        if not self._write(t, slots, carry):  # leaves that were one array so far no longer are
+            self.history[t] = batch.separated(self.history[t])
+            self._write(t, slots, carry)
+
+    def _write(self, t: int, slots: Integers, carry: Carry) -> bool:
+        """Whether every array of the history could be given the one leaf that it stands for."""
+        written: dict[int, NDArray[Any]] = {}
         for whole, rows in zip(batch.leaves(self.history[t]), batch.leaves(carry), strict=True):
-            whole[slots] = rows
+            if id(whole) not in written:
+                written[id(whole)] = rows
+                whole[slots] = rows
+            elif written[id(whole)] is not rows:
+                return False
+        return True
