@@ -110,6 +110,10 @@ class Cell:
         """The value (corners, N, ...) at sample ``i``, from those of its operands."""
         raise NotImplementedError
 
+    def settle(self, now: Moment) -> Array:
+        """The value that sample t settles."""
+        return self.value(now, now.t - self.delay)
+
     def open(self, region: Region) -> Array:
         """The values (P, ...) at the samples of ``region`` that are not settled."""
         raise NotImplementedError

@@ -65,6 +65,12 @@ class Leaf:
         """The value (N, ...) of all samples carried, without corners."""
         return carried[-1]
 
+    def nominal(self, now: Moment, carried: Carried) -> Array:
+        """The value (N, ...) as things stand, without corners."""
+        for i in self.unsettled(now.t) if self.delay else ():
+            carried = self.step(now, carried, i)
+        return self.result(now, carried)
+
     def value(self, region: Region, carried: Carried) -> Array:
         """The value, (N, ...) or as bounds (2, N, ...)."""
         raise NotImplementedError
@@ -112,8 +118,6 @@ class Fold(Leaf):
     def unsettled(self, t: int) -> Sequence[int]:
         """Those of the window."""
         settled = t - self.delay
-        if self.shrinking and self.lo <= settled and t <= self.hi:
-            return (t,)
         samples = range(max(self.lo, settled + 1), int(min(self.hi, t)) + 1)
         if not self.shrinking or len(samples) < 2:
             return samples
@@ -129,6 +133,12 @@ class Fold(Leaf):
     def result(self, now: Moment, carried: Carried) -> Array:
         """The extremum; neutral before the window."""
         return carried[0] if carried else np.full_like(now.at(self.cell, now.t), neutral(self.join))
+
+    def nominal(self, now: Moment, carried: Carried) -> Array:
+        """The extremum; of shrinking values, the newest is enough."""
+        if self.shrinking and carried and now.t <= self.hi:
+            return self.join(carried[0], self.cell.value(now, now.t))  # type: ignore[no-any-return]
+        return super().nominal(now, carried)
 
     def value(self, region: Region, carried: Carried) -> Array:
         """The fold of all samples of the window."""
@@ -146,6 +156,8 @@ class Fold(Leaf):
 
 class Race(Leaf):
     """until: how well the left has held, and the best witness so far; release with min and max exchanged."""
+
+    cell: Cell
 
     def __init__(self, join: np.ufunc, lo: int, hi: float, cells: tuple[Cell, Cell], closed: bool) -> None:
         self.pair = Cell(cells)

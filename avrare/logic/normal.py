@@ -92,6 +92,19 @@ def _until(op: str, lo: int, hi: float, left: f.Node, right: f.Node) -> f.Node:
     return f.Connective(both, f.Window(kept, 0, lo - 1, left), reached)
 
 
+def truth_at_zero(root: f.Node) -> bool | None:
+    """Whether a core formula is true where its robustness is 0; None where it depends.
+
+    Minimum and maximum cannot tell a 0 that is true from one that is false, but where all comparisons are
+    strict, or none is, only one of the two is among them.
+    """
+    parts = list(f.walk(root))
+    if any(isinstance(x, f.Not) or (isinstance(x, f.Connective) and x.op in ("iff", "xor")) for x in parts):
+        return None
+    at_zero = {part.op in ("<=", ">=", "==") for part in parts if isinstance(part, f.Comparison)}
+    return at_zero.pop() if len(at_zero) == 1 else None
+
+
 def is_endless(node: f.Node | f.Term) -> bool:
     """Whether the formula is itself an unbounded future operator."""
     return isinstance(node, f.Window | f.Until) and node.op in f.FUTURE and math.isinf(node.hi)

@@ -14,7 +14,6 @@ from avrare.logic import formula as f
 from avrare.logic.algebra import Robustness, Signed, Truth, flush
 from avrare.logic.cells import Cell, Moment
 from avrare.logic.corners import compose, stack
-from avrare.logic.leaves import Leaf
 from avrare.logic.plan import Plan, make_plan
 from avrare.logic.region import Region, Tail, make_tail
 from avrare.logic.robustness import Evaluator, require_scalar
@@ -26,7 +25,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Tables = tuple[tuple[Array, ...], ...]
-_SIGNED, _APART = (Signed(),), (Robustness(), Truth())
+_PLAIN, _SIGNED, _APART = (Robustness(),), (Signed(),), (Robustness(), Truth())
+_ZERO = np.zeros(())
+"""NumPy compares with an array sooner than with a number."""
 
 
 class Carried(NamedTuple):
@@ -70,17 +71,26 @@ class Follower:
     Args:
         node: The formula.
         closed: The reading of until and since.
+        plain: Take margins as they are, 0 included, where ``plan.at_zero`` tells the truth of that.
+
+    Attributes:
+        fails: ``fails(value, 0)`` is where the formula is false.
     """
 
-    def __init__(self, node: f.Node, closed: bool) -> None:
+    def __init__(self, node: f.Node, closed: bool, plain: bool = False) -> None:
         self.closed = closed
         self.plan: Plan = make_plan(node, closed)
         apart = any(isinstance(x, f.Connective) and x.op in ("iff", "xor") for x in f.walk(node))
-        self.algebras: tuple[Robustness, ...] = _APART if apart else _SIGNED
+        at_zero = self.plan.at_zero if plain else None
+        self.algebras: tuple[Robustness, ...] = _APART if apart else _SIGNED if at_zero is None else _PLAIN
+        self.fails = np.less_equal if at_zero is False else np.less
         cells = self.plan.cells
-        settles = [functools.partial(_compose, cell) if cell.depends else cell.value for cell in cells]
-        self._steps = [(cell.index, cell.delay, settle) for cell, settle in zip(cells, settles, strict=True)]
-        self._keeps = [slice(-cell.keep, None) if cell.keep else slice(0) for cell in cells]
+        settles = [functools.partial(_compose, cell) if cell.depends else cell.settle for cell in cells]
+        keeps = [slice(-cell.keep, None) if cell.keep else slice(0) for cell in cells]
+        delays = [cell.delay for cell in cells]
+        self._steps = list(zip(range(len(cells)), delays, keeps, settles, strict=True))
+        self._leaves = list(enumerate(self.plan.leaves))
+        self._single = isinstance(self.plan.skeleton, f.Slot)
 
     def start(self) -> tuple[Carried, ...]:
         """Before sample 0."""
@@ -92,7 +102,8 @@ class Follower:
     ) -> tuple[tuple[Carried, ...], list[tuple[Moment, Tables]]]:
         """Carried after sample ``t``, and per algebra what the cells and the leaves know."""
         n, new, seen = len(self.plan.obligations), [], []
-        for algebra, before in zip(self.algebras, carried, strict=True):
+        for k, algebra in enumerate(self.algebras):
+            before = carried[k]
             if n:
                 before = Carried(*(_corners_first(x, n) for x in before))
             now = Moment(t, rows, sample, algebra, before.tables, n)
@@ -105,13 +116,13 @@ class Follower:
         """The formula's value as things stand: (N,), or its bounds (2, N)."""
         if tail is None and self.plan.stepwise:
             algebra = now.algebra
-            values = [_nominal(leaf, now, x) for leaf, x in zip(self.plan.leaves, leaves, strict=True)]
+            values = [leaf.nominal(now, leaves[k]) for k, leaf in self._leaves]
         else:
             region = Region(now, self.plan.obligations, tail)
             algebra = region.algebra
-            values = [leaf.value(region, x) for leaf, x in zip(self.plan.leaves, leaves, strict=True)]
+            values = [leaf.value(region, leaves[k]) for k, leaf in self._leaves]
         value = values[0]
-        if not isinstance(self.plan.skeleton, f.Slot):
+        if not self._single:
             slots = [value[None] for value in values]
             value = Evaluator({}, 1, now.rows, algebra, self.closed, slots)(self.plan.skeleton)[0]
         shape = (2, now.rows) if tail else (now.rows,)
@@ -126,27 +137,28 @@ class Follower:
 
     def _settle(self, now: Moment) -> Tables:
         """Settle all cells; the tables to carry on."""
-        t, tables = now.t, now.tables
-        for k, delay, settle in self._steps:
+        t, tables, kept = now.t, now.tables, []
+        for k, delay, keep, settle in self._steps:
             if t >= delay:
-                value = settle(now, t - delay)  # which may change the table
+                value = settle(now)  # which may change the table
                 tables[k] += (value,)
-        return tuple([table[keep] for table, keep in zip(tables, self._keeps, strict=True)])
+            kept.append(tables[k][keep])
+        return tuple(kept)
 
     def _fold(self, now: Moment, before: Tables) -> Tables:
         """Settle all leaves; what they carry on."""
-        return tuple([leaf.settle(now, x) for leaf, x in zip(self.plan.leaves, before, strict=True)])
+        return tuple([leaf.settle(now, before[k]) for k, leaf in self._leaves])
 
 
 @functools.lru_cache(maxsize=256)
-def follower(node: f.Node, closed: bool) -> Follower:
+def follower(node: f.Node, closed: bool, plain: bool = False) -> Follower:
     """The engine of a formula, kept for the next monitor of the same formula."""
-    return Follower(node, closed)
+    return Follower(node, closed, plain)
 
 
-def _compose(cell: Cell, now: Moment, i: int) -> Array:
+def _compose(cell: Cell, now: Moment) -> Array:
     """The value of a cell that depends on obligations; its table is brought to the new corners."""
-    value = None
+    i, value = now.t - cell.delay, None
     if cell.obligation is not None:
         value = now.values[cell.obligation] = cell.value(now, i)
     before = now.tables[cell.index]
@@ -155,11 +167,13 @@ def _compose(cell: Cell, now: Moment, i: int) -> Array:
     return cell.value(now, i) if value is None else value
 
 
-def _nominal(leaf: Leaf, now: Moment, carried: tuple[Array, ...]) -> Array:
-    """A leaf's value as things stand, without corners."""
-    for i in leaf.unsettled(now.t) if leaf.delay else ():
-        carried = leaf.step(now, carried, i)
-    return leaf.result(now, carried)
+def _nearest(before: Floats, robustness: Floats, trend: np.ufunc | None, t: int) -> Floats:
+    """The running maximum of minus the robustness: the newest if that only falls, the first if it rises."""
+    if trend is np.minimum:
+        return -robustness
+    if trend is np.maximum and t:
+        return before
+    return np.fmax(before, -robustness)
 
 
 def _corners_first(tables: Tables, n: int) -> Tables:
@@ -192,7 +206,7 @@ class FormulaMonitor:
 
     def __init__(self, formula: Formula) -> None:
         self.formula = formula
-        self._follower = follower(formula.node, formula.closed)
+        self._follower = follower(formula.node, formula.closed, plain=True)
         self._names = formula.signals
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -232,14 +246,16 @@ class FormulaMonitor:
 
     def follow(self, state: MonitorState, sample: Mapping[str, Array]) -> MonitorState:
         """The state after one more sample, already read."""
-        t, before, plan = state.t, state.verdict, self._follower.plan
+        t, before, engine = state.t, state.verdict, self._follower
+        plan = engine.plan
         if t > plan.horizon:
             return MonitorState(t + 1, (), before, state.newest)
-        carried, seen = self._follower.advance(state.carried, sample, t, len(before.score))
-        values = [self._follower.value(now, leaves) for now, leaves in seen]
-        robustness, violated = flush(values[0]), values[-1] < 0.0
+        carried, seen = engine.advance(state.carried, sample, t, len(before.score))
+        values = [engine.value(now, leaves) for now, leaves in seen]
+        robustness, violated = flush(values[0]), engine.fails(values[-1], _ZERO)
         if len(values) > 1:
             violated &= ~np.isnan(robustness)
+        trend = plan.trend if robustness is values[0] else None  # else there might be NaN
+        score = _nearest(before.score, robustness, trend, t)
         newest = seen[0][0].at(plan.body, t) if plan.body else None
-        verdict = Verdict(robustness, violated, np.fmax(before.score, -robustness))
-        return MonitorState(t + 1, carried, verdict, newest)
+        return MonitorState(t + 1, carried, Verdict(robustness, violated, score), newest)

@@ -18,7 +18,7 @@ from avrare.logic import formula as f
 from avrare.logic.cells import Atom, Cell, Joined, Negated, Quantified, Truth
 from avrare.logic.corners import MAX_CORNERS
 from avrare.logic.leaves import Fold, Leaf, Point, Race, Replay
-from avrare.logic.normal import core, is_endless, obligations, place_quantifiers
+from avrare.logic.normal import core, is_endless, obligations, place_quantifiers, truth_at_zero
 from avrare.logic.robustness import joining
 from avrare.logic.temporal import FEW, Obligation, PastFold, Since, SinceFold, Until, windowed
 
@@ -38,10 +38,13 @@ class Plan:
         horizon: The last sample that matters.
         settling: Samples after which values repeat once the signals do.
         reach: Samples that the cells look ahead.
+        trend: ``np.minimum`` if robustness can only fall as samples come, ``np.maximum`` if it can only rise;
+            else None.
         body: For ``always φ``, φ looking only back: φ's cell, else None.
         quiet: Whether no floating-point warning can arise: signals are only compared with numbers that are
             not huge, and there is no iff or xor.
         stepwise: Whether nominal values come from a few open ones, without corners.
+        at_zero: Whether the formula is true where its robustness is 0; None: that does not tell.
     """
 
     skeleton: f.Node
@@ -51,9 +54,11 @@ class Plan:
     horizon: float = math.inf
     settling: int = 0
     reach: int = 0
+    trend: np.ufunc | None = None
     body: Cell | None = None
     quiet: bool = False
     stepwise: bool = False
+    at_zero: bool | None = None
 
 
 def make_plan(node: f.Node, closed: bool) -> Plan:
@@ -62,12 +67,14 @@ def make_plan(node: f.Node, closed: bool) -> Plan:
     plan = builder.plan
     plan.horizon, plan.settling = f.horizon(node), f.settling(builder.root)
     plan.reach = max((cell.delay for cell in plan.cells), default=0)
+    plan.at_zero = truth_at_zero(builder.root)
     plan.quiet = all(_is_quiet(part) for part in f.walk(node))
     plan.stepwise = not plan.obligations and all(x.delay <= FEW or x.shrinking for x in plan.leaves)
     root = plan.leaves[0]
-    if isinstance(plan.skeleton, f.Slot) and isinstance(root, Fold):
-        looks_back = not (root.cell.delay or root.cell.depends)
-        if looks_back and (root.join, root.lo, root.hi) == (np.minimum, 0, math.inf):
+    if isinstance(plan.skeleton, f.Slot) and isinstance(root, Fold | Race):
+        if not (root.cell.delay or root.cell.depends):
+            plan.trend = root.join
+        if isinstance(root, Fold) and (plan.trend, root.lo, root.hi) == (np.minimum, 0, math.inf):
             plan.body = root.cell
     return plan
 

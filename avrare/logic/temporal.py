@@ -7,6 +7,7 @@ needs only its own last value; an unbounded future one is an obligation: it has 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -82,6 +83,17 @@ class Pair(Cell):
         super().__init__([child], ahead=max(0, far), behind=max(0, -far))
         self.join, self.near, self.far = join, near, far
         self._child = child
+        newest = self.delay - child.delay + 1
+        self._rows = near - newest, far - newest
+        self._first = self.delay - min(0, near, far) if near != far else math.inf
+
+    def settle(self, now: Moment) -> Array:
+        """Both from the operand's table, as soon as that goes back far enough."""
+        if now.t < self._first:
+            return self.value(now, now.t - self.delay)
+        near, far = self._rows
+        settled = now.tables[self._child.index]
+        return self.join(settled[near], settled[far])  # type: ignore[no-any-return]
 
     def value(self, now: Moment, i: int) -> Array:
         """What there is of the two; neutral if nothing."""

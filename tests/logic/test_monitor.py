@@ -20,7 +20,11 @@ TEXTS = [
     "always ((p > 0) since (q > 0) or (p since[2,inf] q))",
     "eventually (p > 0 and next always (q > 0))",
     "(always p) or not (eventually[2,4] q)",
+    "always[0,40] (eventually[0,5] (p > 0))",
+    "always[0,7] (historically[2,6] (p < 1) or eventually[3,3] (q <= 0))",
 ]
+TINY = np.finfo(np.float64).tiny
+EDGES = np.array([0.0, -0.0, 5e-324, -5e-324, TINY, -TINY, 2 * TINY, 1.0, -1.0, math.inf, -math.inf])
 
 
 def random_signals(seed, rows, steps, names="pq"):
@@ -104,6 +108,50 @@ def test_the_state_stops_growing(text):
     late, _ = follow(monitor, early, signals, range(10, 60))
     held = [sum(leaf.size for leaf in batch.leaves(state)) for state in (early, late)]
     assert held[1] <= held[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "always[0,8] (eventually[0,5] (p > 0))",
+        "always (p >= 0 or once[0,3] (q <= 0))",
+        "always ((p >= 0) -> not once[0,3] (q > 0))",
+        "(p > 0) until[0,7] (q < 0)",
+        "eventually[0,3] (p == 0 and q >= 0)",
+        "eventually[2,9] (p != 0 and q > 0)",
+        "always[0,3] (p > 0 or q >= 0)",
+        "(always[0,4] (p > 0)) -> always (q > 0)",
+    ],
+)
+def test_truth_is_exact_where_robustness_is_zero(text):
+    """Zeros of either sign and margins reported as 0, below strict comparisons, weak ones, and both."""
+    rng, formula = np.random.default_rng(10), stl(text, warn=False)
+    signals = {name: rng.choice(EDGES, size=(300, 11)) for name in "pq"}
+    monitor = FormulaMonitor(formula)
+    _, verdicts = follow(monitor, monitor.start(300), signals, range(11))
+    robustness, violated, _ = table(verdicts)
+    for t in range(11):
+        prefix = {name: x[:, : t + 1] for name, x in signals.items()}
+        assert np.array_equal(robustness[:, t], formula.robustness(prefix)[:, 0])
+        assert np.array_equal(violated[:, t], ~formula.satisfied(prefix)[:, 0])
+    assert {True, False} == set(violated[robustness == 0.0])
+
+
+@pytest.mark.parametrize("text", ["p > 0", *TEXTS])
+def test_the_score_is_the_greatest_danger_so_far(text):
+    """NaN does not count, and a row with NaN or 0 changes nothing for its neighbours."""
+    signals = random_signals(11, 40, 14)
+    monitor = FormulaMonitor(stl(text))
+    _, clean = follow(monitor, monitor.start(40), signals, range(14))
+    signals["p"][::4, 3], signals["p"][1::4, 0], signals["p"][2::4, 5] = math.nan, math.nan, 0.0
+    _, mixed = follow(monitor, monitor.start(40), signals, range(14))
+    assert np.isnan(table(mixed)[0]).any()
+    for verdicts in (clean, mixed):
+        robustness, _, score = table(verdicts)
+        danger = np.concatenate([np.full((40, 1), -math.inf), -robustness], axis=1)
+        assert np.array_equal(score, np.fmax.accumulate(danger, axis=1)[:, 1:])
+    for a, b in zip(table(clean), table(mixed), strict=True):
+        assert a[3::4].tobytes() == b[3::4].tobytes()
 
 
 def test_only_invariants_have_a_margin():
