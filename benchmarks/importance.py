@@ -1,6 +1,6 @@
 """Does importance sampling say so where it breaks? Families b (d = 100), d and e, and easy problems.
 
-    OMP_NUM_THREADS=1 python benchmarks/importance.py [SEEDS]       # about ten minutes for 40 seeds
+    OMP_NUM_THREADS=1 python benchmarks/importance.py [SEEDS [FIRST]]     # about ten minutes for 40 seeds
 
 Hard: cross-entropy, and proposals that are wrong in the ways that occur: one of many design points, another
 scale, half the shift. A miss is an *estimate* off by more than a factor 3 (its interval may have been widened
@@ -156,12 +156,10 @@ def easy() -> list[Case]:
     ]
 
 
-def measure(case: Case, seeds: int, rollouts: int) -> tuple[int, int]:
+def measure(case: Case, seeds: range, rollouts: int) -> tuple[int, int]:
     """Print a line; returns estimates off by a factor 3, and those of them without a warning."""
     name, problem, p, estimator, options = case
-    results = [
-        avrare.estimate(problem, estimator, seed=seed, rollouts=rollouts, **options) for seed in range(seeds)
-    ]
+    results = [avrare.estimate(problem, estimator, seed=seed, rollouts=rollouts, **options) for seed in seeds]
     values = np.array([result.probability for result in results]) / p
     off = (values < 1 / 3) | (values > 3)
     warned = np.array([bool(result.health) for result in results])
@@ -170,7 +168,7 @@ def measure(case: Case, seeds: int, rollouts: int) -> tuple[int, int]:
     covered = ((bounds[:, 0] <= 1) & (bounds[:, 1] >= 1)).mean()
     names = Counter(name for result in results for name in result.health)
     print(
-        f"{name} {estimator}  mean/true {values.mean():.3f} +- {values.std() / np.sqrt(seeds):.3f}"
+        f"{name} {estimator}  mean/true {values.mean():.3f} +- {values.std() / np.sqrt(len(seeds)):.3f}"
         f"  off {off.mean():.2f} (unwarned {(off & ~warned).sum()})  interval off {far.mean():.2f}"
         f" (unwarned {(far & ~warned).sum()})  warned {warned.mean():.2f}  coverage {covered:.3f}"
         f"  {dict(names)}",
@@ -179,15 +177,17 @@ def measure(case: Case, seeds: int, rollouts: int) -> tuple[int, int]:
     return int(off.sum()), int((off & ~warned).sum())
 
 
-def main(seeds: int) -> None:
+def main(count: int, first: int) -> None:
+    seeds = range(first, first + count)
     for rollouts in (1000, 2000):
         print(f"hard, {rollouts} rollouts a stage")
         counts = np.array([measure(case, seeds, rollouts) for case in hard()]).sum(axis=0)
         print(f"off by more than a factor 3: {counts[0]}, of them warned {1 - counts[1] / counts[0]:.4f}")
     print("easy, 1000 rollouts a stage")
     for case in easy():
-        measure(case, 4 * seeds, 1000)
+        measure(case, range(first, first + 4 * count), 1000)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40)
+    given = [int(text) for text in sys.argv[1:]]
+    main(given[0] if given else 40, given[1] if len(given) > 1 else 0)

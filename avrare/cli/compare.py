@@ -22,6 +22,8 @@ examples:
   avrare compare problem:d_rw_L3.8 --estimators mc,ams,ce --budget steps=1e6
   avrare compare drive.yaml --specification no_collision --estimators mc,ams \\
       --budget steps=40000 --repeat 5 --truth mc=10000 --workers 4 --out comparison
+  avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
+  avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
 """
 _WIDTH = 100
 """Columns that the table needs; a narrower terminal breaks its lines."""
@@ -32,6 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EXAMPLE
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("scenario", metavar="SCENARIO", help="scenario file, or problem:ID")
+    parser.add_argument(
+        "--against",
+        metavar="OTHER",
+        help="another version of the scenario, on the same noise",
+    )
     parser.add_argument("--estimators", metavar="NAMES", help="what to compare, e.g. mc,ams,ce")
     parser.add_argument("--budget", metavar="KIND=N", help="steps=N or rollouts=N, for each estimate")
     parser.add_argument("--repeat", type=int, default=10, metavar="R", help="repetitions (default 10)")
@@ -59,6 +66,10 @@ def execute(args: argparse.Namespace) -> int:
 
     if args.scenario == "problem:":
         return _list_problems()
+    if args.against is not None:
+        from avrare.cli import compare_against
+
+        return compare_against.execute(args)
     _check(args)
     comparison = _compare(args)
     content = document(comparison)

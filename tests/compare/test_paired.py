@@ -1,0 +1,138 @@
+"""Two versions of a system on the same noise."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.cli.main import main
+from avrare.compare.paired import Pairs, compare_pairs
+from avrare.errors import UsageError
+from avrare.execute.processes import ProcessExecutor
+from avrare.execute.serial import SerialExecutor
+from avrare.testing import systems
+
+LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
+
+
+@dataclass
+class Fails:
+    """Fails where the noise lies above ``limit``; breaks down above ``breaks``."""
+
+    limit: float
+    breaks: float = np.inf
+    noise_size: int = 1
+
+    def initial(self, noise):
+        """The noise."""
+        return {"x": np.where(noise[:, 0] > self.breaks, np.nan, noise[:, 0])}
+
+    def step(self, state, noise):
+        """Nothing."""
+        return state
+
+    def signals(self, state):
+        """How far below the limit."""
+        return {"gap": self.limit - state["x"]}
+
+
+def problem(limit, **options):
+    return avrare.Problem(Fails(limit, **options), avrare.stl("always (gap > 0)"), 0, chunk=100)
+
+
+def pairs(first, second, rollouts=400, seed=0, executor=None):
+    return compare_pairs(first, second, rollouts, seed, executor or SerialExecutor())[0]
+
+
+def test_the_interval_covers_the_true_difference_and_is_far_narrower_than_an_unpaired_one():
+    from statistics import NormalDist
+
+    truth = NormalDist().cdf(-1.4) - NormalDist().cdf(-1.5)
+    found = [pairs(problem(1.5), problem(1.4), seed=seed) for seed in range(400)]
+    bounds = np.array([pair.interval(0.9) for pair in found])
+    covered = ((bounds[:, 0] <= truth) & (truth <= bounds[:, 1])).mean()
+    assert abs(covered - 0.9) < 4 * np.sqrt(0.09 / len(found))
+    differences = np.array([pair.difference for pair in found])
+    assert abs(differences.mean() - truth) < 4 * differences.std() / np.sqrt(len(found))
+    unpaired = np.sqrt(2 * 0.07 * 0.93 / 400)
+    assert differences.std() < 0.5 * unpaired
+
+
+def test_an_unchanged_stack_is_rarely_called_changed():
+    rng = np.random.default_rng(0)
+    values = []
+    for _ in range(2000):
+        first, second = rng.random((2, 200)) < 0.1
+        values.append(Pairs.of("", first, second, np.zeros(200, dtype=bool)).p_value)
+    assert 0.01 < (np.array(values) < 0.05).mean() <= 0.05
+
+
+def test_the_same_twice_differs_nowhere():
+    pair = pairs(problem(1.0), problem(1.0))
+    assert (pair.only_first, pair.only_second, pair.difference, pair.p_value) == (0, 0, 0.0, 1.0)
+    assert pair.both + pair.neither == 400
+    low, high = pair.interval(0.95)
+    assert low < 0.0 < high
+
+
+def test_rollouts_that_break_down_may_have_gone_either_way():
+    sound, broken = pairs(problem(1.0), problem(0.9)), pairs(problem(1.0), problem(0.9, breaks=2.0))
+    assert broken.undecided > 0
+    assert broken.count + broken.undecided == 400
+    share = broken.undecided / 400
+    wide, narrow = np.diff(broken.interval(0.95))[0], np.diff(sound.interval(0.95))[0]
+    assert wide > narrow + 1.9 * share
+
+
+def test_all_broken():
+    pair = pairs(problem(1.0), problem(1.0, breaks=-np.inf))
+    assert np.isnan(pair.difference)
+    assert pair.interval(0.95) == (-1.0, 1.0)
+
+
+def test_workers_change_nothing():
+    def walk(limit):
+        return avrare.Problem(systems.Walk(), avrare.stl(f"always (x < {limit})"), 30, chunk=64)
+
+    assert pairs(walk(1.0), walk(0.9)) == pairs(walk(1.0), walk(0.9), executor=ProcessExecutor(2))
+
+
+def test_what_cannot_be_paired_is_refused():
+    named = avrare.Problem(Fails(1.0), {"other": avrare.stl("always (gap > 0)")}, 0)
+    with pytest.raises(UsageError, match="no specification in common"):
+        pairs(problem(1.0), named)
+    with pytest.raises(UsageError, match="1 numbers and 0 steps of 3 numbers"):
+        pairs(problem(1.0), problem(1.0, noise_size=3))
+
+
+def test_on_the_command_line(tmp_path, capsys):
+    words = ["compare", LANE_CHANGE, "--against", LANE_CHANGE, "--set", "scenario.steps=3"]
+    more = ["--set", "against.controller.turn_rate_change_weight=1", "--budget", "rollouts=6"]
+    assert main([*words, *more, "--out", str(tmp_path)]) == 0
+    screen = capsys.readouterr().out
+    assert "with other settings: 6 rollouts each, on the same noise" in screen
+    assert "no_abrupt_braking" in screen
+    assert main([*words, *more, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content == json.loads((tmp_path / "paired.json").read_text())
+    assert content["fingerprints"][0] != content["fingerprints"][1]
+    assert content["specifications"][0]["errors"] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--truth", "0.1"], "exclude each other"),
+        (["--set", "ams.particles=3"], "settings are of a scenario"),
+        (["--budget", "seconds=3"], "does not fit --against"),
+        (["--budget", "steps=3"], "does not pay for one rollout"),
+        (["--set", "against.steps=20"], "cannot share their noise"),
+        (["--workers", "0"], "at least 1"),
+    ],
+)
+def test_mistakes_are_told(words, told, capsys):
+    assert main(["compare", LANE_CHANGE, "--against", LANE_CHANGE, *words]) == 4
+    assert told in capsys.readouterr().err
