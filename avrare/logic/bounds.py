@@ -13,6 +13,8 @@ from avrare.logic.complaints import complain
 
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
 _MAX_DIGITS = 400
+MAX_SAMPLES = 10**12
+"""Samples beyond which a bound can only be a mistake; array indices must hold it."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,8 @@ def _samples(text: str, bound: Any, unit: str, period: Period, constant: Callabl
         nearest = float(round(samples) * period.seconds)
         hint = f"the nearest sample is at {nearest:g} s; or give samples, as in [0:3 samples]"
         raise complain(text, bound.meta, wrong, hint)
+    if samples > MAX_SAMPLES:
+        raise complain(text, bound.meta, "the bound is out of range: no trace is so long", "write inf")
     return int(samples)
 
 

@@ -185,7 +185,9 @@ def quantify(node: f.Quantifier, x: Array, lead: int) -> Array:
         return np.asarray(np.maximum.reduce(x, axis=-1, initial=-math.inf))
     if x.shape[-1] < node.count:
         return np.full(x.shape[:-1], -math.inf)
-    return np.asarray(np.sort(x, axis=-1)[..., x.shape[-1] - node.count])
+    ordered = np.sort(x, axis=-1)
+    kth, last = ordered[..., x.shape[-1] - node.count], ordered[..., -1]
+    return np.where(last == last, kth, last)  # NaN comes last, and is no member for which it holds
 
 
 def require_scalar(trailing: int) -> None:

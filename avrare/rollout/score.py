@@ -100,7 +100,7 @@ class FunctionScored:
     def update(self, state: ScoredState, signals: Signals) -> tuple[ScoredState, Verdict]:
         """After one more sample."""
         inner, verdict = self.inner.update(state.inner, signals)
-        history = {name: values[:, None] for name, values in signals.items()}
+        history = {name: np.array(values)[:, None] for name, values in signals.items()}
         if state.memory is not None:
             history = {
                 name: np.concatenate([state.memory[name], values], axis=1) for name, values in history.items()

@@ -180,3 +180,11 @@ def test_constants_take_their_shape_from_any_signal():
 def test_the_public_name_is_callable_whatever_was_imported_first(first):
     code = f"{first}; assert avrare.stl('always (x < 4)', until='half-open').signals == ('x',)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("quantifier", ["forall", "exists", "at_least 1", "at_least 2", "not at_least 3"])
+def test_a_term_without_a_value_is_no_member_for_which_it_holds(quantifier):
+    formula = stl(f"{quantifier} o in others: (sqrt(d(o, ego)) > 1)")
+    trace = {"d(others, ego)": np.array([[[-1.0, 4.0, 0.25]]])}
+    with pytest.raises(FormulaError, match="no value"), np.errstate(invalid="ignore"):
+        formula.robustness(trace)

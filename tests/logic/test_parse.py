@@ -157,6 +157,7 @@ def test_bounds_are_exact(text, dt, horizon):
         ("a forall o in b: c", 3, "'forall'", ""),
         ("1e999 > p", 1, "too large", ""),
         ("always[0,1e999999999] p", 10, "out of range", ""),
+        ("always[0,1e30] p", 10, "out of range", "inf"),
         ("F[1e-999999999,1] p", 3, "out of range", ""),
         ("F[inf,inf] p", 3, "infinite", ""),
         ("F[0,2 minutes] p", 7, "'minutes'", "[0,3]"),
