@@ -44,7 +44,8 @@ clean:  ## remove .venv and what the tools left
 
 .venv/run.stamp: .venv/python.stamp $(PROJECTS) constraints.txt
 	@echo "installing avrare and its plugins into .venv ..."
-	$(PIP) --no-build-isolation --editable '.[plot]' $(addprefix --editable ./,$(PLUGINS))
+	$(PIP) --no-build-isolation --editable '.[plot]' $(addprefix --editable ./,$(PLUGINS)) \
+		--editable './plugins/avrare-mpc[fast]'
 	@touch $@
 
 .venv/test.stamp: .venv/run.stamp

@@ -1,6 +1,10 @@
 """The lane-change scene, scripted cars and a closed loop whose plant is the controller's own model."""
 
+import importlib
+import sys
+import warnings
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,6 +123,37 @@ def quiet(lane_change):
     """A controller and its drive without noise."""
     controller = build(MpcConfig(), SCENE)
     return controller, lane_change.drive(controller, np.zeros((1, 39, 3, 3)))
+
+
+@pytest.fixture(scope="session")
+def plain():
+    """The modules of the riccati backend as they are where numba is not installed."""
+    prefix = "avrare_mpc.riccati"
+    compiled = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith(prefix)}
+    numba, sys.modules["numba"] = sys.modules.get("numba"), None
+    names = ("jit", "values", "cost", "drive", "stage", "sweep", "newton", "batch", "solver", "search")
+    try:
+        modules = {name: importlib.import_module(f"{prefix}.{name}") for name in names}
+    finally:
+        for name in [name for name in sys.modules if name.startswith(prefix)]:
+            del sys.modules[name]
+        sys.modules.update(compiled)
+        del sys.modules["numba"]
+        if numba is not None:
+            sys.modules["numba"] = numba
+    return SimpleNamespace(**modules)
+
+
+@pytest.fixture(scope="session")
+def interpreted(plain):
+    """A function (config, scene) -> solver that is not compiled."""
+
+    def build_solver(config, scene):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            return plain.solver.RiccatiSolver(config, scene)
+
+    return build_solver
 
 
 def ego_at(state):

@@ -178,7 +178,7 @@ def test_solvers_are_silent(quiet, capfd):
 
 
 def test_description_and_config_import_nothing_heavy():
-    code = "import sys, avrare_mpc.config; print(sorted({'casadi', 'torch', 'scipy'} & set(sys.modules)))"
+    code = "import sys, avrare_mpc.config; print(sorted({'casadi', 'numba', 'scipy'} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
     (component,) = avrare_components()

@@ -6,9 +6,10 @@ import pytest
 from scipy.optimize import minimize
 
 from avrare_mpc.config import MpcConfig
+from avrare_mpc.lanes import lateral_bounds
 from avrare_mpc.nlp import lane_cost
 from avrare_mpc.plan import from_variables, shift, to_variables
-from avrare_mpc.problem import build_problem, lateral_bounds, pack_parameters, softplus
+from avrare_mpc.problem import build_problem, pack_parameters, softplus
 from avrare_mpc.solver import NlpSolver
 
 LANES = (1.75, 5.25)

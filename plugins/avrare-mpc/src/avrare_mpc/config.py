@@ -84,8 +84,15 @@ class MpcConfig(PlannerConfig):
         description="What the dt^2 term of the lateral clearance multiplies with sin(heading): the "
         "acceleration, or the speed as in the reference experiment, where it looks like a slip.",
     )
+    backend: Literal["casadi", "riccati"] = Field(
+        default="casadi",
+        description="What solves the programme: CasADi's solvers, one particle after another, or a "
+        "structured interior-point method for all at once, compiled by numba where that is installed.",
+    )
     solver: Literal["fatrop", "ipopt"] = Field(
-        default="fatrop", description="Solver tried first; ipopt also stands behind fatrop when that fails."
+        default="fatrop",
+        description="Solver of the casadi backend that is tried first; ipopt also stands behind fatrop when "
+        "that fails.",
     )
 
 

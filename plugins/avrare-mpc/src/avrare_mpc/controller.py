@@ -2,32 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.errors import UsageError
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.plan import Bools, Floats, Integers, Memory, empty_memory, from_variables, shift, to_variables
-from avrare_mpc.problem import build_problem, lane_centres, pack_parameters
-from avrare_mpc.solver import NlpSolver
-from avrare_mpc.start_policy import start_drives
-
-TIE = 1e-6
-"""Plans whose costs differ by less, relatively, are the same minimum: the first one is kept."""
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """What the solver did with N particles: ``variables`` are zeros where not ``found``."""
-
-    variables: Floats
-    found: Bools
-    solves: Integers
-    retries: Integers
-    chosen: Integers
+from avrare_mpc.plan import Bools, Floats, Memory, empty_memory, shift
+from avrare_mpc.search import Search
 
 
 class MpcController:
@@ -49,8 +31,7 @@ class MpcController:
         self.horizon = config.horizon
         self._config = config
         self._scene = scene
-        self._centres = lane_centres(config, scene)
-        self._solver = NlpSolver(build_problem(config, scene), config.solver)
+        self._search = _backend(config, scene)
 
     def start(self, n: int) -> Memory:
         """Memory of ``n`` particles without a plan."""
@@ -68,13 +49,12 @@ class MpcController:
             UsageError: There is no prediction, or it is too short.
         """
         start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
-        parameters = pack_parameters(self._scene, start, *self._predicted(prediction))
-        old_states, old_inputs = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
-        outcome = self._search(memory.solved, start, to_variables(old_states, old_inputs), parameters)
+        others = self._predicted(prediction)
+        old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
+        outcome = self._search(memory.solved, start, old, others)
         found = outcome.found
-        states, inputs = from_variables(outcome.variables)
-        states = np.where(found[:, None, None], states, old_states)
-        inputs = np.where(found[:, None, None], inputs, old_inputs)
+        states = np.where(found[:, None, None], outcome.states, old[0])
+        inputs = np.where(found[:, None, None], outcome.inputs, old[1])
         age = np.where(found, 0, memory.age + 1)
         solved = found | (memory.solved & (age < self.horizon))
         first_plan = found & ~memory.solved
@@ -106,37 +86,6 @@ class MpcController:
             raise UsageError(f"the controller mpc needs {self.horizon} predicted steps")
         return prediction.x[:, :, :nodes], prediction.y[:, :, :nodes]
 
-    def _search(self, solved: Bools, start: Floats, warm: Floats, parameters: Floats) -> _Outcome:
-        """Solve row by row; a row's result does not depend on the other rows."""
-        n = len(solved)
-        guesses = list(warm[:, None])
-        drives = start_drives(start[~solved], self._centres, self.horizon, self._scene.dt)
-        for row, fresh in zip(np.flatnonzero(~solved).tolist(), to_variables(*drives), strict=True):
-            guesses[row] = fresh
-        outcome = _Outcome(
-            variables=np.zeros_like(warm),
-            found=np.zeros(n, dtype=np.bool_),
-            solves=np.zeros(n, dtype=np.int64),
-            retries=np.zeros(n, dtype=np.int64),
-            chosen=np.full(n, -1, dtype=np.int64),
-        )
-        for row, several in enumerate(guesses):
-            self._search_row(outcome, row, several, parameters[row])
-        return outcome
-
-    def _search_row(self, outcome: _Outcome, row: int, guesses: Floats, parameters: Floats) -> None:
-        """Fill one row of ``outcome`` with the cheapest plan found from ``guesses`` (G, 8 H + 5)."""
-        cheapest, margin = np.inf, 0.0
-        for index, guess in enumerate(guesses):
-            solution = self._solver.solve(guess, parameters)
-            outcome.solves[row] += 1
-            outcome.retries[row] += solution.retried
-            if solution.variables is not None and solution.cost < cheapest - margin:
-                cheapest, margin = solution.cost, TIE * abs(solution.cost)
-                outcome.variables[row] = solution.variables
-                outcome.found[row] = True
-                outcome.chosen[row] = index
-
     def _action(self, planned: Bools, first: Floats, speed: Floats) -> Action:
         limit = self._config.acceleration_max
         stopping = np.nan_to_num(-speed / self._scene.dt, nan=-limit)
@@ -144,6 +93,17 @@ class MpcController:
             acceleration=np.where(planned, first[:, 0], np.clip(stopping, -limit, limit)),
             yaw_rate=np.where(planned, first[:, 1], 0.0),
         )
+
+
+def _backend(config: MpcConfig, scene: Scene) -> Search:
+    """Imported where it is chosen: each backend brings its own compiler."""
+    if config.backend == "riccati":
+        from avrare_mpc.riccati.search import RiccatiSearch
+
+        return RiccatiSearch(config, scene)
+    from avrare_mpc.casadi_search import CasadiSearch
+
+    return CasadiSearch(config, scene)
 
 
 def build(config: MpcConfig, scene: Scene) -> MpcController:

@@ -20,14 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare_mpc.config import PlannerConfig
+from avrare_mpc.plan import STATES
 
 Floats = NDArray[np.float64]
 NodeCost = Callable[[int, "Node"], ca.SX]
-
-STATES = 5
-"""x, y, speed, heading, turn rate of the step before."""
-STAGE = 8
-"""The states, acceleration, turn rate, lateral slack."""
 
 
 @dataclass(frozen=True)

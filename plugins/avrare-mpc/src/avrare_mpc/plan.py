@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare_mpc.nlp import STAGE, STATES
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+STATES = 5
+"""States of a stage of the programme: x, y, speed, heading, turn rate of the step before."""
+STAGE = 8
+"""Its variables: the states, acceleration, turn rate, lateral slack."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Memory:
         solved: (N,) there is a plan; False at the start and after a plan has been used up by failures.
         age: (N,) steps since the plan was solved for.
         solves: (N,) programmes handed to a solver, several at a first step.
-        retries: (N,) how many of them fatrop failed on, so that ipopt was asked.
+        retries: (N,) how many of them the first attempt failed on, so that a second one was made.
         fallbacks: (N,) steps without a new plan, driven on the old one or braking.
         start_policy: (N,) which start drive gave the first plan; -1 before there is one.
     """

@@ -7,30 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Scene
-from avrare.errors import UsageError
 from avrare_mpc.config import MpcConfig
+from avrare_mpc.lanes import lane_centres, lateral_bounds
 from avrare_mpc.nlp import Nlp, Node, build_nlp, lane_cost
 
 Floats = NDArray[np.float64]
-
-
-def lane_centres(config: MpcConfig, scene: Scene) -> tuple[float, ...]:
-    """Lateral positions of the lanes that the ego may use [m].
-
-    Raises:
-        UsageError: The road has no such lane.
-    """
-    known = scene.road.lane_centres
-    if max(config.lanes) >= len(known):
-        raise UsageError(f"lanes: there is no lane {max(config.lanes)}, the road has {len(known)} lanes")
-    return tuple(known[lane] for lane in config.lanes)
-
-
-def lateral_bounds(config: MpcConfig, scene: Scene) -> tuple[float, float]:
-    """Where the ego's centre may be so that its side keeps the margin from the edge of its lanes [m]."""
-    centres = lane_centres(config, scene)
-    room = (scene.road.lane_width - scene.ego_width) / 2 - config.y_margin
-    return min(centres) - room, max(centres) + room
 
 
 def softplus(value: ca.SX, sharpness: float) -> ca.SX:

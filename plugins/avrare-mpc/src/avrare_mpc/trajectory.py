@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from avrare.driving import Road
 from avrare.errors import UsageError
 from avrare_mpc.config import TrajectoryPlan
-from avrare_mpc.nlp import STAGE, STATES, Node, NodeCost, build_nlp, lane_cost
+from avrare_mpc.nlp import Node, NodeCost, build_nlp, lane_cost
+from avrare_mpc.plan import STAGE, STATES
 
 Floats = NDArray[np.float64]
 

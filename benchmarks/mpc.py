@@ -1,0 +1,289 @@
+"""Is the riccati backend of the controller `mpc` the controller that the casadi backend is, and how fast?
+
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py [--rollouts 60]
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--results DIR]
+
+The first form drives lane changes with the casadi backend and solves every programme of every later step
+again from the same warm start: by ipopt to a tolerance of 1e-9 (the reference), by the casadi backend's
+solver, and by the riccati backend. "Same" is a cost within 1e-3 of the reference, absolutely or relatively;
+"better" is lower; "lost" is a plan that is said to be found and leaves a hard bound.
+
+The second form drives each noise tape with both backends and compares their failures of each rule: pairs on
+which they differ, and McNemar's exact test. It works in blocks, each a file in the results folder; what is
+there is not run again: it may be stopped and resumed, and blocks may be shared out with --first and --last.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.build.scenario import BuildableScenario
+from avrare.rollout.engine import simulate
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+from avrare.scenario.load import load
+from avrare_mpc.config import MpcConfig
+from avrare_mpc.plan import from_variables, shift, to_variables
+from avrare_mpc.problem import build_problem, pack_parameters
+from avrare_mpc.riccati.solver import RiccatiSolver
+from avrare_mpc.solver import NlpSolver
+
+SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change.yaml"
+RESULTS = Path(__file__).parent / "results" / "mpc"
+BACKENDS = ("casadi", "riccati")
+SAME, SLACK, BLOCK = 1e-3, 1e-6, 250
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Programmes:
+    """M programmes: where the ego is, where the others will be, and the shifted last plan."""
+
+    start: Floats
+    other_x: Floats
+    other_y: Floats
+    states: Floats
+    inputs: Floats
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Plans of M programmes; ``cost`` is the programme's own and infinite where there is no plan."""
+
+    states: Floats
+    inputs: Floats
+    cost: Floats
+    seconds: float
+
+
+def collect(rollouts: int, seed: int) -> tuple[Any, MpcConfig, Programmes]:
+    """Every programme but the first of ``rollouts`` closed loops."""
+    scenario = BuildableScenario(load(SCENARIO, ["controller.backend=casadi"]))
+    loop, scene = scenario.stack.loop, scenario.stack.scene
+    config, act = scenario.definition.controller.config, loop.controller.act
+    rows: list[tuple[Floats, ...]] = []
+
+    def recorded(memory: Any, ego: Any, prediction: Any) -> Any:
+        nodes, use = config.horizon + 1, memory.solved
+        start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+        old = shift(memory.plan_states, memory.plan_inputs, scene.dt)
+        parts = (start, prediction.x[:, :, :nodes], prediction.y[:, :, :nodes], *old)
+        rows.append(tuple(part[use] for part in parts))
+        return act(memory, ego, prediction)
+
+    loop.controller.act = recorded
+    noise = NoiseSource(seed, loop.noise_size)
+    index = np.arange(rollouts)
+    simulate(loop, (), scenario.steps, noise, Request.from_start(np.zeros_like(index), index), scored=False)
+    return scene, config, Programmes(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def by_casadi(scene: Any, config: MpcConfig, given: Programmes, solve: Callable[..., Any]) -> Answers:
+    """Solve with ``solve(guess, parameters) -> (variables or None, cost)``, one after another."""
+    guesses = to_variables(given.states, given.inputs)
+    parameters = pack_parameters(scene, given.start, given.other_x, given.other_y)
+    found, cost = np.zeros_like(guesses), np.full(len(guesses), np.inf)
+    began = time.process_time()
+    for m, (guess, values) in enumerate(zip(guesses, parameters, strict=True)):
+        variables, least = solve(guess, values)
+        if variables is not None:
+            found[m], cost[m] = variables, least
+    return Answers(*from_variables(found), cost, time.process_time() - began)
+
+
+def converged(scene: Any, config: MpcConfig) -> Callable[..., Any]:
+    """The reference: ipopt with a tolerance of 1e-9."""
+    nlp = build_problem(config, scene)
+    problem = {"x": nlp.variables, "p": nlp.parameters, "f": nlp.cost, "g": nlp.constraints}
+    own = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 3000}
+    options = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False, "ipopt": own}
+    solver = ca.nlpsol("reference", "ipopt", problem, options)
+
+    def solve(guess: Floats, parameters: Floats) -> tuple[Floats | None, float]:
+        found = solver(x0=guess, p=parameters, lbg=nlp.lower, ubg=nlp.upper)
+        if not solver.stats()["success"]:
+            return None, np.inf
+        return found["x"].full().ravel(), float(found["f"])
+
+    return solve
+
+
+def by_riccati(solver: RiccatiSolver, given: Programmes) -> tuple[Answers, Any]:
+    """Solve all at once; the second value has iterations and restarts."""
+    rows = np.arange(len(given.start))
+    began = time.process_time()
+    found = solver.solve(given.start, given.other_x, given.other_y, rows, given.inputs)
+    seconds = time.process_time() - began
+    cost = np.where(found.found, found.cost, np.inf)
+    return Answers(found.states, found.inputs, cost, seconds), found
+
+
+def lost_constraints(config: MpcConfig, answers: Answers) -> int:
+    """Plans said to be found that leave a hard bound."""
+    a, w = np.abs(answers.inputs).max(axis=1).T
+    speed, heading = answers.states[:, 1:, 2], np.abs(answers.states[:, 1:, 3])
+    out = (a > config.acceleration_max + SLACK) | (w > config.turn_rate_max + SLACK)
+    out |= (speed > config.speed_max + SLACK).any(axis=1) | (speed < config.speed_min - SLACK).any(axis=1)
+    out |= (heading > config.heading_max + SLACK).any(axis=1)
+    return int((out & np.isfinite(answers.cost)).sum())
+
+
+def row(name: str, config: MpcConfig, answers: Answers, reference: Answers) -> str:
+    """One line of the table."""
+    with np.errstate(invalid="ignore"):
+        gap = answers.cost - reference.cost
+        close = np.minimum(np.abs(gap), np.abs(gap / reference.cost)) < SAME
+    better, failed = ~close & (gap < 0.0), ~np.isfinite(answers.cost)
+    action = np.abs(answers.inputs[:, 0] - reference.inputs[:, 0])[close]
+    median, high = np.quantile(action, [0.5, 0.95], axis=0)
+    each = 1e6 * answers.seconds / len(gap)
+    return (
+        f"{name:18s} {each:9.0f} {close.mean():7.2%} {better.mean():7.2%} {(~close & ~better).mean():7.2%}"
+        f" {failed.sum():6d} {lost_constraints(config, answers):5d}"
+        f"   {median[0]:.0e} {high[0]:.0e}   {median[1]:.0e} {high[1]:.0e}"
+    )
+
+
+def agreement(rollouts: int, seed: int) -> None:
+    """Print the table, what the riccati backend spent, and where it differs most."""
+    scene, config, given = collect(rollouts, seed)
+    reference = by_casadi(scene, config, given, converged(scene, config))
+    own = NlpSolver(build_problem(config, scene), config.solver)
+
+    def default(guess: Floats, parameters: Floats) -> tuple[Floats | None, float]:
+        solution = own.solve(guess, parameters)
+        return solution.variables, solution.cost
+
+    casadi = by_casadi(scene, config, given, default)
+    solver = RiccatiSolver(config, scene)
+    by_riccati(solver, given)  # compiles, or loads what was compiled
+    riccati, found = by_riccati(solver, given)
+    print(f"{len(given.start)} programmes of {rollouts} rollouts of {SCENARIO.stem}, seed {seed}")
+    print(f"{'':18s}  us/solve    same  better   worse failed  lost   |da| 50% 95%   |dw| 50% 95%")
+    for name, answers in (("ipopt 1e-9", reference), (config.solver, casadi), ("riccati", riccati)):
+        print(row(name, config, answers, reference))
+    quantiles = np.quantile(found.iterations, [0.5, 0.9, 0.99, 1.0]).astype(int)
+    print(f"riccati: iterations mean {found.iterations.mean():.1f}, 50/90/99/100 % {quantiles}, ", end="")
+    print(
+        f"restarts {found.retried.mean():.3%}, {1e6 * riccati.seconds / found.iterations.sum():.2f} us each"
+    )
+    print("where the minimum is another one, riccati / reference - 1 and the difference in the first action:")
+    ratio = riccati.cost / reference.cost - 1.0
+    differs = np.flatnonzero(np.abs(ratio) >= SAME)
+    change = riccati.inputs[differs, 0] - reference.inputs[differs, 0]
+    print(f"  cost {_spread(ratio[differs])}\n  a {_spread(change[:, 0])}\n  w {_spread(change[:, 1])}")
+
+
+def _spread(values: Floats) -> str:
+    levels = (0.0, 0.1, 0.5, 0.9, 1.0)
+    return "  ".join(
+        f"{level:.0%} {value:+.4f}" for level, value in zip(levels, np.quantile(values, levels), strict=True)
+    )
+
+
+def paired(rollouts: int, seed: int, results: Path, first: int, last: int | None) -> None:
+    """Run the blocks that are missing, then compare all that are there."""
+    results.mkdir(parents=True, exist_ok=True)
+    scenarios: dict[str, BuildableScenario] = {}
+    blocks = range(-(-rollouts // BLOCK))
+    for block in blocks[first:last]:
+        for backend in BACKENDS:
+            file = results / f"{SCENARIO.stem}_{seed}_{block:04d}_{backend}.npz"
+            if not file.exists():
+                if backend not in scenarios:
+                    scenarios[backend] = BuildableScenario(load(SCENARIO, [f"controller.backend={backend}"]))
+                drive_block(scenarios[backend], seed, block, file)
+    compare(results, seed, rollouts)
+
+
+def drive_block(scenario: BuildableScenario, seed: int, block: int, file: Path) -> None:
+    """``BLOCK`` rollouts with one backend, into ``file``."""
+    problem = scenario.problem(scenario.specifications)
+    noise, index = NoiseSource(seed, problem.noise_size), np.arange(block * BLOCK, (block + 1) * BLOCK)
+    began = time.process_time()
+    monitors = tuple(scenario.stack.specifications.values())
+    outcome = simulate(
+        scenario.stack.loop,
+        monitors,
+        problem.steps,
+        noise,
+        Request.from_start(np.zeros_like(index), index),
+        scored=False,
+    )
+    spent = time.process_time() - began
+    partial = file.with_suffix(".part.npz")
+    np.savez(
+        partial,
+        names=np.array(scenario.specifications),
+        robustness=outcome.robustness,
+        violated=outcome.violated,
+        error=outcome.error,
+        seconds=spent,
+        **{f"count_{name}": values for name, values in outcome.counts.items()},
+    )
+    partial.rename(file)
+    print(f"{file.name}: {spent:.1f} CPU s, {outcome.violated.sum(axis=0)} failures", flush=True)
+
+
+def compare(results: Path, seed: int, rollouts: int) -> None:
+    """Print failures of each rule under both backends, discordant pairs and McNemar's exact test."""
+    from scipy.stats import binomtest
+
+    pairs = []
+    for block in range(-(-rollouts // BLOCK)):
+        files = [results / f"{SCENARIO.stem}_{seed}_{block:04d}_{backend}.npz" for backend in BACKENDS]
+        if all(file.exists() for file in files):
+            pairs.append([dict(np.load(file)) for file in files])
+    if not pairs:
+        print("no block is complete")
+        return
+    one, two = (
+        {key: np.concatenate([np.atleast_1d(pair[i][key]) for pair in pairs]) for key in pairs[0][i]}
+        for i in range(2)
+    )
+    total = len(one["error"])
+    print(f"{total} rollouts of {SCENARIO.stem} with the same noise, seed {seed}")
+    for backend, data in zip(BACKENDS, (one, two), strict=True):
+        counts = {key[6:]: int(data[key].sum()) for key in data if key.startswith("count_")}
+        each = 1e3 * data["seconds"].sum() / total
+        print(f"{backend:8s} {each:7.2f} ms a rollout, errors {data['error'].sum()}, {counts}")
+    columns = f"{BACKENDS[0]:>8s} {BACKENDS[1]:>8s}  only one   p (McNemar)"
+    print(f"{'rule':20s} {columns}  |d robustness| 50% 90% 99%")
+    for i, name in enumerate(pairs[0][0]["names"]):
+        left, right = one["violated"][:, i], two["violated"][:, i]
+        only = int((left & ~right).sum()), int((right & ~left).sum())
+        value = binomtest(only[0], sum(only)).pvalue if sum(only) else 1.0
+        apart = np.nanquantile(np.abs(one["robustness"] - two["robustness"])[:, i], [0.5, 0.9, 0.99])
+        print(
+            f"{name:20s} {left.sum():8d} {right.sum():8d}  {only[0]:3d} : {only[1]:3d}  {value:11.3f}"
+            f"   {apart[0]:.1e} {apart[1]:.1e} {apart[2]:.1e}"
+        )
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--rollouts", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--paired", type=int, metavar="N", help="compare closed loops on N noise tapes")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--first", type=int, default=0, help="first block to run")
+    parser.add_argument("--last", type=int, help="block to stop before")
+    args = parser.parse_args()
+    if args.paired is None:
+        agreement(args.rollouts, args.seed)
+    else:
+        paired(args.paired, args.seed, args.results, args.first, args.last)
+
+
+if __name__ == "__main__":
+    main()

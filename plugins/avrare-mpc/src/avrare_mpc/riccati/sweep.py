@@ -1,0 +1,258 @@
+"""Riccati recursion over the stages: the Newton direction of the whole drive.
+
+The state of the recursion is x, y, v, h and the turn rate before (w). From the last node backwards, ``Value``
+is the second-order model of the cost to go; each stage adds its own and minimises over its two inputs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from avrare_mpc.riccati.jit import kernel
+from avrare_mpc.riccati.stage import Stage, stage_model
+from avrare_mpc.riccati.values import Floats, Others, Path, Programme, Workspace
+
+
+class Value(NamedTuple):
+    """Gradient and Hessian of the cost to go by x, y, v, h, w."""
+
+    x: float
+    y: float
+    v: float
+    h: float
+    w: float
+    xx: float
+    xy: float
+    xv: float
+    xh: float
+    xw: float
+    yy: float
+    yv: float
+    yh: float
+    yw: float
+    vv: float
+    vh: float
+    vw: float
+    hh: float
+    hw: float
+    ww: float
+
+
+class Ahead(NamedTuple):
+    """The model of a stage with the cost to go, by x, y, v, h and the inputs a and w."""
+
+    x: float
+    y: float
+    v: float
+    h: float
+    a: float
+    w: float
+    xx: float
+    xy: float
+    xv: float
+    xh: float
+    xa: float
+    xw: float
+    yy: float
+    yv: float
+    yh: float
+    ya: float
+    yw: float
+    vv: float
+    vh: float
+    va: float
+    vw: float
+    hh: float
+    ha: float
+    hw: float
+    aa: float
+    aw: float
+    ww: float
+
+
+class Inputs(NamedTuple):
+    """Weights and bounds of a stage's inputs: gradient, Hessian, and the pull to the turn rate before.
+
+    Attributes:
+        change: Second derivative of the turn rate's change.
+        lag: Its first derivative.
+    """
+
+    a: float
+    w: float
+    aa: float
+    ww: float
+    change: float
+    lag: float
+
+
+@kernel
+def sweep(
+    p: Programme, path: Path, work: Workspace, others: Others, bounds: int, mu: float, damping: float
+) -> float:
+    """Fill ``work.gains``.
+
+    Args:
+        p: The programme.
+        path: The drive.
+        work: Memory; its multipliers are read.
+        others: Where the other vehicles will be.
+        bounds: How many soft bounds count.
+        mu: Barrier parameter.
+        damping: Added to the curvature in the inputs.
+
+    Returns:
+        The slope of the barrier cost along the direction.
+    """
+    steps = len(path.inputs)
+    model = stage_model(p, path, steps, 0.0, others)
+    before = path.inputs[steps - 1, 1]
+    rest = 2.0 * p.final_turn_rate
+    value = Value(
+        model.x, model.y, model.v, model.h, rest * before,
+        model.xx, 0.0, model.xv, model.xh, 0.0,
+        model.yy, model.yv, model.yh, 0.0,
+        model.vv, model.vh, 0.0,
+        model.hh, 0.0,
+        rest,
+    )  # fmt: skip
+    slope = 0.0
+    for k in range(steps - 1, -1, -1):
+        value = _add_bounds(p, path, work, k, bounds, mu, value)
+        model = stage_model(p, path, k, path.inputs[k, 0], others)
+        inputs = _input_model(p, path, work, k, mu, damping)
+        ahead = _through_dynamics(p, path, k, value, model, inputs)
+        value, along = _minimise(ahead, inputs, work.gains, k)
+        slope += along
+    return slope
+
+
+@kernel
+def _add_bounds(
+    p: Programme, path: Path, work: Workspace, k: int, bounds: int, mu: float, to: Value
+) -> Value:
+    """Soft bounds of y, v, h at node k + 1."""
+    gy, hy = _soft_bound(p, path, work, k, 0, mu)
+    gv = hv = gh = hh = 0.0
+    if bounds > 1:
+        gv, hv = _soft_bound(p, path, work, k, 1, mu)
+        gh, hh = _soft_bound(p, path, work, k, 2, mu)
+    return Value(
+        to.x, to.y + gy, to.v + gv, to.h + gh, to.w,
+        to.xx, to.xy, to.xv, to.xh, to.xw,
+        to.yy + hy, to.yv, to.yh, to.yw,
+        to.vv + hv, to.vh, to.vw,
+        to.hh + hh, to.hw,
+        to.ww,
+    )  # fmt: skip
+
+
+@kernel
+def _soft_bound(p: Programme, path: Path, work: Workspace, k: int, j: int, mu: float) -> tuple[float, float]:
+    """Slope of the barrier and its primal-dual curvature."""
+    low, high = 2 * j, 2 * j + 1
+    curvature = 0.0
+    for side in range(low, high + 1):
+        multiplier = work.soft[k, side]
+        inside, outside = path.inside[k, side], path.outside[k, side]
+        curvature += 1.0 / (inside / multiplier + outside / (p.penalty[j] - multiplier))
+    slope = mu / path.inside[k, high] - mu / path.inside[k, low]
+    return slope, curvature
+
+
+@kernel
+def _through_dynamics(p: Programme, path: Path, k: int, to: Value, at: Stage, own: Inputs) -> Ahead:
+    """The cost to go after the stage, seen from before it, plus the stage's own."""
+    dt, c, s, v = p.dt, path.cosine[k], path.sine[k], path.states[k, 2]
+    xv, xh, yv, yh = dt * c, -dt * s * v, dt * s, dt * c * v
+    v_x, v_y = to.xv + xv * to.xx + yv * to.xy, to.yv + xv * to.xy + yv * to.yy
+    v_v = to.vv + xv * to.xv + yv * to.yv
+    h_x, h_y = to.xh + xh * to.xx + yh * to.xy, to.yh + xh * to.xy + yh * to.yy
+    h_v, h_h = to.vh + xh * to.xv + yh * to.yv, to.hh + xh * to.xh + yh * to.yh
+    w_x, w_y, w_v = dt * to.xh + to.xw, dt * to.yh + to.yw, dt * to.vh + to.vw
+    w_h, w_w = dt * to.hh + to.hw, dt * to.hw + to.ww
+    return Ahead(
+        x=at.x + to.x,
+        y=at.y + to.y,
+        v=at.v + to.v + xv * to.x + yv * to.y,
+        h=at.h + to.h + xh * to.x + yh * to.y,
+        a=at.a + dt * to.v + own.a,
+        w=dt * to.h + to.w + own.w,
+        xx=at.xx + to.xx,
+        xy=to.xy,
+        xv=at.xv + v_x,
+        xh=at.xh + h_x,
+        xa=at.xa + dt * to.xv,
+        xw=w_x,
+        yy=at.yy + to.yy,
+        yv=at.yv + v_y,
+        yh=at.yh + h_y,
+        ya=at.ya + dt * to.yv,
+        yw=w_y,
+        vv=at.vv + v_v + xv * v_x + yv * v_y,
+        vh=at.vh + h_v + xv * h_x + yv * h_y,
+        va=at.va + dt * v_v,
+        vw=w_v + xv * w_x + yv * w_y,
+        hh=at.hh + h_h + xh * h_x + yh * h_y,
+        ha=at.ha + dt * h_v,
+        hw=w_h + xh * w_x + yh * w_y,
+        aa=at.aa + dt * dt * to.vv + own.aa,
+        aw=dt * w_v,
+        ww=dt * w_h + w_w + own.ww,
+    )
+
+
+@kernel
+def _input_model(p: Programme, path: Path, work: Workspace, k: int, mu: float, damping: float) -> Inputs:
+    a, w = path.inputs[k, 0], path.inputs[k, 1]
+    change = 2.0 * p.turn_rate_change_weight if k > 0 else 0.0
+    lag = change * (w - path.inputs[k - 1, 1]) if k > 0 else 0.0
+    low_a, high_a = a + p.acceleration_max, p.acceleration_max - a
+    low_w, high_w = w + p.turn_rate_max, p.turn_rate_max - w
+    rate, box = 2.0 * p.turn_rate_weight, work.box[k]
+    return Inputs(
+        a=mu / high_a - mu / low_a,
+        w=rate * w + lag + mu / high_w - mu / low_w,
+        aa=box[0] / low_a + box[1] / high_a + damping / (p.acceleration_max * p.acceleration_max),
+        ww=rate + change + box[2] / low_w + box[3] / high_w + damping / (p.turn_rate_max * p.turn_rate_max),
+        change=change,
+        lag=lag,
+    )
+
+
+@kernel
+def _minimise(q: Ahead, own: Inputs, gains: Floats, k: int) -> tuple[Value, float]:
+    """Least cost to go over the stage's inputs, and the slope along them."""
+    scale = 1.0 / (q.aa * q.ww - q.aw * q.aw)
+    aa, aw, ww = q.ww * scale, -q.aw * scale, q.aa * scale
+    a, w = -(aa * q.a + aw * q.w), -(aw * q.a + ww * q.w)
+    ax, wx = -(aa * q.xa + aw * q.xw), -(aw * q.xa + ww * q.xw)
+    ay, wy = -(aa * q.ya + aw * q.yw), -(aw * q.ya + ww * q.yw)
+    av, wv = -(aa * q.va + aw * q.vw), -(aw * q.va + ww * q.vw)
+    ah, wh = -(aa * q.ha + aw * q.hw), -(aw * q.ha + ww * q.hw)
+    ap, wp = aw * own.change, ww * own.change
+    for i, gain in enumerate((a, ax, ay, av, ah, ap, w, wx, wy, wv, wh, wp)):
+        gains[k, i] = gain
+    value = Value(
+        q.x + q.xa * a + q.xw * w,
+        q.y + q.ya * a + q.yw * w,
+        q.v + q.va * a + q.vw * w,
+        q.h + q.ha * a + q.hw * w,
+        -own.lag - own.change * w,
+        q.xx + q.xa * ax + q.xw * wx,
+        q.xy + q.xa * ay + q.xw * wy,
+        q.xv + q.xa * av + q.xw * wv,
+        q.xh + q.xa * ah + q.xw * wh,
+        q.xa * ap + q.xw * wp,
+        q.yy + q.ya * ay + q.yw * wy,
+        q.yv + q.ya * av + q.yw * wv,
+        q.yh + q.ya * ah + q.yw * wh,
+        q.ya * ap + q.yw * wp,
+        q.vv + q.va * av + q.vw * wv,
+        q.vh + q.va * ah + q.vw * wh,
+        q.va * ap + q.vw * wp,
+        q.hh + q.ha * ah + q.hw * wh,
+        q.ha * ap + q.hw * wp,
+        own.change - own.change * wp,
+    )
+    return value, q.a * a + q.w * w

@@ -1,0 +1,248 @@
+"""The riccati backend beside the casadi backend, compiled or not."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+
+from avrare.batch import concatenate, take
+from avrare.driving import Prediction, Vehicles
+from avrare_mpc import avrare_components
+from avrare_mpc.config import MpcConfig
+from avrare_mpc.controller import build
+from avrare_mpc.plan import shift
+from avrare_mpc.riccati import jit
+from avrare_mpc.riccati.jit import COMPILED
+from avrare_mpc.riccati.solver import RiccatiSolver
+from avrare_mpc.search import cheapest
+
+RICCATI = {"backend": "riccati"}
+needs_numba = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
+
+
+def noise_of(n, samples, seed=5):
+    return np.array([0.3, 0.15, 0.3]) * np.random.default_rng(seed).standard_normal((n, samples - 1, 3, 3))
+
+
+@pytest.fixture(scope="module")
+def fast(lane_change):
+    return build(MpcConfig(**RICCATI), lane_change.scene)
+
+
+@pytest.fixture(scope="module")
+def situations(lane_change):
+    """Inputs of ``act`` from noisy drives of the casadi backend, one row each, and what it did there."""
+    controller = build(MpcConfig(), lane_change.scene)
+    drive = lane_change.drive(controller, noise_of(4, 13), samples=13)
+    given = tuple(concatenate([step[i] for step in drive.inputs]) for i in range(3))
+    return given, controller.act(*given)
+
+
+def given_to_the_solver(lane_change, situations):
+    memory, ego, prediction = situations[0]
+    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    guesses = shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt)[1]
+    rows = np.flatnonzero(memory.solved)
+    return start, prediction.x, prediction.y, rows, guesses[rows]
+
+
+@needs_numba
+def test_it_is_the_same_controller(fast, situations):
+    given, (action, memory) = situations
+    found, later = fast.act(*given)
+    assert (later.fallbacks == memory.fallbacks).all()
+    assert np.array_equal(later.solves, memory.solves)
+    same = np.abs(found.acceleration - action.acceleration) < 1e-4
+    same &= np.abs(found.yaw_rate - action.yaw_rate) < 1e-4
+    assert same.mean() > 0.85  # elsewhere another local minimum
+    np.testing.assert_allclose(later.plan_states[same], memory.plan_states[same], atol=2e-3)
+    assert np.abs(later.plan_inputs[..., 0]).max() <= 11.5
+    assert np.abs(later.plan_inputs[..., 1]).max() <= 0.5
+
+
+@needs_numba
+def test_compiled_and_plain_python_agree(lane_change, situations, interpreted):
+    start, x, y, rows, guesses = given_to_the_solver(lane_change, situations)
+    some = slice(0, None, 6)
+    compiled = RiccatiSolver(MpcConfig(), lane_change.scene).solve(start, x, y, rows[some], guesses[some])
+    twin = interpreted(MpcConfig(), lane_change.scene).solve(start, x, y, rows[some], guesses[some])
+    assert compiled.found.all()
+    assert np.array_equal(compiled.iterations, twin.iterations)
+    np.testing.assert_allclose(twin.cost, compiled.cost, rtol=1e-9)
+    np.testing.assert_allclose(twin.inputs, compiled.inputs, atol=1e-9)
+
+
+@needs_numba
+def test_rows_do_not_depend_on_their_neighbours(fast, situations):
+    memory, ego, prediction = situations[0]
+    action, later = fast.act(memory, ego, prediction)
+    for index in (np.array([0]), np.array([7]), np.array([40, 3, 3])):
+        alone, alone_later = fast.act(*(take(part, index) for part in (memory, ego, prediction)))
+        assert np.array_equal(alone.acceleration, action.acceleration[index])
+        assert np.array_equal(alone_later.plan_states, later.plan_states[index])
+        assert np.array_equal(alone_later.start_policy, later.start_policy[index])
+
+
+@needs_numba
+def test_the_quiet_drive_changes_lane_like_that_of_casadi(lane_change, fast, quiet):
+    controller, drive = quiet
+    ours = lane_change.drive(fast, np.zeros((1, 39, 3, 3)))
+    np.testing.assert_allclose(ours.states[:, :6], drive.states[:, :6], atol=1e-5)
+    assert np.abs(ours.states[..., 1] - drive.states[..., 1]).max() < 0.3
+    assert (lane_change.gaps(ours.states) > 0.5).all()
+    assert fast.counts(ours.memory) == controller.counts(drive.memory)
+
+
+def blind(prediction):
+    return Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
+
+
+@needs_numba
+def test_failures_are_counted_and_driven_out(fast, quiet):
+    memory, ego, prediction = quiet[1].inputs[10]
+    plan = memory.plan_inputs[0]
+    for step in range(1, fast.horizon):
+        action, memory = fast.act(memory, ego, blind(prediction))
+        assert (action.acceleration[0], action.yaw_rate[0]) == tuple(plan[step])
+    action, memory = fast.act(memory, ego, blind(prediction))
+    assert (action.acceleration[0], action.yaw_rate[0]) == (-11.5, 0.0)
+    assert fast.counts(memory)["fallback_solves"].tolist() == [20]
+    _, memory = fast.act(memory, ego, prediction)
+    assert memory.solved[0]
+
+
+@needs_numba
+@pytest.mark.parametrize("speed", [300.0, 1e8, 1e200, np.nan, np.inf])
+def test_absurd_rows_fail_alone(fast, quiet, speed):
+    memory, ego, prediction = (concatenate([part, part]) for part in quiet[1].inputs[7])
+    absurd = dataclasses.replace(ego, speed=np.array([ego.speed[0], speed]))
+    action, later = fast.act(memory, absurd, prediction)
+    good, _ = fast.act(*quiet[1].inputs[7])
+    assert action.acceleration[0] == good.acceleration[0]
+    assert np.isfinite([action.acceleration[1], action.yaw_rate[1]]).all()
+    assert (later.fallbacks - memory.fallbacks).tolist() == [0, 1]
+    assert (later.retries - memory.retries)[0] == 0
+
+
+@needs_numba
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"v_goal": 40.0, "speed_max": 24.0},
+        {"heading_max": 0.1},
+        {"lateral_lead": "speed", "heading_weight": 20.0},
+        {"lanes": [0, 1, 2], "y_goal": 3.0, "sharpness": 4.0},
+        {"lanes": [2], "y_goal": 5.25, "turn_rate_change_weight": 2000.0},
+        {"horizon": 12, "obstacle_weight": 50.0, "y_penalty": 1e4, "clearance_x": 1.0},
+        {"acceleration_max": 2.0, "turn_rate_max": 0.1, "braking_weight": 0.0, "y_margin": 0.0},
+    ],
+)
+def test_every_option_means_the_same(lane_change, options):
+    """First plans, where both backends keep the cheapest of several searches."""
+    slow, quick = (
+        build(MpcConfig.model_validate({**options, **more}), lane_change.scene) for more in ({}, RICCATI)
+    )
+    ego, prediction = first_situations(lane_change, slow.horizon)
+    action, expected = slow.act(slow.start(len(ego.x)), ego, prediction)
+    found, later = quick.act(quick.start(len(ego.x)), ego, prediction)
+    assert later.solved.all()
+    assert np.array_equal(later.solves, expected.solves)
+    same = np.abs(later.plan_inputs - expected.plan_inputs).max(axis=(1, 2)) < 2e-3
+    assert same.mean() >= 0.75
+    np.testing.assert_allclose(found.acceleration[same], action.acceleration[same], atol=1e-4)
+
+
+def vehicles(state):
+    x, y, speed, heading = state.T
+    return Vehicles(x=x, y=y, heading=heading, speed=speed, acceleration=np.zeros(len(state)))
+
+
+def first_situations(lane_change, horizon):
+    rng, n = np.random.default_rng(3), 8
+    state = np.array([17.0, 1.75, 21.6, 0.0]) + [1.0, 0.3, 1.0, 0.02] * rng.standard_normal((n, 4))
+    prediction = lane_change.predict(0, 0.2 * rng.standard_normal((n, 3, 3)))
+    return vehicles(state), Prediction(prediction.x[..., : horizon + 1], prediction.y[..., : horizon + 1])
+
+
+@needs_numba
+def test_bounds_of_speed_and_heading_hold(lane_change):
+    config = MpcConfig.model_validate({"speed_max": 22.0, "heading_max": 0.06, **RICCATI})
+    controller = build(config, lane_change.scene)
+    ego, prediction = first_situations(lane_change, 20)
+    ego = dataclasses.replace(
+        ego, speed=np.minimum(ego.speed, 22.0), heading=np.clip(ego.heading, -0.06, 0.06)
+    )
+    _, memory = controller.act(controller.start(len(ego.x)), ego, prediction)
+    assert memory.solved.all()
+    assert memory.plan_states[:, :, 2].max() == pytest.approx(22.0, abs=1e-5)
+    assert np.abs(memory.plan_states[:, :, 3]).max() == pytest.approx(0.06, abs=1e-5)
+
+
+@needs_numba
+def test_a_plant_outside_the_lateral_bounds_comes_back(fast, quiet):
+    memory, ego, prediction = quiet[1].inputs[20]
+    _, later = fast.act(memory, dataclasses.replace(ego, y=np.array([6.3])), prediction)
+    assert later.fallbacks[0] == memory.fallbacks[0]
+    assert later.plan_states[0, -1, 1] <= 5.763 + 1e-3
+
+
+@needs_numba
+def test_an_empty_road_and_an_empty_batch(lane_change, fast, quiet):
+    nobody = np.zeros(0)
+    scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
+    controller = build(MpcConfig(**RICCATI), scene)
+    memory, ego, prediction = quiet[1].inputs[0]
+    action, later = controller.act(controller.start(1), ego, Prediction(*np.zeros((2, 1, 0, 21))))
+    assert later.solved[0]
+    assert action.acceleration[0] > 0.1
+    empty = np.zeros(0, dtype=np.int64)
+    action, _ = fast.act(*(take(part, empty) for part in (memory, ego, prediction)))
+    assert action.acceleration.shape == (0,)
+
+
+def test_without_numba_it_says_so_and_works(lane_change, plain, quiet):
+    memory, ego, prediction = quiet[1].inputs[5]
+    with pytest.warns(UserWarning, match="numba is not installed"):
+        search = plain.search.RiccatiSearch(MpcConfig(**RICCATI), lane_change.scene)
+    assert not plain.jit.COMPILED
+    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    old = memory.plan_states, memory.plan_inputs
+    outcome = search(memory.solved, start, old, (prediction.x, prediction.y))
+    assert outcome.found.tolist() == [True]
+    assert outcome.states[0, 0].tolist() == start[0].tolist()
+
+
+@needs_numba
+def test_where_no_cache_can_be_written_it_compiles_without(monkeypatch):
+    asked = []
+
+    def njit(**options):
+        asked.append(options.get("cache", False))
+        if options.get("cache"):
+            raise RuntimeError("no locator available")
+        return lambda function: function
+
+    monkeypatch.setattr(jit.numba, "njit", njit)
+    assert jit.entry(noise_of) is noise_of
+    assert asked == [True, False]
+
+
+def test_the_list_of_plugins_says_whether_it_is_compiled(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install 'avrare-mpc[fast]'" in avrare_components()[0].summary
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    assert "pip" not in avrare_components()[0].summary
+
+
+@needs_numba
+def test_with_numba_it_says_nothing(lane_change):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        RiccatiSolver(MpcConfig(), lane_change.scene)
+
+
+def test_cheapest_keeps_the_first_of_equals():
+    inf = np.inf
+    cost = np.array([[3.0, 2.0, 2.0 - 1e-9], [inf, inf, inf], [inf, 5.0, 1.0], [-1.0, -2.0, inf]])
+    assert cheapest(cost).tolist() == [1, -1, 2, 1]
