@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avrare.errors import UsageError
@@ -14,6 +15,8 @@ from avrare.estimation.result import Result
 from avrare.execute.processes import ProcessExecutor
 from avrare.execute.serial import SerialExecutor
 from avrare.execute.work import Executor
+from avrare.record.checkpoint import Checkpoint
+from avrare.record.checkpoint_call import described
 from avrare.rollout.problem import Problem
 
 if TYPE_CHECKING:
@@ -29,6 +32,7 @@ def estimate(
     confidence: float = 0.95,
     budget: Budget | Mapping[str, float] | str | None = None,
     suppress: Sequence[str] = (),
+    checkpoint: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> Result:
     """Estimate how likely ``problem`` is to fail.
@@ -41,10 +45,13 @@ def estimate(
         confidence: Of the interval.
         budget: "steps=1e6", {"rollouts": 1000}, ...; None: the estimator's own options decide.
         suppress: Names of health warnings to leave out of the result.
+        checkpoint: A folder in which the outcome of every chunk (``Problem(chunk=...)``) is kept until the
+            estimate is done. The same call goes on from there after an interruption, with the same bits, for
+            any number of workers; a call that differs is refused.
         **options: The estimator's options, per run: ``rollouts``, ``particles``, ``discard``, ``runs``, ...
 
     Raises:
-        UsageError: Unknown or invalid arguments.
+        UsageError: Unknown or invalid arguments, or the checkpoint is of another call.
         PluginError: Nobody provides the estimator.
     """
     if not isinstance(problem, Problem):
@@ -58,7 +65,13 @@ def estimate(
             "make a Problem for each, or use `avrare run`",
         )
     settings = Settings(seed, confidence, Budget.parse(budget), suppress=tuple(suppress))
-    return run(problem, _estimator(estimator, options), _executor(workers), settings)[0]
+    built, executor = _estimator(estimator, options), _executor(workers)
+    if checkpoint is None:
+        return run(problem, built, executor, settings)[0]
+    saved = Checkpoint.open(Path(checkpoint), described(problem, estimator, built, settings))
+    result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
+    saved.remove()
+    return result
 
 
 def load(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> BuildableScenario:

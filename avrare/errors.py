@@ -88,6 +88,12 @@ class FormulaError(UsageError):
     """A formula that cannot be read or does not fit the signals."""
 
 
+class Interrupted(AvrareError):
+    """An estimate that was stopped from outside; what was saved of it is kept."""
+
+    exit_code = ExitCode.INTERRUPTED
+
+
 class PluginError(AvrareError):
     """A plugin that is missing, broken, or lacks a dependency."""
 

@@ -35,6 +35,7 @@ MESSAGES = {
     "the interval is widened to what holds whatever it misses",
     "unchecked": "the second look did not come to failure: nothing vouches that the proposal misses none; "
     "use more rollouts, or compare with splitting",
+    "heuristic_kernel": "{note}",
     "unreached": "after {stages} stages the elite still lies short of failure: the proposal is unfit; use "
     "more stages or more rollouts",
 }

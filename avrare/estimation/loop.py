@@ -6,16 +6,18 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Any
 
 from pydantic import ValidationError
 
-from avrare.errors import UsageError, did_you_mean
+from avrare.errors import Interrupted, UsageError, did_you_mean
 from avrare.estimation.budget import Budget
 from avrare.estimation.checks import examined
 from avrare.estimation.health import check_names
-from avrare.estimation.plan import Estimator, Info, Plan
+from avrare.estimation.plan import Estimator, Info, Journal, Plan
 from avrare.estimation.result import Result
+from avrare.execute.again import check_again
 from avrare.execute.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
@@ -23,7 +25,7 @@ from avrare.rollout.request import Request, Rollouts
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
-_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress")
+_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint")
 """What ``avrare.estimate`` takes beside the options: for the hint on a misspelt one."""
 
 
@@ -50,14 +52,25 @@ class Settings:
 
 def run(
     problem: Problem, estimator: Estimator, executor: Executor, settings: Settings,
-    progress: Progress | None = None,
+    progress: Progress | None = None, journal: Journal | None = None, stop: Callable[[], bool] | None = None,
 ) -> list[Result]:  # fmt: skip
     """Estimate the failure probability of every specification of ``problem``.
 
     An estimator with ``prepare(problem) -> problem`` may put another problem in its place.
 
+    Args:
+        problem: What to estimate.
+        estimator: How.
+        executor: Where the chunks run.
+        settings: What every estimator has in common.
+        progress: Told after every chunk.
+        journal: Where outcomes are kept; those that it has are not run again.
+        stop: Asked before every chunk; once it is true no other begins.
+
     Raises:
-        UsageError: The estimator takes one specification and the problem has several.
+        UsageError: The estimator takes one specification and the problem has several; or the system does not
+            give what the journal has kept of it.
+        Interrupted: ``stop`` was true before the end.
     """
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
@@ -74,11 +87,12 @@ def run(
         problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
         settings.max_error_rate,
     )  # fmt: skip
-    began = time.perf_counter()
-    executor.open(Work(problem, noise, scored=estimator.single))
+    work = Work(problem, noise, scored=estimator.single)
+    drive = _Drive(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
+    executor.open(work)
     with closing(executor):
-        state = _drive(estimator, plan, executor, progress or (lambda info: None), began)
-    seconds = time.perf_counter() - began
+        state = drive.run()
+    seconds = drive.seconds
     # Else its tapes may be those of another system, or its robustness that of a part of the run.
     replayed = settings.replay and problem is given and not getattr(estimator, "stops_early", False)
     results = [
@@ -88,33 +102,80 @@ def run(
     return [replace(result, seconds=seconds) for result in results]
 
 
-def _drive(estimator: Estimator, plan: Plan, executor: Executor, progress: Progress, began: float) -> Any:
-    state, info = estimator.init(plan)
-    while not _out_of_time(plan, began, info) and (request := estimator.ask(state)) is not None:
-        parts, so_far = [], info
-        for part in _chunks(executor, request, plan.chunk):
-            parts.append(part)
-            so_far = so_far.plus(part)
-            progress(so_far)
-        state, info = estimator.tell(state, Rollouts.join(parts))
-        progress(info)
-    return state
+class _Drive:
+    """One estimate under way."""
+
+    def __init__(
+        self, estimator: Estimator, plan: Plan, work: Work, executor: Executor, progress: Progress,
+        journal: Journal | None, stop: Callable[[], bool] | None,
+    ) -> None:  # fmt: skip
+        self.estimator, self.plan, self.work, self.executor = estimator, plan, work, executor
+        self.progress, self.journal, self.stop = progress, journal, stop or (lambda: False)
+        self.began = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Since the start, without the time between an interruption and going on."""
+        return time.perf_counter() - self.began
+
+    def run(self) -> Any:
+        """The estimator's state once it asks for no more."""
+        stage, (state, info) = 0, self.estimator.init(self.plan)
+        while not self._out_of_time(info) and (request := self.estimator.ask(state)) is not None:
+            parts, so_far = [], info
+            for part in self._outcomes(stage, request):
+                parts.append(part)
+                so_far = so_far.plus(part)
+                self.progress(so_far)
+            state, info = self.estimator.tell(state, Rollouts.join(parts))
+            self.progress(info)
+            stage += 1
+        return state
+
+    def _outcomes(self, stage: int, request: Request) -> Iterator[Rollouts]:
+        """Of all chunks in order: first what the journal has, then what is run."""
+        size = self.plan.chunk
+        chunks = [request.slice(at, at + size) for at in range(0, request.rows, size)]
+        journal = self.journal if self._kept(request) else None
+        index = 0
+        for outcome in self._stored(journal, stage, chunks) if journal else ():
+            index += 1
+            yield outcome
+        wanted = takewhile(lambda _: not self.stop(), chunks[index:])
+        for outcome in self.executor.map(wanted):
+            if journal:
+                journal.write(stage, index, chunks[index], outcome, self.seconds)
+            index += 1
+            yield outcome
+        if index < len(chunks):
+            raise Interrupted("interrupted")
+
+    def _kept(self, request: Request) -> bool:
+        return not request.keep_carries or getattr(self.estimator, "rebuilds_carries", False)
+
+    def _stored(self, journal: Journal, stage: int, chunks: list[Request]) -> Iterator[Rollouts]:
+        """Of the leading chunks; the clock is put to where it stood after each."""
+        for index, chunk in enumerate(chunks):
+            found = journal.read(stage, index, chunk)
+            if found is None:
+                return
+            outcome, seconds = found
+            # A law that was learnt anew may have come out otherwise: try each stage that draws under one.
+            if index == 0 and (stage == 0 or chunk.law is not None):
+                check_again(self.work, chunk, outcome)
+            self.began = time.perf_counter() - seconds
+            yield outcome
+
+    def _out_of_time(self, info: Info) -> bool:
+        """Whether a budget of seconds (Monte Carlo only) is spent; never before the first rollouts are in."""
+        budget = self.plan.budget
+        if budget is None or budget.kind != "seconds" or not info.rollouts:
+            return False
+        return self.seconds >= budget.amount
 
 
-def _chunks(executor: Executor, request: Request, size: int) -> Iterator[Rollouts]:
-    return executor.map([request.slice(at, at + size) for at in range(0, request.rows, size)])
-
-
-def _out_of_time(plan: Plan, began: float, info: Info) -> bool:
-    """Whether a budget of seconds (Monte Carlo only) is spent; never before the first rollouts are in."""
-    budget = plan.budget
-    if budget is None or budget.kind != "seconds" or not info.rollouts:
-        return False
-    return time.perf_counter() - began >= budget.amount
-
-
-def checked_options(config: type[Any], name: str, options: dict[str, Any]) -> Any:
-    """Options of an estimator called from Python.
+def checked_options(config: type[Any], name: str, options: dict[str, Any], kind: str = "estimator") -> Any:
+    """Options of an estimator called from Python, or of another ``kind`` of component.
 
     Raises:
         UsageError: Unknown or invalid options, all of them named.
@@ -126,12 +187,14 @@ def checked_options(config: type[Any], name: str, options: dict[str, Any]) -> An
         for entry in error.errors():
             option = ".".join(str(part) for part in entry["loc"])
             if entry["type"] == "extra_forbidden":
-                problems.append(f"unknown option {option!r} of estimator {name!r}")
-                hints.append(did_you_mean(option, [*config.model_fields, *_ARGUMENTS]))
+                problems.append(f"unknown option {option!r} of {kind} {name!r}")
+                hints.append(
+                    did_you_mean(option, [*config.model_fields, *(_ARGUMENTS if kind == "estimator" else ())])
+                )
             elif option:
                 problems.append(
-                    f"option {option!r} of estimator {name!r}: {entry['msg']}, found {entry['input']!r}"
+                    f"option {option!r} of {kind} {name!r}: {entry['msg']}, found {entry['input']!r}"
                 )
             else:
-                problems.append(f"estimator {name!r}: {entry['msg'].removeprefix('Value error, ')}")
+                problems.append(f"{kind} {name!r}: {entry['msg'].removeprefix('Value error, ')}")
         raise UsageError("; ".join(problems), "; ".join(filter(None, hints)) or None) from None

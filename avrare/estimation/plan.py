@@ -96,3 +96,26 @@ class Estimator(Protocol):
 
     def estimate(self, state: Any) -> list[Result]:
         """One result per specification."""
+
+
+class Journal(Protocol):
+    """Where the outcomes of chunks are kept, so that an estimate can be interrupted and gone on with.
+
+    An estimator is a deterministic function of the outcomes that it is told: nothing of its state is kept.
+    Carries are not kept either. A stage whose request asks for them is run again, unless the estimator has
+    ``rebuilds_carries = True``: it then does without those that it was not given.
+    """
+
+    def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
+        """The outcome of a chunk and the seconds that had passed by then; None where it is not kept.
+
+        Raises:
+            AvrareError: Something else is kept in its place.
+        """
+
+    def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
+        """Keep the outcome of chunk number ``index`` of a stage.
+
+        Raises:
+            AvrareError: It cannot be kept.
+        """

@@ -7,24 +7,26 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+import threading
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
 
-from avrare.errors import AvrareError, ExitCode, UsageError
+from avrare.errors import UsageError
 from avrare.execute.config import ExecutorConfig
+from avrare.execute.window import Window, WorkerDied, WorkerLost
 from avrare.execute.work import Work
 from avrare.rollout.request import Request, Rollouts
 
+__all__ = ["ProcessExecutor", "WorkerDied", "build"]
+
 _HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_IN_FLIGHT = 2
+"""Chunks in flight for each worker: one in hand, one at the door."""
 _work: Work | UsageError | None = None
-
-
-class WorkerDied(AvrareError):
-    """A worker process ended without an answer."""
-
-    exit_code = ExitCode.ROLLOUT_ERRORS
 
 
 def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecutor:
@@ -33,7 +35,7 @@ def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecuto
 
 
 class ProcessExecutor:
-    """Runs chunks in spawned processes of one thread each.
+    """Runs chunks in spawned processes of one thread each; a worker that dies is replaced.
 
     The work is pickled once per worker; a problem built from a scenario travels as its recipe.
     """
@@ -41,7 +43,14 @@ class ProcessExecutor:
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self._pool: ProcessPoolExecutor | None = None
+        self._window = Window(self, _IN_FLIGHT * workers)
+        self._payload = b""
         self._added: list[str] = []
+
+    @property
+    def restarts(self) -> int:
+        """How often workers had to be replaced."""
+        return self._window.restarts
 
     def open(self, work: Work) -> None:
         """Start the workers.
@@ -49,36 +58,85 @@ class ProcessExecutor:
         Raises:
             UsageError: The problem cannot be sent to another process.
         """
-        payload = _pickled(work)
+        self._payload = pickled(work)
         # Workers start with the first chunk and read these before anything of ours runs in them.
         self._added = [name for name in _ONE_THREAD if name not in os.environ]
         os.environ.update(dict.fromkeys(self._added, "1"))
-        context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(self.workers, context, initializer=_start, initargs=(payload,))
+        self._pool = self._fresh_pool()
 
-    def map(self, chunks: Sequence[Request]) -> Iterator[Rollouts]:
-        """Outcomes in the order of the chunks."""
+    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+        """Outcomes in the order of the chunks.
+
+        Raises:
+            WorkerDied: Workers die of the same chunk again and again.
+        """
+        return self._window.map(chunks)
+
+    def submit(self, chunk: Request) -> _Ticket:
+        """Hand a chunk to the pool."""
         assert self._pool is not None
         try:
-            yield from self._pool.map(_run, chunks)
+            with _no_interrupt():  # the first chunk starts the workers
+                return _Ticket(self._pool.submit(_run, chunk))
         except BrokenProcessPool as error:
-            raise WorkerDied(
-                "a worker process ended without an answer (killed, out of memory, or failed to start)",
-                "run with --workers 1 to see what happens; in a script, guard the call with "
-                '`if __name__ == "__main__":`',
-            ) from error
+            raise WorkerLost from error
+
+    def replace_lost(self) -> None:
+        """A pool that has lost one worker is lost as a whole."""
+        assert self._pool is not None
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = self._fresh_pool()
 
     def close(self) -> None:
-        """Stop the workers."""
+        """Stop the workers; what they have in hand is not waited for."""
         if self._pool is not None:
+            if self._window.busy:
+                for process in list((self._pool._processes or {}).values()):
+                    process.kill()
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
         for name in self._added:
             os.environ.pop(name, None)
         self._added = []
 
+    def _fresh_pool(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self.workers, context, initializer=_start, initargs=(self._payload,))
 
-def _pickled(work: Work) -> bytes:
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Hold Ctrl-C back: processes that start meanwhile never see it, from their first instruction on."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@dataclass(frozen=True)
+class _Ticket:
+    future: Future[Rollouts]
+
+    def done(self) -> bool:
+        return self.future.done()
+
+    def result(self) -> Rollouts:
+        try:
+            return self.future.result()
+        except BrokenProcessPool as error:
+            raise WorkerLost from error
+
+
+def pickled(work: Work) -> bytes:
+    """The work as bytes that a worker process can read.
+
+    Raises:
+        UsageError: The problem cannot be sent to another process.
+    """
     try:
         payload = pickle.dumps(work)
     except Exception as error:
@@ -93,10 +151,19 @@ def _pickled(work: Work) -> bytes:
 def _start(payload: bytes) -> None:
     global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
     try:
         _work = pickle.loads(payload)
     except Exception as error:  # an initializer that raises would break the pool without a reason
         _work = UsageError(f"a worker process cannot read the problem: {error}", _HINT)
+
+
+def _leave_with_parent() -> None:
+    """A parent that is killed cannot stop its workers: they would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _run(chunk: Request) -> Rollouts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 from avrare.execute.config import ExecutorConfig
 from avrare.execute.work import Work
@@ -21,7 +21,7 @@ class SerialExecutor:
         """Remember the work."""
         self._work = work
 
-    def map(self, chunks: Sequence[Request]) -> Iterator[Rollouts]:
+    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
         """Outcomes in the order of the chunks."""
         return (self._work.run(chunk) for chunk in chunks)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -36,8 +36,8 @@ class Executor(Protocol):
     def open(self, work: Work) -> None:
         """Prepare the workers for chunks of ``work``."""
 
-    def map(self, chunks: Sequence[Request]) -> Iterator[Rollouts]:
-        """Outcomes in the order of the chunks."""
+    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+        """Outcomes in the order of the chunks; takes a chunk no sooner than there is room for it."""
 
     def close(self) -> None:
         """Stop the workers."""

@@ -13,6 +13,10 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
     ("estimator", "ams"): "avrare-estimators",
     ("estimator", "is"): "avrare-estimators",
     ("estimator", "ce"): "avrare-estimators",
+    ("estimator", "ess"): "avrare-estimators",
+    ("simulator", "linear"): "avrare-linear",
+    ("estimator", "ess_linear"): "avrare-linear",
+    ("executor", "ray"): "avrare-ray",
 }
 """(kind, name) of a component -> the distribution of this project that provides it."""
 

@@ -22,7 +22,7 @@ from avrare.scenario.yaml import dump
 SCHEMA = 1
 
 
-def choose(out: str | None, name: str, several: bool) -> Path:
+def choose(out: str | Path | None, name: str, several: bool) -> Path:
     """The folder of a run: ``out`` (a folder inside it when there are several scenarios), or a new one.
 
     Raises:
@@ -89,5 +89,6 @@ def write(folder: Path, scenario: Scenario, content: dict[str, Any], results: Se
         write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
     except OSError as error:
         raise UsageError(
-            f"{folder}: cannot write the result: {error.strerror}", "choose another --out"
+            f"{folder}: cannot write the result: {error.strerror}",
+            "make room and --resume the run, or choose another --out",
         ) from error

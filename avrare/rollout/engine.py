@@ -7,6 +7,7 @@ that breaks down leaves the batch, keeps its score, and is reported as an error:
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from avrare import batch
 from avrare.errors import AvrareError, UsageError
 from avrare.protocols import Bools, Floats, Signals, Specification, System
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
+from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts
 
 Sample = tuple[Any, dict[str, Any], Bools]
 """State, signals and rows that have broken down."""
@@ -40,6 +41,8 @@ def simulate(
     """
     if request.law is not None:
         system = _under(system, request.law)
+    if request.past is not None:
+        request = _retraced(system, specifications, noise, request, request.past)
     return _Rollout(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
 
 
@@ -78,6 +81,31 @@ class _Tape:
         self._from, self._block = t, self.noise.normals(run, stage, particle, np.arange(t, t + many))
 
 
+class _Kept:
+    """The carries that are returned: fewer of them once they take too much memory.
+
+    How many there are depends on the bytes of a row alone, so it is the same for every chunk.
+    """
+
+    def __init__(self, request: Request, steps: int) -> None:
+        self.every, self.most_bytes, self.steps = request.every, request.most_bytes, steps
+        self.carries: list[tuple[int, Integers, Carry]] = []
+        self._bytes: dict[int, int] = {}
+
+    def add(self, t: int, rows: Integers, carry: Carry) -> None:
+        if not self._wanted(t):
+            return
+        self.carries.append((t, rows, carry))
+        self._bytes[t] = sum(leaf.nbytes for leaf in batch.leaves(carry)) // len(rows)
+        while 0 < self.most_bytes < sum(self._bytes.values()) and self.every <= t:
+            self.every *= 2
+            self.carries = [kept for kept in self.carries if self._wanted(kept[0])]
+            self._bytes = {step: size for step, size in self._bytes.items() if self._wanted(step)}
+
+    def _wanted(self, t: int) -> bool:
+        return t % self.every == 0 or t == self.steps
+
+
 class _Rollout:
     def __init__(
         self, system: System, specifications: tuple[Specification, ...], steps: int, noise: _Tape,
@@ -92,10 +120,10 @@ class _Rollout:
         self.scores = np.full((rows, steps + 1 if scored else 0), -np.inf)
         self.log_weight = np.zeros(rows)
         self.log_weights = getattr(system, "log_weights", None)
-        self.simulated_steps = 0
+        self.simulated_steps = int(request.past.paid.sum()) if request.past is not None else 0
         self.counts: dict[str, Integers] = {}
         self.messages: list[str] = []
-        self.kept: list[tuple[int, Integers, Carry]] = []
+        self.kept = _Kept(request, steps)
 
     def run(self) -> Rollouts:
         carries, start = dict(self.request.carries), self.request.start
@@ -109,17 +137,18 @@ class _Rollout:
                 carry, rows = self._begin(np.flatnonzero(start == FROM_START))
             if t in carries:
                 carry, rows = self._join(carry, rows, carries[t], np.flatnonzero(start == t), t)
-            if carry is not None and self.request.stop_early:
-                carry, rows = self._retire(carry, rows)
+            if carry is not None:
+                carry, rows = self._leave(carry, rows, t)
             if carry is not None and self.request.keep_carries:
-                self.kept.append((t, rows, carry))
+                self.kept.add(t, rows, carry)
         if carry is not None:
             self._finish(carry, rows)
         for values in self.counts.values():
             values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
-            tuple(dict.fromkeys(self.messages))[:5], tuple(self.kept), self.log_weight,
+            tuple(dict.fromkeys(self.messages))[:5], tuple(self.kept.carries), self.log_weight,
+            self.kept.every,
         )  # fmt: skip
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
@@ -230,8 +259,10 @@ class _Rollout:
         for name, values in counts(carry.system).items() if counts is not None else ():
             self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
 
-    def _retire(self, carry: Carry, rows: Integers) -> tuple[Carry | None, Integers]:
-        """Finish the rows of which every specification's verdict is final."""
+    def _leave(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
+        """Where rows may stop early, finish those of which every specification's verdict is final."""
+        if not self.request.stop_early:
+            return carry, rows
         decided = np.all([state.decided for state in carry.monitors], axis=0)
         if not decided.any():
             return carry, rows
@@ -243,6 +274,63 @@ class _Rollout:
         for column, verdict in enumerate(carry.verdicts):
             self.violated[rows, column] = verdict.violated
         self._count(carry, rows, 1)
+
+
+class _Retrace(_Rollout):
+    """Drives rows to given steps and takes them out there: ``reached`` holds (rows, carry) of each step."""
+
+    def __init__(
+        self, system: System, specifications: tuple[Specification, ...], until: Integers, request: Request
+    ) -> None:
+        steps = int(until.max())
+        tape = _Tape(NoiseSource(0, system.noise_size), request, steps)
+        super().__init__(system, specifications, steps, tape, request, scored=False)
+        self.until = until
+        self.reached: dict[int, tuple[Integers, Carry]] = {}
+
+    def _leave(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
+        here = self.until[rows] == t
+        if not here.any():
+            return carry, rows
+        self.reached[t] = rows[here], batch.take(carry, here)
+        return (None if here.all() else batch.take(carry, ~here)), rows[~here]
+
+
+def _retraced(
+    system: System,
+    specifications: tuple[Specification, ...],
+    noise: NoiseSource,
+    request: Request,
+    past: Past,
+) -> Request:
+    """The request with the carries of all its rows.
+
+    Raises:
+        UsageError: A row does not come to where it once was.
+    """
+    order = np.argsort(past.origin, kind="stable")
+    rows = past.rows[order]
+    until, run = request.start[rows], request.run[rows]
+    steps = np.arange(int(until.max()) + 1)
+    tape = noise.normals(run[:, None], past.stage[order][:, steps], past.particle[order][:, steps], steps)
+    carries = tuple((step, carry) for step, _, carry in past.carries)
+    way = Request(run, run, run, past.origin[order], carries, tape)
+    retrace = _Retrace(system, specifications, until, way)
+    if retrace.run().error.any():
+        raise UsageError(
+            "a rollout broke down on the way that it had once come: the system does not depend on its noise "
+            "alone"
+        )
+    carried = np.ones(request.rows, dtype=bool)
+    carried[rows] = False
+    found = {t: (rows[who], carry) for t, (who, carry) in retrace.reached.items()}
+    whole = dict(request.carries)
+    for t, (who, carry) in found.items():
+        if t in whole:
+            who = np.concatenate([np.flatnonzero(carried & (request.start == t)), who])
+            carry = batch.concatenate([whole[t], carry])
+        whole[t] = batch.take(carry, np.argsort(who))
+    return replace(request, carries=tuple(sorted(whole.items(), key=lambda pair: pair[0])))
 
 
 def _checked(signals: Signals, n: int) -> dict[str, Any]:

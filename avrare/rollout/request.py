@@ -32,6 +32,43 @@ class Carry:
 
 
 @dataclass(frozen=True)
+class Past:
+    """How to come to the carries of rows that were not kept: by driving there again, on the same noise.
+
+    Attributes:
+        rows: (P,) rows of the request that have no carry, ascending; ``start`` is where they are to be.
+        origin: (P,) step to drive from: -1 the beginning, s >= 0 a carry at step s.
+        stage: (P, steps + 1) stage that drew the noise of each step up to ``start``.
+        particle: (P, steps + 1) particle that it was drawn for.
+        paid: (P,) steps of the way that count as simulated.
+        carries: (s, entries, carry) in ascending s: the carries of the entries (among the P) with origin s,
+            which ascend.
+    """
+
+    rows: Integers
+    origin: Integers
+    stage: NDArray[np.int32]
+    particle: NDArray[np.int32]
+    paid: Integers
+    carries: tuple[tuple[int, Integers, Carry], ...] = ()
+
+    def slice(self, begin: int, end: int) -> Past | None:
+        """What concerns rows begin..end of the request, None: nothing."""
+        low, high = np.searchsorted(self.rows, (begin, end))
+        if low == high:
+            return None
+        part, carries = slice(low, high), []
+        for step, entries, carry in self.carries:
+            first, last = np.searchsorted(entries, (low, high))
+            if first < last:
+                carries.append((step, entries[first:last] - low, batch.take(carry, slice(first, last))))
+        return Past(
+            self.rows[part] - begin, self.origin[part], self.stage[part], self.particle[part],
+            self.paid[part], tuple(carries),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Request:
     """M rollouts, sorted by ``start``.
 
@@ -40,11 +77,15 @@ class Request:
         stage: (M,) address of the fresh noise.
         particle: (M,) address of the fresh noise.
         start: (M,) step at which the row starts: -1 from the beginning, s >= 0 from a carry at step s.
-        carries: (s, carry) pairs in ascending s; together they hold the rows with start >= 0 in order.
+        carries: (s, carry) pairs in ascending s; together they hold the rows with start >= 0 in order, but
+            for those of ``past``.
         tape: (M, steps + 1, noise_size) explicit noise in place of addressed noise, or None.
-        keep_carries: Return the carry of every step.
+        keep_carries: Return the carry of every step, or of steps 0, k, 2k, ... and the last.
+        every: k to begin with.
+        most_bytes: Of a row's carries; k is doubled where they would take more. 0: no limit.
         stop_early: End a row as soon as no specification's verdict can change.
         law: What the system is to draw from instead of its own distribution: handed to ``System.under``.
+        past: Rows with start >= 0 whose carries are to be driven to first; None: there are none.
     """
 
     run: Integers
@@ -54,8 +95,11 @@ class Request:
     carries: tuple[tuple[int, Carry], ...] = ()
     tape: Floats | None = None
     keep_carries: bool = False
+    every: int = 1
+    most_bytes: int = 0
     stop_early: bool = False
     law: Any = None
+    past: Past | None = None
 
     @property
     def rows(self) -> int:
@@ -79,17 +123,21 @@ class Request:
         """Rows begin..end as a request of their own: one chunk of work."""
         if begin <= 0 and end >= self.rows:
             return self
-        part = slice(begin, end)
-        carries = []
+        part, carries = slice(begin, end), []
+        carried = np.ones(self.rows, dtype=bool)
+        if self.past is not None:
+            carried[self.past.rows] = False
+        before = np.concatenate([[0], np.cumsum(carried)])
         for step, carry in self.carries:
             first, last = np.searchsorted(self.start, (step, step + 1))
-            low, high = max(begin, first), min(end, last)
+            low, high = before[max(begin, first)], before[min(end, last)]
             if low < high:
-                carries.append((step, batch.take(carry, slice(low - first, high - first))))
+                carries.append((step, batch.take(carry, slice(low - before[first], high - before[first]))))
         return replace(
             self,
             run=self.run[part], stage=self.stage[part], particle=self.particle[part], start=self.start[part],
             carries=tuple(carries), tape=None if self.tape is None else self.tape[part],
+            past=None if self.past is None else self.past.slice(begin, end),
         )  # fmt: skip
 
 
@@ -107,6 +155,7 @@ class Rollouts:
         counts: What each row added to the system's own counters, (M,) each; 0 for errored rows.
         messages: What broke down, the first few.
         carries: (t, row indices, carry) of every step when they were asked for.
+        every: k, where they are of steps 0, k, 2k, ... and the last only.
         log_weight: (M,) log likelihood ratio that the system reports, zeros where it reports none; of the
             steps before the error for errored rows.
     """
@@ -120,6 +169,7 @@ class Rollouts:
     messages: tuple[str, ...] = ()
     carries: tuple[tuple[int, Integers, Carry], ...] = ()
     log_weight: Floats = field(default_factory=lambda: np.zeros(0))
+    every: int = 1
 
     @staticmethod
     def join(parts: list[Rollouts]) -> Rollouts:
@@ -147,6 +197,7 @@ class Rollouts:
                 for step, rows, carry in part.carries
             ),
             log_weight=np.concatenate([part.log_weight for part in parts]),
+            every=max(part.every for part in parts),
         )
 
 

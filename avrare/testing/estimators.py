@@ -12,8 +12,10 @@ estimator to it.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -160,8 +162,24 @@ class EstimatorConformance:
         assert len(set(many.tolist())) > 1, "the runs are equal: too weak a test, or they share their noise"
         np.testing.assert_array_equal(few, many[:2])
 
-    # A suspended estimate that is resumed must give the same bits as well; that test belongs here as soon as
-    # estimates can be suspended from Python.
+    def test_resumable(self, tmp_path: Path) -> None:
+        """Killed again and again and gone on with from its checkpoint, it gives the same bits."""
+        whole = self.estimate(self._mortal(), seed=3)
+        lives, deaths = 60, 0
+        while True:
+            try:
+                resumed = self.estimate(self._mortal(lives), seed=3, checkpoint=tmp_path / "checkpoint")
+            except systems.Killed:
+                lives, deaths = lives + lives // 2, deaths + 1  # to come to an end with any estimator
+            else:
+                break
+        assert deaths, "the estimate was never interrupted: too weak a test"
+        assert _without_seconds(whole) == _without_seconds(resumed)
+        np.testing.assert_array_equal(whole.failures.noise, resumed.failures.noise)
+
+    def _mortal(self, lives: float = math.inf) -> Problem:
+        system, formula = systems.Mortal(self.reference.system, lives), stl(self.reference.formula)
+        return Problem(system, formula, self.reference.steps, self.reference.score, chunk=50)
 
     # Honest
 

@@ -134,6 +134,38 @@ class Counting:
         return self.system.signals(state)
 
 
+class Killed(BaseException):
+    """As a kill -9 would, it ends a program: nothing in the library may catch it."""
+
+
+class Mortal:
+    """Another system, until it has taken so many batches of steps; then it ends the program.
+
+    Args:
+        inner: The system.
+        lives: Batches of steps.
+    """
+
+    def __init__(self, inner: System, lives: float) -> None:
+        self.inner, self.lives = inner, lives
+        self.noise_size = inner.noise_size
+
+    def initial(self, noise: Floats) -> Any:
+        """Of the inner system."""
+        return self.inner.initial(noise)
+
+    def step(self, state: Any, noise: Floats) -> Any:
+        """Of the inner system, while it lives."""
+        self.lives -= 1
+        if self.lives < 0:
+            raise Killed
+        return self.inner.step(state, noise)
+
+    def signals(self, state: Any) -> Any:
+        """Of the inner system."""
+        return self.inner.signals(state)
+
+
 class Odometer(Walk):
     """A walk whose state counts its own steps, as a planner counts its solves."""
 

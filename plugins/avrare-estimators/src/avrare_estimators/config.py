@@ -23,6 +23,11 @@ class AmsConfig(BaseModel):
     floor: float = Field(
         default=1e-18, gt=0.0, lt=1.0, description="a run ends, as extinct, once its weight falls below this"
     )
+    memory: float = Field(
+        default=1024.0, gt=0.0,
+        description="MiB for the states that branches start from; where they do not suffice, those of every "
+        "second, fourth, ... step are kept and the rest is driven again, at the cost of these steps",
+    )  # fmt: skip
 
     @model_validator(mode="after")
     def _fewer_discards_than_particles(self) -> AmsConfig:

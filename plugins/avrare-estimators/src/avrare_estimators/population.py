@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from avrare import batch
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import Carry, Integers, Rollouts
+from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
+
+_NEVER = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Population:
         root: (R N,) slot of the first ancestor.
         stage: (R N, T + 1) stage that drew the noise of each step.
         particle: (R N, T + 1) particle that it was drawn for.
-        history: Carry of every slot at each step t, once it is known.
+        since: (R N,) step from which on the history holds the slot's carries.
+        history: Carry of every slot at each step t that is kept, once it is known.
     """
 
     scores: Floats
@@ -55,6 +58,7 @@ class Population:
     root: Integers
     stage: NDArray[np.int32]
     particle: NDArray[np.int32]
+    since: Integers
     history: dict[int, Carry] = field(default_factory=dict)
 
     @staticmethod
@@ -70,6 +74,7 @@ class Population:
             root=np.arange(slots),
             stage=np.zeros(shape, dtype=np.int32),
             particle=np.repeat(own[:, None], steps + 1, axis=1).astype(np.int32),
+            since=np.full(slots, _NEVER),
         )
 
     @property
@@ -89,26 +94,62 @@ class Population:
         self.violated[slots] = outcome.violated[:, 0]
         self.error[slots] = outcome.error
         self.robustness[slots] = outcome.robustness[:, 0]
+        given = np.zeros(len(slots), dtype=bool)
         for t, rows, carry in outcome.carries:
+            given[rows] = True
             self.remember(t, slots[rows], carry)
+        self.since[slots[~given]] = _NEVER
 
     def inherit(
-        self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers
-    ) -> None:
-        """Give ``children`` the past of ``parents`` up to and including ``start``, new noise after it."""
+        self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers,
+        every: int = 1,
+    ) -> None:  # fmt: skip
+        """Give ``children`` the past of ``parents`` up to and including ``start``, new noise after it.
+
+        Where carries are kept of ``every`` so many steps only, the newest before ``start`` is handed on.
+        """
         past = np.arange(self.scores.shape[1]) <= start[:, None]
         self.root[children] = self.root[parents]
         for table, fresh in ((self.stage, stage), (self.particle, own)):
             table[children] = np.where(past, table[parents], fresh[:, None])
         self.scores[children] = np.where(past, self.scores[parents], -np.inf)
+        origin = start - start % every
+        handed = (origin < start) & (self.since[parents] <= origin)
+        self.since[children] = _NEVER
+        for t in np.unique(origin[handed]):
+            here = handed & (origin == t)
+            self.remember(int(t), children[here], batch.take(self.history[int(t)], parents[here]))
 
-    def branch(self, parents: Integers, start: Integers) -> tuple[tuple[int, Carry], ...]:
-        """Carries of ``parents`` at their steps ``start``, which ascend."""
-        steps = np.unique(start)
-        return tuple((int(t), batch.take(self.history[int(t)], parents[start == t])) for t in steps)
+    def branch(self, parents: Integers, start: Integers, every: int = 1) -> tuple[tuple[int, Carry], ...]:
+        """Carries of ``parents`` at their steps ``start``, which ascend, as far as they are kept."""
+        kept = (self.since[parents] <= start) & (start % every == 0)
+        parents, start = parents[kept], start[kept]
+        return tuple(
+            (int(t), batch.take(self.history[int(t)], parents[start == t])) for t in np.unique(start)
+        )
+
+    def past(self, parents: Integers, start: Integers, every: int = 1) -> Past | None:
+        """How to come to the carries at ``start`` that are not kept, None: all are.
+
+        The way from a step that should be kept counts as simulated. An estimate that is resumed begins
+        without any carries: the rest of the way does not count, as it would not have been needed.
+        """
+        origin = start - start % every
+        known = self.since[parents] <= origin
+        rows = np.flatnonzero(~known | (origin < start))
+        if not len(rows):
+            return None
+        parents, paid, known = parents[rows], (start - origin)[rows], known[rows]
+        origin = np.where(known, origin[rows], FROM_START)
+        carries = []
+        for t in np.unique(origin[known]):
+            entries = np.flatnonzero(origin == t)
+            carries.append((int(t), entries, batch.take(self.history[int(t)], parents[entries])))
+        return Past(rows, origin, self.stage[parents], self.particle[parents], paid, tuple(carries))
 
     def remember(self, t: int, slots: Integers, carry: Carry) -> None:
         """Write the carries of ``slots`` at step ``t``."""
+        self.since[slots] = np.minimum(self.since[slots], t)
         if t not in self.history:
             total = len(self.root)
             self.history[t] = batch.map_leaves(

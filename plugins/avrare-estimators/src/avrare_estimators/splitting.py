@@ -87,6 +87,7 @@ class AmsState:
         lost: Tapes of discarded failures, the first few.
         first: Robustness of the first stage's rollouts.
         tally: Costs so far.
+        every: Steps from one carry that is kept to the next.
     """
 
     plan: Plan
@@ -103,6 +104,7 @@ class AmsState:
     lost: list[Tapes]
     first: Floats
     tally: Tally
+    every: int = 1
 
     @property
     def probabilities(self) -> Floats:
@@ -116,6 +118,7 @@ class Splitting:
 
     name = "ams"
     single = True
+    rebuilds_carries = True
 
     def __init__(self, config: AmsConfig) -> None:
         self.config = config
@@ -149,8 +152,11 @@ class Splitting:
             return None
         run, particle = np.divmod(pending.slots, self.config.particles)
         stage = np.full(len(pending.slots), state.stage)
-        carries = state.population.branch(pending.parents, pending.start) if state.stage else ()
-        return Request(run, stage, particle, pending.start, carries, keep_carries=True)
+        request = Request(run, stage, particle, pending.start, keep_carries=True, every=state.every)
+        if not state.stage:
+            return replace(request, most_bytes=self._bytes_of_a_slot(state))
+        branch = pending.parents, pending.start, state.every
+        return replace(request, carries=state.population.branch(*branch), past=state.population.past(*branch))
 
     def tell(self, state: AmsState, rollouts: Rollouts) -> tuple[AmsState, Info]:
         """Store the rollouts, set the next levels, discard, and choose where to branch."""
@@ -158,7 +164,9 @@ class Splitting:
         if self._published:  # its failures are robustness <= 0
             state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
         if state.stage == 0:
-            state = replace(state, first=np.where(rollouts.error, np.nan, rollouts.robustness[:, 0]))
+            state = replace(
+                state, every=rollouts.every, first=np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
+            )
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
         state, survivors = self._split(state)
         return state, self._info(state, survivors)
@@ -201,7 +209,9 @@ class Splitting:
         start = first_above(state.population.scores[parents], level[run])
         order = np.argsort(start, kind="stable")
         pending = Pending(children[order], parents[order], start[order])
-        state.population.inherit(pending.slots, pending.parents, pending.start, stage, own[order])
+        state.population.inherit(
+            pending.slots, pending.parents, pending.start, stage, own[order], state.every
+        )
         return pending
 
     def _weigh(self, state: AmsState, killed: Integers, level: Floats) -> None:
@@ -224,6 +234,10 @@ class Splitting:
             particles=int(state.active.sum()) * self.config.particles if latest else None,
             rollouts=tally.rollouts, failures=tally.failures, errors=tally.errors, counts=dict(tally.counts),
         )  # fmt: skip
+
+    def _bytes_of_a_slot(self, state: AmsState) -> int:
+        """Room for the carries of one slot."""
+        return max(1, int(self.config.memory * 2**20) // len(state.population.root))
 
     def _runs(self, plan: Plan) -> int:
         """Runs that the budget pays for, at the cost of a run that goes down to 1e-4.

@@ -1,0 +1,109 @@
+"""The checkpoint of ``avrare run``: one for all scenarios of a run, in the run's folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from avrare.errors import UsageError
+from avrare.estimation.budget import Budget
+from avrare.record.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index, write_durably
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+from avrare.scenario.schema import Scenario
+from avrare.scenario.yaml import dump
+
+
+def begin(out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool) -> Checkpoint:
+    """Begin the run's checkpoint in ``out``, or go on with it.
+
+    Raises:
+        UsageError: It is that of another run, there is one that is not to be gone on with, or the folder
+            cannot be written to.
+    """
+    folder = out / FOLDER
+    if not resume and read_index(folder) is not None:
+        old = Checkpoint(folder, {})
+        if old.chunks:
+            raise UsageError(
+                f"{out}: holds a run that was interrupted",
+                f"avrare run --resume {out} goes on with it; else remove {folder} or choose another --out",
+            )
+        old.remove()
+    checkpoint = Checkpoint.open(folder, _task(scenarios, budget), _paths(scenarios))
+    try:
+        for one in scenarios:
+            (folder / one.name).mkdir(exist_ok=True)
+            write_durably(folder / one.name / SCENARIO, dump(one.resolved).encode())
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot save a checkpoint here: {error.strerror}") from None
+    return checkpoint
+
+
+def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any]:
+    """What must be equal to go on; the fingerprint comes last, as it tells least."""
+    described = {
+        one.name: {**one.resolved, "versions": one.versions, "fingerprint": fingerprint(one)}
+        for one in scenarios
+    }
+    return {"scenarios": described, "budget": budget and f"{budget.kind}={budget.amount!r}"}
+
+
+def _paths(scenarios: Sequence[Scenario]) -> dict[str, Any]:
+    return {"paths": {one.name: str(Path(one.path).resolve()) for one in scenarios}}
+
+
+def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) -> list[Scenario]:
+    """The scenarios of the checkpoint in ``out``; empty where there is none.
+
+    Args:
+        out: Folder of the run.
+        overrides: Laid over them, as by ``load``.
+        estimator: As by ``load``.
+
+    Raises:
+        ScenarioError: One of them cannot be loaded.
+        UsageError: The checkpoint cannot be read.
+    """
+    index = read_index(out / FOLDER)
+    names = index["task"].get("scenarios", {}) if index else {}
+    paths = index["about"].get("paths", {}) if index else {}
+    loaded = [load(out / FOLDER / name / SCENARIO, overrides, estimator) for name in names]
+    return [replace(one, path=str(paths.get(one.name, one.path))) for one in loaded]
+
+
+def saved_budget(out: Path) -> Budget | None:
+    """The budget of the checkpoint in ``out``, None where there is none.
+
+    Raises:
+        UsageError: The checkpoint cannot be read.
+    """
+    index = read_index(out / FOLDER)
+    return Budget.parse(index["task"].get("budget")) if index else None
+
+
+def finished_results(out: Path, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+    """The contents of the result.json of a run that has come to its end; empty where it has not.
+
+    Args:
+        out: Folder of the run.
+        scenarios: That it should be of; empty where nobody says.
+
+    Raises:
+        UsageError: They are of other scenarios, or cannot be read.
+    """
+    if read_index(out / FOLDER) is not None:
+        return []
+    paths = [path] if (path := out / "result.json").exists() else sorted(out.glob("*/result.json"))
+    try:
+        contents = {path: dict(json.loads(path.read_text(encoding="utf-8"))) for path in paths}
+    except (OSError, ValueError, TypeError) as error:
+        raise UsageError(f"{out}: its result cannot be read: {error}", "choose another folder") from None
+    wanted = {one.name: (fingerprint(one), one.seed) for one in scenarios}
+    found = {one.get("scenario"): (one.get("fingerprint"), one.get("seed")) for one in contents.values()}
+    if scenarios and contents and wanted != found:
+        raise UsageError(f"{out}: holds the result of another run", "choose another folder")
+    return list(contents.values())

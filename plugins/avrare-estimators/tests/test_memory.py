@@ -1,0 +1,134 @@
+"""Splitting with few carries, and with none after an interruption: the same estimate, and honest books."""
+
+import json
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare import batch
+from avrare.testing import systems
+from avrare_estimators.splitting import Splitting
+
+OPTIONS = {"particles": 40, "discard": 6, "runs": 2, "seed": 4}
+STEPS = 20
+
+
+class Killed(BaseException):
+    """Nothing in the library may catch it."""
+
+
+class Mortal(systems.Counting):
+    """Counts its steps, and ends the program after so many batches."""
+
+    def __init__(self, lives, system):
+        super().__init__(system)
+        self.lives = lives
+        for name in ("counts", "faults"):
+            if hasattr(system, name):
+                setattr(self, name, getattr(system, name))
+
+    def step(self, state, noise):
+        self.lives -= 1
+        if self.lives < 0:
+            raise Killed
+        return super().step(state, noise)
+
+
+def estimate(lives=10**9, system=None, formula="always (x < 0.9)", chunk=25, **options):
+    counting = Mortal(lives, system or systems.Walk())
+    problem = avrare.Problem(counting, avrare.stl(formula), steps=STEPS, chunk=chunk)
+    return avrare.estimate(problem, "ams", **{**OPTIONS, **options}), counting.rows
+
+
+def plain(result):
+    content = json.loads(result.to_json())
+    del content["seconds"]
+    return content
+
+
+@pytest.fixture
+def limited(monkeypatch):
+    """Lets the carries of so many steps of all particles be kept."""
+
+    problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 0.9)"), steps=STEPS)
+    carries = [carry for _, _, carry in problem.nominal(keep_carries=True).carries]
+    row = max(sum(leaf.nbytes for leaf in batch.leaves(carry)) for carry in carries)
+
+    def limit(steps):
+        slots = OPTIONS["particles"] * OPTIONS["runs"]
+        monkeypatch.setitem(OPTIONS, "memory", max(steps * row * slots, 1) / 2**20)
+
+    return limit
+
+
+@pytest.fixture
+def spacings(monkeypatch):
+    """The spacings that the requests of later stages ask for."""
+    ask, seen = Splitting.ask, set()
+
+    def watched(self, state):
+        request = ask(self, state)
+        if request is not None and state.stage:
+            seen.add(request.every)
+        return request
+
+    monkeypatch.setattr(Splitting, "ask", watched)
+    return seen
+
+
+@pytest.mark.parametrize(("steps", "spacing"), [(11, 2), (6, 4), (4, 8), (3, 16), (2, 32), (0, 32)])
+def test_few_carries_change_nothing_but_the_cost(limited, spacings, steps, spacing):
+    whole, cheap = estimate()
+    assert spacings == {1}
+    limited(steps)
+    spacings.clear()
+    result, paid = estimate()
+    assert spacings == {spacing}
+    assert result.simulated_steps == paid > cheap == whole.simulated_steps
+    assert {**plain(result), "simulated_steps": 0} == {**plain(whole), "simulated_steps": 0}
+    np.testing.assert_array_equal(result.failures.noise, whole.failures.noise)
+
+
+@pytest.mark.parametrize("steps", [6, 2])
+@pytest.mark.parametrize("formula", ["always (x < 0.9)", "eventually[3:9] (x > 0.6)"])
+@pytest.mark.parametrize(
+    "system", [systems.Odometer(), systems.NestedWalk(), systems.Fragile.with_chance(0.01)]
+)
+def test_chunks_do_not_matter(limited, steps, formula, system):
+    limited(steps)
+    whole, _ = estimate(system=system, formula=formula, chunk=4096)
+    for chunk in (7, 25):
+        assert plain(estimate(system=system, formula=formula, chunk=chunk)[0]) == plain(whole)
+
+
+@pytest.mark.parametrize("steps", [99, 6, 2])
+@pytest.mark.parametrize("system", [systems.Odometer(), systems.Fragile.with_chance(0.01)])
+def test_interrupted_it_comes_to_the_same(limited, tmp_path, steps, system):
+    limited(steps)
+    whole, paid = estimate(system=system)
+    assert whole.simulated_steps == paid
+    deaths = 0
+    for _ in range(100):
+        try:
+            result, _ = estimate(150, system, checkpoint=tmp_path / "kept")
+            break
+        except Killed:
+            deaths += 1
+    assert deaths > 1
+    assert plain(result) == plain(whole)
+
+
+def test_a_stage_that_is_lost_in_the_midst_is_run_again(limited, tmp_path):
+    """Then some particles have carries, and what comes after is told from the files again."""
+    limited(6)
+    whole, _ = estimate()
+    with pytest.raises(Killed):
+        estimate(420, checkpoint=tmp_path / "kept")
+    files = sorted((tmp_path / "kept").rglob("*.npz"))
+    lost = [path for path in files if path.name.startswith("000002-")]
+    assert files[-1].name > "000004"
+    for path in lost:
+        path.unlink()
+    result, _ = estimate(checkpoint=tmp_path / "kept")
+    assert plain(result) == plain(whole)

@@ -1,0 +1,24 @@
+"""Options of the Ray executor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class RayConfig(BaseModel):
+    """Where the cluster is and what a worker takes of it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    workers: int = Field(default=1, ge=1, le=10_000, description="actors, each with the problem in memory")
+    address: str | None = Field(
+        default=None,
+        description="of the cluster: auto, HOST:PORT or ray://HOST:PORT; default: RAY_ADDRESS, else a "
+        "cluster of this machine for the time of the run",
+    )
+    cpus_per_worker: float = Field(default=1.0, gt=0.0, description="CPUs that Ray reserves for a worker")
+    runtime_env: dict[str, Any] = Field(
+        default={}, description="Ray's runtime environment of the workers: working_dir, pip, env_vars, ..."
+    )

@@ -1,0 +1,124 @@
+"""The executor on a real Ray cluster of this machine; nothing to see without Ray."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.errors import AvrareError
+from avrare.estimation.config import McConfig
+from avrare.estimation.loop import Settings, run
+from avrare.estimation.montecarlo import MonteCarlo
+from avrare.execute.serial import SerialExecutor
+from avrare.execute.window import WorkerDied
+from avrare.testing import systems
+
+ray = pytest.importorskip("ray")
+from avrare_ray.config import RayConfig  # noqa: E402
+from avrare_ray.executor import build  # noqa: E402
+
+HERE = str(Path(__file__).parent)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    ray.init(
+        num_cpus=2, include_dashboard=False, log_to_driver=False,
+        runtime_env={"env_vars": {"PYTHONPATH": os.pathsep.join([HERE, os.environ.get("PYTHONPATH", "")])}},
+    )  # fmt: skip
+    yield
+    ray.shutdown()
+
+
+def problem(system=None):
+    return avrare.Problem(system or systems.Walk(), avrare.stl("always (x < 0.5)"), steps=20, chunk=10)
+
+
+def estimate(executor, task=None, **options):
+    estimator = MonteCarlo(McConfig(**{"rollouts": 200, **options}))
+    return run(task or problem(), estimator, executor, Settings())[0]
+
+
+@pytest.mark.usefixtures("cluster")
+def test_the_same_bits_as_in_one_process():
+    one, two = estimate(SerialExecutor()), estimate(build(RayConfig(workers=2)))
+    assert (one.probability, one.simulated_steps, one.health) == (
+        two.probability,
+        two.simulated_steps,
+        two.health,
+    )
+    np.testing.assert_array_equal(one.robustness, two.robustness)
+    np.testing.assert_array_equal(one.failures.noise, two.failures.noise)
+
+
+@pytest.mark.usefixtures("cluster")
+def test_splitting_copies_states_through_ray():
+    from avrare_estimators.config import AmsConfig
+    from avrare_estimators.splitting import Splitting
+
+    results = [
+        run(problem(), Splitting(AmsConfig(particles=30, discard=6, runs=2)), executor, Settings())[0]
+        for executor in (SerialExecutor(), build(RayConfig(workers=2)))
+    ]
+    assert results[0].probability == results[1].probability
+    np.testing.assert_array_equal(results[0].failures.noise, results[1].failures.noise)
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_dead_actor_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    from ray_systems import Fatal
+
+    trap = tmp_path / "trap"
+    trap.touch()
+    executor = build(RayConfig(workers=2))
+    mended = estimate(executor, problem(Fatal(str(trap))))
+    assert not trap.exists()
+    assert executor.restarts == 1
+    np.testing.assert_array_equal(mended.robustness, estimate(SerialExecutor()).robustness)
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_chunk_that_kills_every_actor_is_named(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    from ray_systems import Fatal
+
+    with pytest.raises(WorkerDied, match="begins at run 0, stage 0, particle 0"):
+        estimate(build(RayConfig(workers=2)), problem(Fatal()))
+
+
+@pytest.mark.usefixtures("cluster")
+def test_an_error_of_ours_arrives_with_its_hint():
+    with pytest.raises(avrare.FormulaError, match="'x' is missing") as caught:
+        estimate(build(RayConfig()), problem(systems.Nameless()))
+    assert type(caught.value) is avrare.FormulaError
+
+
+@pytest.mark.usefixtures("cluster")
+def test_a_cluster_of_others_is_left_running():
+    estimate(build(RayConfig()))
+    assert ray.is_initialized()
+
+
+def test_a_cluster_that_is_not_there():
+    if ray.is_initialized():
+        ray.shutdown()
+    with pytest.raises(AvrareError, match="no Ray cluster auto: Could not find any running Ray instance"):
+        estimate(build(RayConfig(address="auto")))
+
+
+def test_a_cluster_of_its_own_leaves_no_trace():
+    """Nor does it keep the handler of a signal."""
+    if ray.is_initialized():
+        ray.shutdown()
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        one, two = estimate(SerialExecutor()), estimate(build(RayConfig(workers=2)))
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not ray.is_initialized()
+    np.testing.assert_array_equal(one.robustness, two.robustness)

@@ -1,0 +1,210 @@
+"""An estimate from Python that is stopped in the midst goes on, to the same bits."""
+
+import json
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.errors import Interrupted
+from avrare.estimation import loop
+from avrare.estimation.budget import Budget
+from avrare.estimation.config import McConfig
+from avrare.estimation.loop import Settings, run
+from avrare.estimation.montecarlo import MonteCarlo
+from avrare.execute.serial import SerialExecutor
+from avrare.record.checkpoint import Checkpoint
+from avrare.testing import systems
+from avrare_estimators.config import IsConfig
+from avrare_estimators.importance import ImportanceSampling
+
+OPTIONS = {
+    "mc": {"rollouts": 400},
+    "ams": {"particles": 60, "discard": 10, "runs": 2},
+    "is": {"rollouts": 300, "proposal": {"gaussian": {"mean": 0.3}}},
+    "ce": {"rollouts": 120},
+}
+
+
+def problem(lives=10**9, limit=0.9, steps=20, chunk=25, **options):
+    return avrare.Problem(
+        systems.Mortal(systems.Walk(**options), lives),
+        avrare.stl(f"always (x < {limit})"),
+        steps=steps,
+        chunk=chunk,
+    )
+
+
+def plain(result):
+    content = json.loads(result.to_json())
+    del content["seconds"]
+    return content, result.failures.noise.tobytes(), result.robustness.tobytes()
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_killed_again_and_again(tmp_path, name):
+    folder, lives, deaths = tmp_path / "kept", 85, 0
+    whole = avrare.estimate(problem(), name, seed=4, **OPTIONS[name])
+    for _ in range(200):
+        try:
+            result = avrare.estimate(problem(lives), name, seed=4, checkpoint=folder, **OPTIONS[name])
+            break
+        except systems.Killed:
+            deaths += 1
+    assert deaths > 1
+    assert plain(result) == plain(whole)
+    assert not folder.exists()
+
+
+def test_as_often_as_there_are_batches(tmp_path):
+    whole = avrare.estimate(problem(steps=3), rollouts=60)
+    for lives in range(3 * 3):
+        folder = tmp_path / str(lives)
+        with pytest.raises(systems.Killed):
+            avrare.estimate(problem(lives, steps=3), rollouts=60, checkpoint=folder)
+        assert len(list(folder.rglob("*.npz"))) == lives // 3
+        result = avrare.estimate(problem(steps=3), rollouts=60, checkpoint=folder)
+        assert plain(result) == plain(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"seed": 5}, "settings.seed 4 -> 5"),
+        ({"rollouts": 500}, "options.rollouts 400 -> 500"),
+        ({"confidence": 0.9}, "settings.confidence 0.95 -> 0.9"),
+        ({"budget": "rollouts=50"}, "settings.budget null -> "),
+    ],
+)
+def test_another_call_is_refused(tmp_path, change, told):
+    call = {"seed": 4, "rollouts": 400, "checkpoint": tmp_path / "kept"}
+    with pytest.raises(systems.Killed):
+        avrare.estimate(problem(50), **call)
+    with pytest.raises(avrare.UsageError) as caught:
+        avrare.estimate(problem(), **{**call, **change})
+    assert told in caught.value.message
+    assert plain(avrare.estimate(problem(), **call)) == plain(
+        avrare.estimate(problem(), seed=4, rollouts=400)
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"chunk": 20}, "problem.chunk 25 -> 20"),
+        ({"steps": 21}, "problem.steps 20 -> 21"),
+        ({"limit": 0.8}, '"always (x < 0.9)" -> "always (x < 0.8)"'),
+        ({"scale": 0.2}, "does not come out as it did: robustness"),
+    ],
+)
+def test_another_problem_is_refused(tmp_path, change, told):
+    folder = tmp_path / "kept"
+    with pytest.raises(systems.Killed):
+        avrare.estimate(problem(50), rollouts=400, checkpoint=folder)
+    with pytest.raises(avrare.UsageError) as caught:
+        avrare.estimate(problem(**change), rollouts=400, checkpoint=folder)
+    assert told in caught.value.message
+
+
+def test_a_proposal_of_ones_own_is_told_by_its_name(tmp_path):
+    class Shifted:
+        def sample(self, rng, n):
+            return rng.standard_normal((n, 21, 1)) + 0.3
+
+        def log_ratio(self, noise):
+            return (0.045 - 0.3 * noise).sum(axis=(1, 2))
+
+    call = {"proposal": Shifted(), "rollouts": 200}
+    with pytest.raises(systems.Killed):
+        avrare.estimate(problem(90), "is", checkpoint=tmp_path / "kept", **call)
+    assert 'Shifted"' in (tmp_path / "kept" / "checkpoint.json").read_text()
+    result = avrare.estimate(problem(), "is", checkpoint=tmp_path / "kept", **call)
+    assert plain(result) == plain(avrare.estimate(problem(), "is", **call))
+
+
+def test_rows_that_depend_on_their_neighbours_are_run_as_they_were(tmp_path):
+    """One rollout alone differs, the chunk does not: that is no reason to refuse."""
+
+    class Sociable(systems.Walk):
+        def step(self, state, noise):
+            return {"x": super().step(state, noise)["x"] + 1e-9 * len(noise)}
+
+    def sociable(lives):
+        return avrare.Problem(
+            systems.Mortal(Sociable(), lives), avrare.stl("always (x < 0.9)"), steps=20, chunk=25
+        )
+
+    with pytest.raises(systems.Killed):
+        avrare.estimate(sociable(50), rollouts=200, checkpoint=tmp_path / "kept")
+    result = avrare.estimate(sociable(10**9), rollouts=200, checkpoint=tmp_path / "kept")
+    assert plain(result) == plain(avrare.estimate(sociable(10**9), rollouts=200))
+
+
+def test_the_step_that_differs_is_told(tmp_path):
+    class Late(systems.Walk):
+        def __init__(self, shift):
+            super().__init__()
+            self.shift = shift
+
+        def initial(self, noise):
+            return {"x": np.zeros(len(noise)), "t": np.zeros(len(noise))}
+
+        def step(self, state, noise):
+            late = self.shift * (state["t"] == 7)
+            return {"x": self.moved(state["x"], noise) + late, "t": state["t"] + 1}
+
+    def late(shift):
+        return avrare.Problem(Late(shift), avrare.stl("always (x < 0.9)"), steps=20, chunk=25)
+
+    stop = iter([False, False, True])
+    estimator = ImportanceSampling(IsConfig(**OPTIONS["is"]))
+    journal = Checkpoint.open(tmp_path / "own", {}).journal("it")
+    with pytest.raises(Interrupted):
+        run(late(0.0), estimator, SerialExecutor(), Settings(), journal=journal, stop=lambda: next(stop))
+    with pytest.raises(avrare.UsageError, match=r"does not come out as it did: from step (8|9|1\d) on"):
+        run(late(1.0), estimator, SerialExecutor(), Settings(), journal=journal)
+
+
+def test_the_clock_goes_on_where_it_stood(tmp_path, monkeypatch):
+    """A budget of seconds counts the time before the interruption, and seconds are those of both parts."""
+    now = [0.0]
+
+    def estimate(stop=None):
+        journal = Checkpoint.open(tmp_path, {}).journal("it")
+
+        def tick(info):
+            now[0] += 0.5
+
+        settings = Settings(budget=Budget("seconds", 8.0))
+        monkeypatch.setattr(loop.time, "perf_counter", lambda: now[0])
+        estimator = MonteCarlo(McConfig())
+        return run(problem(chunk=64), estimator, SerialExecutor(), settings, tick, journal, stop)
+
+    stop = iter([False] * 3 + [True])
+    with pytest.raises(Interrupted):
+        estimate(lambda: next(stop))
+    before, now[0] = now[0], 1000.0
+    (result,) = estimate()
+    assert before < 4.0
+    assert 8.0 <= result.seconds < 12.0
+    assert result.rollouts > 3 * 64
+
+
+def test_the_folder_cannot_be_used(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(avrare.UsageError, match="cannot save a checkpoint here"):
+        avrare.estimate(problem(), rollouts=10, checkpoint=tmp_path / "file" / "kept")
+
+
+def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path):
+    (tmp_path / "precious.txt").write_text("mine")
+    with pytest.raises(avrare.UsageError, match="is not empty, and no checkpoint"):
+        avrare.estimate(problem(), rollouts=10, checkpoint=tmp_path)
+    folder = tmp_path / "kept"
+    with pytest.raises(systems.Killed):
+        avrare.estimate(problem(50), rollouts=400, checkpoint=folder)
+    (folder / "specification" / "notes").mkdir()
+    (folder / "specification" / "notes" / "precious.npz").write_text("mine")
+    avrare.estimate(problem(), rollouts=400, checkpoint=folder)
+    left = [path.name for path in tmp_path.rglob("*") if path.is_file()]
+    assert sorted(left) == ["precious.npz", "precious.txt"]
