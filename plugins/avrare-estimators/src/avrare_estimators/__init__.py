@@ -1,4 +1,4 @@
-"""Rare-event estimators: adaptive multilevel splitting, importance sampling, cross-entropy."""
+"""Rare-event estimators: multilevel splitting, slice sampling, importance sampling, cross-entropy."""
 
 from avrare.plugin import Component, hookimpl
 
@@ -13,6 +13,13 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:AmsConfig",
             factory="avrare_estimators.splitting:build",
             summary="adaptive multilevel splitting, unbiased for any formula",
+        ),
+        Component(
+            kind="estimator",
+            name="ess",
+            config="avrare_estimators.ess_config:EssConfig",
+            factory="avrare_estimators.nested:build",
+            summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
         ),
         Component(
             kind="estimator",

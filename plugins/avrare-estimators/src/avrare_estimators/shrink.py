@@ -1,0 +1,63 @@
+"""Elliptical slice sampling with a shrinking bracket (Murray, Adams and MacKay 2010): nothing to tune.
+
+The chain's tape and a fresh one span an ellipse of tapes. A first angle is uniform; each proposal outside the
+level's set shrinks the bracket towards the chain's own tape, from which a further angle is drawn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare_estimators.chains import Draw, Move, Points, Untaught, rotated
+
+_MOST_TURNS = 100
+"""By then a bracket is 2^-100 of the ellipse: the proposal is the chain's own tape."""
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """Of M chains.
+
+    Attributes:
+        other: (M, steps + 1, noise_size) second axis of the ellipse.
+        angle: (M,) of the proposal in hand.
+        low: (M,) end of the bracket.
+        high: (M,) end of the bracket.
+    """
+
+    other: Floats
+    angle: Floats
+    low: Floats
+    high: Floats
+
+
+class ShrinkKernel(Untaught):
+    """Valid for any system and score."""
+
+    rollouts = 4.0
+
+    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
+        """A fresh ellipse and its first angle."""
+        other = draw.tapes()
+        angle = 2.0 * np.pi * draw.uniforms(np.arange(len(level)), 0)
+        bracket = Bracket(other, angle, angle - 2.0 * np.pi, angle.copy())
+        return Move.begin(state, level, draw, rotated(state.tape, other, angle), bracket)
+
+    def tell(self, move: Move, found: Points) -> Move:
+        """Who has come into the set is done; the others shrink their brackets."""
+        rows = move.waiting
+        good = found.above(move.level[rows])
+        move, rows = move.take(good, found), rows[~good]
+        if move.turn >= _MOST_TURNS:
+            return move.stay()
+        old: Bracket = move.work
+        low, high, angle = old.low.copy(), old.high.copy(), old.angle.copy()
+        below = angle[rows] < 0.0
+        low[rows[below]], high[rows[~below]] = angle[rows[below]], angle[rows[~below]]
+        angle[rows] = low[rows] + (high[rows] - low[rows]) * move.draw.uniforms(rows, move.turn)
+        proposal = rotated(move.state.tape[rows], old.other[rows], angle[rows])
+        return replace(move, proposal=proposal, turn=move.turn + 1, work=Bracket(old.other, angle, low, high))

@@ -1,0 +1,188 @@
+"""The estimator: right on problems with exact answers, whatever its size, its score and its kernel."""
+
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.loop import Settings, run
+from avrare.execute.serial import SerialExecutor
+from avrare.rollout.problem import Problem
+from avrare.testing import systems
+from avrare.testing.problems import linear, reference_problem, walk
+from avrare.testing.study import deviation
+from avrare_estimators.chains import Move, Untaught
+from avrare_estimators.ess_config import EssConfig
+from avrare_estimators.nested import NestedLevels
+from avrare_estimators.stationarity import rolled_out
+
+SMALL = {"chains": 20, "level_probability": 0.2}
+
+
+def estimate(id, **options):
+    return avrare.estimate(reference_problem(id).problem(chunk=50_000), "ess", **options)
+
+
+def off(id, **options):
+    """Standard errors by which the mean of the runs is off."""
+    return deviation(estimate(id, **options).run_probabilities, reference_problem(id).probability)
+
+
+@pytest.mark.parametrize("id", ["a_beta_-2", "c_fourbranch_k7", "i_lognormal_prod_d1", "i_exp_sum_d10_c30.0"])
+@pytest.mark.parametrize("kernel", ["pcn", "shrink", "surrogate"])
+def test_mean_over_true(id, kernel):
+    assert abs(off(id, kernel=kernel, runs=200, seed=2, **SMALL)) < 4.0
+
+
+def test_mean_over_true_in_a_hundred_dimensions():
+    assert abs(off("b_linear_d100_p1e-4", runs=100, chains=30, seed=2)) < 4.0
+
+
+@pytest.mark.parametrize("id", ["a_beta_-2", "b_linear_d100_p1e-4"])
+def test_lipschitz_with_a_true_bound(id):
+    assert abs(off(id, kernel="lipschitz", lipschitz=1.0, runs=60, **SMALL)) < 4.0
+
+
+@pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])
+def test_heuristics_say_so(kernel):
+    assert kernel in estimate("a_beta_-2", kernel=kernel, runs=2, **SMALL).health["heuristic_kernel"]
+    assert "heuristic_kernel" not in estimate("a_beta_-2", runs=2, **SMALL).health
+
+
+def test_growing_slope_is_biased():
+    """Why it carries a note."""
+    assert off("i_exp_sum_d10_c30.0", kernel="lipschitz_growing", runs=60, **SMALL) > 4.0
+
+
+def test_the_smallest_sample_is_unbiased_too():
+    """Ten samples a level: what adapts to itself is off, what follows a pilot is not."""
+    options = {"chains": 5, "level_probability": 0.5, "runs": 4000, "kernel": "shrink"}
+    assert abs(off("c_fourbranch_k6", **options)) < 4.0
+    assert off("c_fourbranch_k6", second_pass=False, **options) > 4.0
+
+
+def steep(signals, t):
+    """Infinite long before failure."""
+    x = signals["x"][:, t]
+    return np.where(x > 0.5, np.inf, x)
+
+
+@pytest.mark.parametrize("score", [systems.backwards, systems.constant, systems.height, steep])
+def test_any_score_will_do(score):
+    """Failures belong to every level, also where a score puts them below it."""
+    reference = walk(1.0, 20)
+    problem = reference.problem(score=score, chunk=50_000)
+    values = avrare.estimate(problem, "ess", runs=200, **SMALL).run_probabilities
+    assert abs(deviation(values, reference.probability)) < 4.0
+
+
+def test_skipped_samples_cost_and_help():
+    few, many = (estimate("a_beta_-2.5", runs=200, skip=skip, **SMALL) for skip in (0, 3))
+    truth = reference_problem("a_beta_-2.5").probability
+    assert abs(deviation(many.run_probabilities, truth)) < 4.0
+    assert many.run_probabilities.std() < 0.8 * few.run_probabilities.std()
+    assert many.rollouts > 2.5 * few.rollouts
+
+
+@pytest.mark.parametrize("kernel", ["surrogate", "lipschitz_growing", "bayesian"])
+def test_runs_are_a_prefix(kernel):
+    few, many = (estimate("a_beta_-2", kernel=kernel, runs=runs, **SMALL) for runs in (2, 5))
+    np.testing.assert_array_equal(few.run_probabilities, many.run_probabilities[:2])
+
+
+def test_without_levels_it_is_monte_carlo():
+    result = avrare.estimate(Problem(systems.Walk(), avrare.stl("always (x < 0.01)"), 3), "ess", runs=3)
+    failed = round(float(result.run_probabilities.sum()) * 500)
+    assert 0.0 < result.probability < 1.0
+    assert result.interval == clopper_pearson(failed, 1500, 0.95)
+    assert result.diagnostics["levels"] == [[], [], []]
+
+
+def test_single_run_has_an_interval_and_a_warning():
+    truth = reference_problem("c_fourbranch_k7").probability
+    results = [estimate("c_fourbranch_k7", runs=1, seed=seed) for seed in range(40)]
+    assert all("single_run" in result.health for result in results)
+    hits = sum(result.interval[0] <= truth <= result.interval[1] for result in results)
+    assert hits >= 26, "too narrow, even for one that leaves out what levels share"
+    errors = [result.relative_error for result in results]
+    spread = np.std([result.probability for result in results]) / truth
+    assert 0.5 * spread < np.median(errors) < 1.5 * spread
+
+
+def test_diagnostics_tell_of_the_chains():
+    found = estimate("a_beta_-2.5", runs=4).diagnostics
+    assert [len(levels) for levels in found["levels"]] == [len(shares) for shares in found["shares"]]
+    for levels, shares, sizes in zip(found["levels"], found["shares"], found["effective_sizes"], strict=True):
+        assert (np.diff(levels) > 0).all()
+        assert all(0.0 < share < 0.4 for share in shares)
+        assert sizes[0] == found["samples"]
+        assert all(10 < size <= found["samples"] for size in sizes)
+    assert all(1.0 < value < 2.5 for value in found["r_hat"])
+    assert 0 < found["pilot_rollouts"] < 4 * 1500
+
+
+def test_failures_are_different_tapes():
+    failures = estimate("a_beta_-2", kernel="shrink").failures
+    assert len({tape.tobytes() for tape in failures.noise}) == len(failures.noise) == 100
+
+
+def test_breakdowns_near_failure_show_in_the_upper_end():
+    """Who comes beyond the brink breaks down: the fresh draws never see it, the chains do."""
+    problem = Problem(systems.Doomed(0.9), avrare.stl("always (x < 1)"), 10)
+    result = avrare.estimate(problem, "ess", runs=10, **SMALL)
+    assert result.errors > 0
+    reaching = walk(0.9, 9).probability
+    assert result.interval[1] > 0.3 * reaching
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kernel": "lipschitz"}, "a bound on the score's slope"),
+        ({"kernel": "pcn", "lipschitz": 1.0}, "no option of kernel pcn"),
+        ({"kernel": "metropolis"}, "kernel"),
+        ({"level_probability": 0.7}, "level_probability"),
+        ({"budget": "seconds=3"}, "clock"),
+        ({"budget": "rollouts=10"}, "does not pay"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(avrare.UsageError, match=message):
+        estimate("a_beta_-2", **options)
+
+
+class ExactHalfSpace(Untaught):
+    """Closed form: an independent draw from total > level, known without a rollout."""
+
+    rollouts = 0.0
+
+    problem = None
+
+    def of(self, problem):
+        self.problem = problem
+        return self
+
+    def start(self, known, state, level, draw):
+        fresh, size = draw.tapes(), self.problem.noise_size
+        total = fresh.sum(axis=(1, 2)) / np.sqrt(size)
+        uniforms = draw.uniforms(np.arange(len(level)), 0)
+        normal, above = NormalDist(), level + 3.0  # score = total - b
+        tail = [normal.cdf(-bound) * u for bound, u in zip(above, uniforms, strict=True)]
+        wanted = np.array([-normal.inv_cdf(q) for q in tail])
+        tape = fresh + ((wanted - total) / np.sqrt(size))[:, None, None]
+        done = Move.begin(state, level, draw, tape, ())
+        return done.take(np.ones(len(level), dtype=bool), rolled_out(self.problem, tape)).stay()
+
+
+def test_a_kernel_in_closed_form_asks_for_no_rollout():
+    reference = linear(3.0, 4)
+    problem = reference.problem()
+    estimator = NestedLevels(EssConfig(chains=100, runs=100))
+    estimator.kernel = ExactHalfSpace()
+    result = run(problem, estimator, SerialExecutor(), Settings())[0]
+    assert abs(deviation(result.run_probabilities, reference.probability)) < 4.0
+    assert result.rollouts == 100 * (1000 + 250), "the fresh draws of both passes only"
+    ideal = np.sqrt(sum(0.9 / (0.1 * 1000) for _ in range(2)) + 0.3 / (0.7 * 1000))
+    assert result.run_probabilities.std() / reference.probability < 2.0 * ideal

@@ -1,0 +1,196 @@
+"""Each kernel alone: valid ones leave a set's law as it is, and no chain depends on its neighbours."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from avrare import batch
+from avrare.rollout.noise import NoiseSource
+from avrare.testing.problems import conjunction, four_branch, linear, walk
+from avrare_estimators.bayesian import BayesianKernel
+from avrare_estimators.chains import Draw, Info, Move
+from avrare_estimators.lipschitz import GrowingLipschitzKernel, LipschitzKernel, Slope, _stretch, free_angle
+from avrare_estimators.pcn import PcnKernel, Size
+from avrare_estimators.shrink import ShrinkKernel
+from avrare_estimators.stationarity import drift, exact_starts, rolled_out
+from avrare_estimators.surrogate import Odds, Surface, SurrogateKernel
+
+REGIONS = {"two_corners": conjunction(-1.2), "half_space": linear(1.5, 20), "four_branch": four_branch(4.0)}
+MANY = 6000
+
+
+def wrong_surface(size):
+    """A surface that is far off, and prefers high scores."""
+    rng = np.random.default_rng(0)
+    linear_part, square = 0.5 + 0.3 * rng.normal(size=(1, size)), 0.2 * rng.normal(size=(1, size))
+    return Surface(np.array([0.3]), linear_part, square, np.array([size / 4]), np.array([1.0]))
+
+
+def kernels(size):
+    return {
+        "shrink": (ShrinkKernel(), ()),
+        "pcn": (PcnKernel(), Size(np.array([0.7]))),
+        "surrogate": (SurrogateKernel(), wrong_surface(size)),
+        "lipschitz": (LipschitzKernel(1.0), ()),
+        "growing": (GrowingLipschitzKernel(0.3), Slope(np.array([0.3]))),
+        "bayesian": (BayesianKernel(), ()),
+    }
+
+
+@lru_cache(maxsize=3)
+def starts(region):
+    return exact_starts(REGIONS[region].problem(), 0.0, MANY, seed=5)
+
+
+def drifted(region, kernel, known, many=MANY, steps=10):
+    problem = REGIONS[region].problem()
+    return drift(problem, kernel, known, batch.take(starts(region), slice(0, many)), 0.0, steps)
+
+
+@pytest.mark.parametrize("region", REGIONS)
+@pytest.mark.parametrize("name", ["shrink", "pcn", "surrogate", "lipschitz"])
+def test_valid_kernels_leave_the_law_as_it_is(region, name):
+    if name == "lipschitz" and region == "four_branch":
+        pytest.skip("the slope of this score has no bound")
+    kernel, known = kernels(REGIONS[region].system.noise_size)[name]
+    found = drifted(region, kernel, known)
+    assert found.outside == 0.0
+    assert max(abs(found.mean), abs(found.square)) < 3.5, found
+    assert found.accepted > 0.1, "it hardly moves: too weak a test"
+    assert not kernel.note
+
+
+@pytest.mark.parametrize("region", REGIONS)
+def test_growing_slope_is_caught(region):
+    found = drifted(region, *kernels(2)["growing"])
+    assert found.mean > 5.0, found
+
+
+def test_bayesian_is_caught_leaving_the_set():
+    found = drifted("four_branch", *kernels(2)["bayesian"], many=1000, steps=4)
+    assert found.outside > 0.02, found
+
+
+class NoRatio(SurrogateKernel):
+    """Accepts wherever the true score passes."""
+
+    def start(self, known, state, level, draw):
+        move = super().start(known, state, level, draw)
+        return replace(move, work=Odds(np.full(len(level), np.inf)))
+
+
+class FreshAngles(ShrinkKernel):
+    """Shrinks towards the first proposal instead of the chain's own tape."""
+
+    def tell(self, move, found):
+        move = super().tell(move, found)
+        rows, old = move.waiting, move.work
+        angle = old.angle.copy()
+        angle[rows] = np.abs(angle[rows])
+        proposal = np.cos(angle[rows])[:, None, None] * move.state.tape[rows]
+        proposal += np.sin(angle[rows])[:, None, None] * old.other[rows]
+        return replace(move, work=replace(old, angle=angle), proposal=proposal)
+
+
+def test_mutants_are_caught():
+    assert abs(drifted("half_space", NoRatio(), wrong_surface(20)).mean) > 5.0
+    assert abs(drifted("two_corners", FreshAngles(), ()).mean) > 3.5
+
+
+def _stepped(problem, kernel, known, points, rows):
+    """A whole step of the chains ``rows`` (of ``points``), as a batch of their own."""
+    zeros = np.zeros(len(rows), dtype=np.int64)
+    draw = Draw(NoiseSource(3, problem.noise_size), problem.steps, zeros, 1, rows)
+    move = kernel.start(batch.take(known, zeros), batch.take(points, rows), np.zeros(len(rows)), draw)
+    while len(move.waiting):
+        move = kernel.tell(move, rolled_out(problem, move.proposal))
+    return move
+
+
+@pytest.mark.parametrize("region", ["two_corners", "half_space"])
+@pytest.mark.parametrize("name", ["shrink", "pcn", "surrogate", "lipschitz", "growing", "bayesian"])
+def test_no_chain_depends_on_its_neighbours(region, name):
+    problem = REGIONS[region].problem()
+    kernel, known = kernels(problem.noise_size)[name]
+    together = _stepped(problem, kernel, known, starts(region), np.arange(40))
+    for rows in ([7], [0, 39], list(range(5, 22))):
+        alone = _stepped(problem, kernel, known, starts(region), np.array(rows))
+        for field in ("tape", "score", "violated", "robustness"):
+            np.testing.assert_array_equal(getattr(alone.state, field), getattr(together.state, field)[rows])
+
+
+def test_broken_rollouts_are_never_taken():
+    problem = walk(1.0, 5).problem()
+    tape = np.zeros((3, 6, 1))
+    for name, (kernel, known) in kernels(6).items():
+        draw = Draw(NoiseSource(0, 1), 5, np.zeros(3, dtype=np.int64), 1, np.arange(3))
+        zeros = np.zeros(3, dtype=np.int64)
+        state = rolled_out(problem, tape)
+        move = kernel.start(batch.take(known, zeros), state, np.full(3, -1.5), draw)
+        while len(move.waiting):
+            broken = rolled_out(problem, move.proposal)
+            broken = replace(broken, score=np.full(len(broken.score), -np.inf))
+            move = kernel.tell(move, broken)
+        assert np.array_equal(move.state.tape, tape), name
+        assert not move.accepted.any(), name
+
+
+def test_pcn_adapts_run_by_run():
+    kernel = PcnKernel()
+    state = rolled_out(REGIONS["two_corners"].problem(), np.zeros((4, 1, 2)))
+    draw = Draw(NoiseSource(0, 2), 0, np.array([0, 0, 2, 2]), 1, np.array([0, 1, 0, 1]))
+    move = Move.begin(state, np.zeros(4), draw, state.tape, ())
+    move = replace(move, accepted=np.array([True, True, False, False]))
+    known = kernel.init(3)
+    new = kernel.adapt(known, Info(draw.run, move.accepted, ())).angle / known.angle
+    assert new[0] > 1.0 == new[1] > new[2]
+
+
+def test_free_angle_is_uniform_on_what_the_arcs_leave():
+    rng = np.random.default_rng(3)
+    many, circle = 20_000, 2.0 * np.pi
+    center, half = rng.uniform(0.0, circle, size=(1, 5)), rng.uniform(0.0, 0.7, size=(1, 5))
+    center, half = np.repeat(center, many, axis=0), np.repeat(half, many, axis=0)
+    angle, empty = free_angle(center, half, (np.arange(many) + 0.5) / many)
+    assert not empty.any()
+    away = np.abs(np.mod(angle[:, None] - center + np.pi, circle) - np.pi)
+    assert (away >= half - 1e-9).all(), "in an arc"
+    grid = np.linspace(0.0, circle, 20_001)[:-1]
+    free = (np.abs(np.mod(grid[:, None] - center[0] + np.pi, circle) - np.pi) > half[0]).all(axis=1)
+    for low in np.linspace(0.0, circle, 9)[:-1]:
+        inside = ((angle >= low) & (angle < low + circle / 8)).mean()
+        expected = (free & (grid >= low) & (grid < low + circle / 8)).sum() / free.sum()
+        assert abs(inside - expected) < 2e-3, low
+
+
+def test_free_angle_says_when_nothing_is_left():
+    _, empty = free_angle(
+        np.array([[0.0, np.pi], [0.0, np.pi]]), np.array([[2.0, 2.0], [1.0, 1.0]]), np.full(2, 0.5)
+    )
+    assert empty.tolist() == [True, False]
+    angle, empty = free_angle(np.zeros((1, 0)), np.zeros((1, 0)), np.array([0.25]))
+    assert not empty[0]
+    assert angle[0] == pytest.approx(np.pi / 2)
+
+
+def test_stretch_bounds_how_fast_the_tape_moves():
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(2, 50, 3, 2))
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)[:, None, None, None]
+    speed = np.sqrt(((np.cos(angle) * b - np.sin(angle) * a) ** 2).sum(axis=(2, 3))).max(axis=0)
+    np.testing.assert_allclose(_stretch(a, b), speed, rtol=1e-4)
+
+
+def test_surrogate_learns_what_there_is_to_learn():
+    problem = REGIONS["half_space"].problem()
+    rng = np.random.default_rng(5)
+    points = rolled_out(problem, rng.normal(size=(2 * 300, 1, 20)))
+    surface = SurrogateKernel().learn(None, np.array([0, 2]), points, np.array([0.5, -0.5]))
+    assert surface.linear.shape == (3, 20)
+    np.testing.assert_allclose(surface.linear[[0, 2]], 1.0 / np.sqrt(20), atol=0.02)
+    assert surface.level[[0, 2]].tolist() == [0.5, -0.5]
+    likelihood = batch.take(surface, np.zeros(300, dtype=np.int64)).likelihood(points.tape[:300])
+    assert ((likelihood > 0.0) & (likelihood <= 1.0)).all()
+    assert np.corrcoef(likelihood, points.score[:300])[0, 1] > 0.4
