@@ -1,0 +1,25 @@
+"""Linear systems with Gaussian noise: a simulator, exact ellipse slices, and synthesis."""
+
+from avrare.plugin import Component, hookimpl
+
+
+@hookimpl
+def avrare_components() -> list[Component]:
+    """The simulator and the estimator of this distribution."""
+    return [
+        Component(
+            kind="simulator",
+            name="linear",
+            config="avrare_linear.config:LinearConfig",
+            factory="avrare_linear.simulator:build",
+            summary="linear system with Gaussian noise, observer and feedback",
+            needs=("scipy",),
+        ),
+        Component(
+            kind="estimator",
+            name="ess_linear",
+            config="avrare_linear.estimator_config:LinearEssConfig",
+            factory="avrare_linear.estimator:build",
+            summary="nested levels with exact ellipse slices, for linear systems and predicates",
+        ),
+    ]

@@ -1,0 +1,143 @@
+"""The law of a linear system's trajectories: an affine map of the noise tape (stl-ess, Eq. 11-12).
+
+The map is found by running the system: once without noise, and once for each number of the tape. Whatever
+system turns out to be affine has one, not only ``LinearSystem``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.errors import UsageError, did_you_mean
+from avrare.protocols import Floats, System
+from avrare.rollout.noise import NoiseSource
+
+_ROWS = 1024
+"""Tapes that are run at once."""
+_CHECKS, _TOLERANCE = 8, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryGaussian:
+    """Signals = mean + map times tape, with a standard normal tape of D = (T + 1) x noise_size numbers.
+
+    Attributes:
+        names: Of the n signals.
+        mean: (T + 1, n).
+        map: (T + 1, n, D); the tape's numbers in the order of its rows.
+    """
+
+    names: tuple[str, ...]
+    mean: Floats
+    map: Floats
+
+    @staticmethod
+    def of(system: System, steps: int, names: Sequence[str] | None = None) -> TrajectoryGaussian:
+        """The law of a system's signals at t = 0..steps.
+
+        Args:
+            system: Its signals must be affine in the noise, which is checked at a few tapes.
+            steps: T.
+            names: Signals to look at; None: all.
+
+        Raises:
+            UsageError: A signal does not exist, has a vehicle axis, or is not affine in the noise.
+        """
+        gaussian = TrajectoryGaussian.unchecked(system, steps, names)
+        gaussian._check(system)
+        return gaussian
+
+    @staticmethod
+    def unchecked(system: System, steps: int, names: Sequence[str] | None = None) -> TrajectoryGaussian:
+        """The law of a system that is known to be affine; complex where its matrices are."""
+        shape = (steps + 1, system.noise_size)
+        size = shape[0] * shape[1]
+        mean = responses(system, np.zeros((1, *shape)), names)
+        found = tuple(mean)
+        middle = np.stack([mean[name][0] for name in found], axis=1)
+        parts = [np.empty((0, *middle.shape))]
+        for first in range(0, size, _ROWS):
+            units = np.eye(min(_ROWS, size - first), size, first).reshape(-1, *shape)
+            felt = responses(system, units, found)
+            parts.append(np.stack([felt[name] for name in found], axis=2) - middle)
+        return TrajectoryGaussian(found, middle, np.concatenate(parts).transpose(1, 2, 0))
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return len(self.mean) - 1
+
+    @property
+    def covariance(self) -> Floats:
+        """(T + 1, n, T + 1, n) of all signals at all samples."""
+        flat = self.map.reshape(-1, self.map.shape[2])
+        return np.asarray(flat @ flat.T).reshape(self.mean.shape * 2)
+
+    def select(self, names: Sequence[str]) -> TrajectoryGaussian:
+        """The law of some of the signals.
+
+        Raises:
+            UsageError: One does not exist.
+        """
+        for name in names:
+            if name not in self.names:
+                raise UsageError(f"there is no signal {name!r}", did_you_mean(name, self.names))
+        places = [self.names.index(name) for name in names]
+        return TrajectoryGaussian(tuple(names), self.mean[:, places], self.map[:, places])
+
+    def signals(self, tape: Floats) -> dict[str, Floats]:
+        """Signals (N, T + 1) by name, of tapes (N, T + 1, noise_size)."""
+        flat = self.map.reshape(-1, self.map.shape[2])
+        values = self.mean + transform(flat, tape).reshape(len(tape), *self.mean.shape)
+        return {name: np.ascontiguousarray(values[:, :, i]) for i, name in enumerate(self.names)}
+
+    def _check(self, system: System) -> None:
+        """Refuse a system that is not affine."""
+        steps = np.arange(len(self.mean))
+        tape = 3.0 * NoiseSource(0, system.noise_size).normals(0, 0, np.arange(_CHECKS)[:, None], steps)
+        expected, found = self.signals(tape), responses(system, tape, self.names)
+        for name in self.names:
+            scale = np.abs(found[name]).max(initial=1.0)
+            if not np.allclose(expected[name], found[name], rtol=0.0, atol=_TOLERANCE * scale):
+                raise UsageError(
+                    f"signal {name!r} is not affine in the noise: there is no Gaussian of its trajectories",
+                    "exact slices and gradients need a linear system, such as the simulator `linear`",
+                )
+
+
+def responses(system: System, tape: Floats, names: Sequence[str] | None = None) -> dict[str, Floats]:
+    """Signals (N, T + 1) of a system under tapes (N, T + 1, noise_size).
+
+    Raises:
+        UsageError: A signal does not exist or has a vehicle axis.
+    """
+    state = system.initial(tape[:, 0])
+    samples = [system.signals(state)]
+    for t in range(1, tape.shape[1]):
+        state = system.step(state, tape[:, t])
+        samples.append(system.signals(state))
+    for name in names if names is not None else samples[0]:
+        if name not in samples[0]:
+            raise UsageError(f"the system has no signal {name!r}", did_you_mean(name, samples[0]))
+        if samples[0][name].ndim != 1:
+            raise UsageError(f"signal {name!r} has more than one value a particle", "exact slices need (N,)")
+    chosen = tuple(names) if names is not None else tuple(samples[0])
+    return {name: np.stack([sample[name] for sample in samples], axis=1) for name in chosen}
+
+
+def transform(matrix: Floats, tape: Floats) -> Floats:
+    """Matrix (K, D) times each tape (N, ...) of D numbers: (N, K).
+
+    Added up number by number, so that no row depends on its neighbours (BLAS would not promise it).
+    """
+    flat = tape.reshape(len(tape), -1)
+    out = np.zeros((len(flat), len(matrix)))
+    used = matrix != 0.0
+    for d in np.flatnonzero(used.any(axis=0)):
+        rows = np.flatnonzero(used[:, d])
+        part = slice(rows[0], rows[-1] + 1)  # what comes earlier does not feel the noise
+        out[:, part] += flat[:, d, None] * matrix[part, d]
+    return out

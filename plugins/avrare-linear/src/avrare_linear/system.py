@@ -1,0 +1,253 @@
+"""A linear system with Gaussian noise, observer and feedback (stl-ess, Eq. 8-10).
+
+    x[t+1] = A x[t] + B u[t] + w[t]           u[t] = feedforward - K (z[t] - reference)
+    y[t]   = C x[t] + v[t]                    z[t+1] = A z[t] + B u[t] + L (y[t] - C z[t])
+
+z is the observer's estimate, or x itself without an observer. Row 0 of the noise tape makes x[0] and v[0],
+row t makes w[t-1] and v[t]. Vectors are tuples of columns (N,), and products explicit sums of them: no row
+depends on its neighbours, and zeros cost nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from avrare.errors import UsageError
+from avrare.protocols import Floats
+from avrare.rollout.request import Integers
+from avrare_linear.gains import kalman, regulator
+
+Columns = tuple[Floats, ...]
+_FACTORS = ("A", "B", "C", "process", "measurement", "spread", "gain", "observer")
+
+
+@dataclass(frozen=True)
+class LinearState:
+    """N particles.
+
+    Attributes:
+        step: (N,) t.
+        x: n columns (N,), the state.
+        estimate: n columns (N,), the observer's estimate; empty without an observer.
+        output: q columns (N,), the measurement y.
+    """
+
+    step: Integers
+    x: Columns
+    estimate: Columns
+    output: Columns
+
+
+@dataclass(eq=False)
+class LinearSystem:
+    """An ``avrare.protocols.System``; ``LinearSystem.of`` makes one from matrices as people write them.
+
+    Attributes are stacks with a leading axis of steps, of which the last entry holds from there on.
+
+    Attributes:
+        names: Names of the states, of the inputs and of the outputs.
+        A: (S, n, n).
+        B: (S, n, m).
+        C: (S, q, n).
+        process: (S, n, n) factor of w's covariance.
+        measurement: (S, q, q) factor of v's covariance.
+        mean: (1, n) expected state at t = 0.
+        spread: (1, n, n) factor of its covariance.
+        gain: K (S, m, n).
+        observer: L (S, n, q), or None.
+        reference: (S, n).
+        feedforward: (S, m).
+        noise_size: n + q.
+    """
+
+    names: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+    A: Floats
+    B: Floats
+    C: Floats
+    process: Floats
+    measurement: Floats
+    mean: Floats
+    spread: Floats
+    gain: Floats
+    observer: Floats | None
+    reference: Floats
+    feedforward: Floats
+    noise_size: int = field(init=False)
+
+    @staticmethod
+    def of(
+        states: Sequence[str], A: ArrayLike, mean: ArrayLike, *, covariance: ArrayLike | None = None,
+        inputs: Sequence[str] = (), B: ArrayLike | None = None, outputs: Sequence[str] = (),
+        C: ArrayLike | None = None, process_noise: ArrayLike | None = None,
+        measurement_noise: ArrayLike | None = None, gain: ArrayLike | None = None,
+        costs: tuple[ArrayLike, ArrayLike] | None = None, observer: ArrayLike | bool = False,
+        reference: ArrayLike | None = None, feedforward: ArrayLike | None = None,
+    ) -> LinearSystem:  # fmt: skip
+        """A system from matrices, or lists of them, one per step.
+
+        Args:
+            states: Names.
+            A: (n, n) or (S, n, n).
+            mean: (n,) expected state at t = 0.
+            covariance: (n, n) of it; None: it starts there.
+            inputs: Names.
+            B: (n, m) or (S, n, m).
+            outputs: Names.
+            C: (q, n) or (S, q, n).
+            process_noise: Covariance of w, (n, n) or (S, n, n); None: none.
+            measurement_noise: Covariance of v, (q, q) or (S, q, q); None: none.
+            gain: K (m, n) or (S, m, n); None: see ``costs``.
+            costs: Q (n, n) and R (m, m), for the optimal gain; None: no feedback.
+            observer: L (n, q) or (S, n, q); True: Kalman's; False: the feedback knows the state.
+            reference: (n,) or (S, n); None: 0.
+            feedforward: (m,) or (S, m); None: 0.
+
+        Raises:
+            UsageError: A shape does not fit, a covariance is none, or there is no optimal gain.
+        """
+        n, m, q = len(states), len(inputs), len(outputs)
+        a, b, c = _stack("A", A, n, n), _stack("B", B, n, m), _stack("C", C, q, n)
+        w, v = (
+            _stack("process_noise", process_noise, n, n),
+            _stack("measurement_noise", measurement_noise, q, q),
+        )
+        start = _stack("covariance", covariance, n, n)[:1]
+        factors = _factor("process_noise", w), _factor("measurement_noise", v)
+        if costs is not None:
+            Q, R = _stack("state_cost", costs[0], n, n)[0], _stack("input_cost", costs[1], m, m)[0]
+            k = regulator(a, b, Q, R)
+        else:
+            k = _stack("gain", gain, m, n)
+        if isinstance(observer, bool):
+            estimator = kalman(a, c, w, v, start[0]) if observer else None
+        else:
+            estimator = _stack("observer", observer, n, q)
+        return LinearSystem(
+            (tuple(states), tuple(inputs), tuple(outputs)), a, b, c,
+            *factors,
+            _stack("mean", mean, n), _factor("covariance", start), k, estimator,
+            _stack("reference", reference, n), _stack("feedforward", feedforward, m),
+        )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        self.noise_size = len(self.names[0]) + len(self.names[2])
+        self._used = {name: _pattern(getattr(self, name)) for name in _FACTORS}
+
+    def initial(self, noise: Floats) -> LinearState:
+        """The state at t = 0."""
+        step = np.zeros(len(noise), dtype=np.int64)
+        n = len(self.names[0])
+        mean = _vector(self.mean, step)
+        x = _add(mean, self._times("spread", step, _columns(noise[:, :n])))
+        estimate = mean if self.observer is not None else ()
+        return LinearState(step, x, estimate, self._output(step, x, noise[:, n:]))
+
+    def step(self, state: LinearState, noise: Floats) -> LinearState:
+        """The state one step later."""
+        step, n = state.step, len(self.names[0])
+        push = self._times("B", step, self._input(state))
+        drift = _add(self._times("A", step, state.x), push)
+        x = _add(drift, self._times("process", step, _columns(noise[:, :n])))
+        estimate: Columns = ()
+        if self.observer is not None:
+            surprise = _subtract(state.output, self._times("C", step, state.estimate))
+            estimate = _add(self._times("A", step, state.estimate), push)
+            estimate = _add(estimate, self._times("observer", step, surprise))
+        return LinearState(step + 1, x, estimate, self._output(step + 1, x, noise[:, n:]))
+
+    def signals(self, state: LinearState) -> dict[str, Floats]:
+        """States, ``*_estimate`` of each with an observer, inputs and outputs, (N,) each."""
+        states, inputs, outputs = self.names
+        estimates = [f"{name}_estimate" for name in states] if self.observer is not None else []
+        found = dict(zip(states, state.x, strict=True))
+        found |= zip(estimates, state.estimate, strict=True)
+        found |= zip(inputs, self._input(state), strict=True)
+        return found | dict(zip(outputs, state.output, strict=True))
+
+    def _input(self, state: LinearState) -> Columns:
+        known = state.estimate if self.observer is not None else state.x
+        error = _subtract(known, _vector(self.reference, state.step))
+        return _subtract(_vector(self.feedforward, state.step), self._times("gain", state.step, error))
+
+    def _output(self, step: Integers, x: Columns, noise: Floats) -> Columns:
+        return _add(self._times("C", step, x), self._times("measurement", step, _columns(noise)))
+
+    def _times(self, name: str, step: Integers, vector: Columns) -> Columns:
+        """A matrix of the system times a vector: the sum over its entries that are not 0 at all steps."""
+        stack, rows = getattr(self, name), []
+        for i, used in enumerate(self._used[name]):
+            terms = [_entry(stack, step, (i, j)) * vector[j] for j in used]
+            rows.append(sum(terms[1:], start=terms[0]) if terms else np.zeros(len(step)))
+        return tuple(rows)
+
+
+def _pattern(stack: Floats | None) -> list[list[int]]:
+    """Of each row the columns that are not 0 at all steps."""
+    if stack is None:
+        return []
+    return [np.flatnonzero(row).tolist() for row in np.asarray(stack.any(axis=0))]
+
+
+def _columns(noise: Floats) -> Columns:
+    return tuple(np.ascontiguousarray(column) for column in noise.T)
+
+
+def _entry(stack: Floats, step: Integers, place: tuple[int, ...]) -> Any:
+    """An entry of the matrices of ``step``: a number, or (N,) where it changes with time."""
+    if len(stack) == 1:
+        return stack[(0, *place)]
+    return stack[(np.minimum(step, len(stack) - 1), *place)]
+
+
+def _vector(stack: Floats, step: Integers) -> Columns:
+    """The vectors of ``step``, as columns."""
+    return tuple(np.zeros(len(step)) + _entry(stack, step, (i,)) for i in range(stack.shape[1]))
+
+
+def _add(left: Columns, right: Columns) -> Columns:
+    return tuple(a + b for a, b in zip(left, right, strict=True))
+
+
+def _subtract(left: Columns, right: Columns) -> Columns:
+    return tuple(a - b for a, b in zip(left, right, strict=True))
+
+
+def _stack(name: str, value: ArrayLike | None, *shape: int) -> Floats:
+    """As a stack (S, *shape); zeros for None.
+
+    Raises:
+        UsageError: The shape does not fit.
+    """
+    if value is None:
+        return np.zeros((1, *shape))
+    array = np.asarray(value, dtype=np.float64)
+    stack = array[None] if array.ndim == len(shape) else array
+    if stack.shape[1:] != shape or not len(stack):
+        wanted = " x ".join(map(str, shape))
+        raise UsageError(f"{name} must be {wanted}, or a list of such, but its shape is {array.shape}")
+    if not np.isfinite(stack).all():
+        raise UsageError(f"{name} has entries that are not finite")
+    return stack
+
+
+def _factor(name: str, covariances: Floats) -> Floats:
+    """Symmetric square roots (S, n, n).
+
+    Raises:
+        UsageError: A matrix is not symmetric, or has a negative eigenvalue.
+    """
+    if not np.array_equal(covariances, covariances.swapaxes(1, 2)):
+        raise UsageError(f"{name} must be symmetric")
+    values, vectors = np.linalg.eigh(covariances)
+    if (values < -1e-9 * np.abs(values).max(axis=1, initial=0.0)[:, None]).any():
+        raise UsageError(f"{name} is no covariance: it has a negative eigenvalue")
+    diagonal = all(not np.any(c - np.diag(np.diag(c))) for c in covariances)
+    if diagonal:  # one number of the tape for each coordinate
+        return np.sqrt(covariances)
+    roots = np.sqrt(np.clip(values, 0.0, None))
+    return np.asarray(np.einsum("sij,sj,skj->sik", vectors, roots, vectors))

@@ -1,0 +1,186 @@
+"""The exact kernel keeps the law of a level's set, whatever the score; the estimator is unbiased."""
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare import batch
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+from avrare.testing.problems import conjunction, four_branch, linear, reach, reference_problem, walk
+from avrare.testing.static import Static, row_sum
+from avrare_estimators.chains import Draw, Points
+from avrare_linear.kernel import ExactKernel, WholeTrace, solvable
+
+
+class LogProduct(Static):
+    """The logarithm of the product of lognormals: family i where it is linear."""
+
+    def signals(self, state):
+        return {"log_product": row_sum(0.5 * state.values)}
+
+
+class Ramp:
+    """x rises by 1 a step; margins of the noise-free run differ from step to step."""
+
+    noise_size = 1
+
+    def initial(self, noise):
+        return {"x": 0.5 * noise[:, 0], "t": np.zeros(len(noise))}
+
+    def step(self, state, noise):
+        return {"x": state["x"] + 1.0 + 0.5 * noise[:, 0], "t": state["t"] + 1.0}
+
+    def signals(self, state):
+        return {"x": state["x"], "t": state["t"]}
+
+
+def ramp(score):
+    return avrare.Problem(Ramp(), avrare.stl("always (x < 2 * t + 1.5)"), 6, score)
+
+
+PROBLEMS = {
+    "a": (conjunction(-1.2).problem(), 0.5),
+    "a, level": (conjunction(-2.0).problem(), -1.0),
+    "b": (linear(1.5, 20).problem(), 0.0),
+    "d, level": (walk(2.5).problem(), -1.0),
+    "i": (avrare.Problem(LogProduct(5), avrare.stl("log_product < 1.6"), 0), 0.0),
+    "g, whole trace": (solvable(reach(1.0).problem()), -1.5),
+    "margin": (ramp("margin"), 0.5),
+}
+
+
+def points(problem, tape):
+    request = Request.replay(tape)
+    return Points.of(
+        tape, problem.simulate(NoiseSource(0, problem.noise_size), request), np.arange(len(tape))
+    )
+
+
+def start(problem, level, many, seed=5):
+    """Exact draws from the law of a level's set."""
+    chains = np.arange(many)[:, None]
+    tape = NoiseSource(seed, problem.noise_size).normals(0, 0, chains, np.arange(problem.steps + 1))
+    found = points(problem, tape)
+    return batch.take(found, np.flatnonzero(found.above(np.full(many, level)))[:4000])
+
+
+def step(kernel, problem, state, level, stage, seed=6):
+    chains = np.arange(len(state.tape))
+    source = NoiseSource(seed, problem.noise_size)
+    draw = Draw(source, problem.steps, np.zeros_like(chains), stage, chains)
+    move = kernel.start((), state, np.full(len(chains), level), draw)
+    assert len(move.waiting) == len(chains)  # one rollout each
+    done = kernel.tell(move, points(problem, move.proposal))
+    assert not len(done.waiting)
+    assert done.accepted.mean() > 0.999  # only rounding can lose one
+    return done.state
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_target_stays(name):
+    problem, level = PROBLEMS[name]
+    kernel = ExactKernel.of(problem, moves=2)
+    before = start(problem, level, 100_000 if problem.steps == 0 else 12_000)
+    assert len(before.tape) > 500
+    state = before
+    for stage in range(5):
+        state = step(kernel, problem, state, level, stage)
+    assert state.above(np.full(len(state.score), level)).all()
+    for measure in (
+        lambda s: (s.tape**2).sum(axis=(1, 2)),
+        lambda s: s.robustness,
+        lambda s: s.tape[:, -1, 0],
+    ):
+        change = measure(state) - measure(before)
+        assert abs(change.mean()) < 3.5 * change.std() / np.sqrt(len(change))
+
+
+def test_chains_forget_their_start_where_regions_are_apart():
+    problem, level = conjunction(-2.0).problem(), -1.0
+    state = start(problem, level, 20_000)
+    side = np.sign(state.tape[:, 0, 0])
+    for stage in range(3):
+        state = step(ExactKernel.of(problem), problem, state, level, stage)
+    moved = np.mean(np.sign(state.tape[:, 0, 0]) != side)
+    assert moved > 0.1
+
+
+@pytest.mark.parametrize("name", ["a, level", "g, whole trace", "margin"])
+def test_segments_are_the_set_that_the_engine_sees(name):
+    problem, level = PROBLEMS[name]
+    kernel = ExactKernel.of(problem)
+    chains = np.arange(8)[:, None]
+    source = NoiseSource(1, problem.noise_size)
+    tape, other = (source.normals(0, stage, chains, np.arange(problem.steps + 1)) for stage in (0, 1))
+    angles = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False) + 1e-5
+    levels = np.full(8, level)
+    inside = kernel.slicer.segments(tape, other, kernel.threshold(levels)).contains(np.tile(angles, (8, 1)))
+    cosine, sine = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
+    tapes = (tape[:, None] * cosine + other[:, None] * sine).reshape(-1, *tape.shape[1:])
+    expected = points(problem, tapes).above(np.full(len(tapes), level)).reshape(8, -1)
+    assert 0.01 < expected.mean() < 0.99
+    assert (inside == expected).all()
+
+
+def test_a_chain_does_not_depend_on_its_neighbours():
+    problem, level = PROBLEMS["margin"]
+    kernel, state = ExactKernel.of(problem, moves=3), start(problem, level, 3000)
+    together = step(kernel, problem, state, level, 0)
+    alone = step(kernel, problem, batch.take(state, slice(0, 1)), level, 0)
+    assert alone.tape[0].tolist() == together.tape[0].tolist()
+
+
+def test_scores_without_a_closed_form_are_replaced_or_refused():
+    problem = reach(1.0).problem()
+    with pytest.raises(avrare.UsageError, match="score of specification"):
+        ExactKernel.of(problem)
+    assert isinstance(solvable(problem).score, WholeTrace)
+    for score in ("robustness", "margin"):
+        assert solvable(ramp(score)).score == score
+    with pytest.raises(avrare.UsageError, match="is none"):
+        solvable(avrare.Problem(Ramp(), _NoFormula(), 3))
+
+
+class _NoFormula:
+    def start(self, n):
+        return None
+
+    def update(self, state, signals):
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize("name", ["a_beta_-2", "b_linear_d100_p1e-4", "g_eventually_c1.0"])
+def test_the_estimator_is_unbiased(name):
+    problem = reference_problem(name)
+    found = avrare.estimate(problem.problem(), "ess_linear", seed=4, chains=50, runs=40)
+    values = found.run_probabilities
+    error = values.std(ddof=1) / np.sqrt(len(values))
+    assert abs(values.mean() - problem.probability) < 4.0 * error
+    assert error < 0.25 * problem.probability
+    assert found.diagnostics["kernel"] == "exact"
+
+
+def test_runs_do_not_depend_on_how_many_there_are():
+    problem = conjunction(-2.0).problem()
+    few, many = (
+        avrare.estimate(problem, "ess_linear", seed=9, chains=20, runs=runs).run_probabilities
+        for runs in (2, 5)
+    )
+    assert few.tolist() == many[:2].tolist()
+
+
+def test_workers_change_nothing():
+    problem = avrare.Problem(Ramp(), avrare.stl("eventually (x > 8)"), 6, chunk=100)
+    one, two = (
+        avrare.estimate(problem, "ess_linear", seed=2, chains=20, runs=3, workers=workers)
+        for workers in (1, 2)
+    )
+    assert one.run_probabilities.tolist() == two.run_probabilities.tolist()
+
+
+def test_what_is_not_affine_is_refused_before_anything_runs():
+    with pytest.raises(avrare.UsageError, match=r"pow\(u0 - u1, 2\)"):
+        avrare.estimate(four_branch(7.0).problem(), "ess_linear")
+    with pytest.raises(avrare.UsageError, match="kernel"):
+        avrare.estimate(conjunction(-2.0).problem(), "ess_linear", kernel="pcn")

@@ -1,0 +1,178 @@
+"""Gradients against finite differences of exact probabilities, and descent on the four squares of stl-ess."""
+
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare_linear.gaussian import TrajectoryGaussian
+from avrare_linear.gradient import chain, log_gradient, sensitivity
+from avrare_linear.synthesis import Effort, Step, descend, failing_tapes, parameter_gradient, synthesise
+from avrare_linear.system import LinearSystem
+
+Phi, quantile = NormalDist().cdf, NormalDist().inv_cdf
+RNG = np.random.default_rng(8)
+FOUR = "not ((x > 3 and y > 3) or (-x > 3 and y > 3) or (x > 3 and -y > 3) or (-x > 3 and -y > 3))"
+T, LIMIT = 8, 3.5
+REFERENCE = np.cumsum(0.2 * RNG.standard_normal((T + 1, 2)), axis=0)
+
+
+def plane(mean, spread=(1.0, 1.0)):
+    return LinearSystem.of(("x", "y"), np.eye(2), mean, covariance=np.diag(np.square(spread)))
+
+
+def four_squares(mean, spread=(1.0, 1.0)):
+    """The exact probability to lie in one of the squares."""
+    tails = [Phi((m - 3.0) / s) + Phi((-m - 3.0) / s) for m, s in zip(mean, spread, strict=True)]
+    return tails[0] * tails[1]
+
+
+def observed():
+    return LinearSystem.of(
+        ("x", "v"), [[1, 0.3], [0, 0.9]], [0, 0.3], covariance=0.1 * np.eye(2), inputs=("a",),
+        B=[[0.05], [0.3]], outputs=("seen",), C=[[1, 0]], process_noise=np.diag([0.02, 0.05]),
+        measurement_noise=[[0.1]], gain=[[0.8, 1.1]], observer=True, reference=REFERENCE, feedforward=[0.1],
+    )  # fmt: skip
+
+
+def reaches_limit(system):
+    """The exact probability that x is above the limit at the end."""
+    law = TrajectoryGaussian.of(system, T, ("x",))
+    return Phi((law.mean[T, 0] - LIMIT) / np.sqrt(law.covariance[T, 0, T, 0]))
+
+
+def exact_failures(law, many):
+    """Tapes with x above the limit at the end: a truncated normal along the last row of the map."""
+    row = law.map[T, 0]
+    size = np.linalg.norm(row)
+    least = Phi((law.mean[T, 0] - LIMIT) / size)
+    along = np.array([-quantile(u * least) for u in RNG.uniform(size=many)])
+    tape = RNG.standard_normal((many, len(row)))
+    tape += np.outer(along - tape @ row / size, row / size)
+    return tape.reshape(many, T + 1, -1)
+
+
+def by_differences(build, value):
+    """The gradient of the logarithm of an exact probability."""
+    step, found = 1e-5, np.empty(value.size)
+    for k in range(value.size):
+        ends = []
+        for side in (1.0, -1.0):
+            moved = value.ravel().copy()
+            moved[k] += side * step
+            ends.append(np.log(build(moved.reshape(value.shape))))
+        found[k] = (ends[0] - ends[1]) / (2.0 * step)
+    return found
+
+
+PARAMETERS = ("mean", "spread", "process", "measurement", "reference", "feedforward", "gain", "observer")
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS)
+def test_gradients_of_exact_failures(parameter):
+    system = observed()
+    value = getattr(system, parameter)
+    expected = by_differences(lambda v: reaches_limit(replace(system, **{parameter: v})), value)
+    law = TrajectoryGaussian.of(system, T, ("x",))
+    tapes = exact_failures(law, 100_000)
+    moves = sensitivity(
+        lambda v: replace(system, **{parameter: v.reshape(value.shape)}), value.ravel(), T, ("x",)
+    )
+    parts = [chain(law, log_gradient(law, part), moves) for part in np.split(tapes, 50)]
+    error = np.std(parts, axis=0, ddof=1) / np.sqrt(50)
+    found = np.mean(parts, axis=0)
+    assert np.abs(expected).max() > 0.05
+    assert (np.abs(found - expected) < 4.5 * error + 1e-6).all()
+    assert error.max() < 0.1 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("parameter", ["gain", "observer", "process"])
+def test_the_complex_step_is_the_derivative_of_the_map(parameter):
+    system = observed()
+    value = getattr(system, parameter)
+
+    def law(entries):
+        return TrajectoryGaussian.unchecked(
+            replace(system, **{parameter: entries.reshape(value.shape)}), T, ("x", "a")
+        )
+
+    found = sensitivity(
+        lambda v: replace(system, **{parameter: v.reshape(value.shape)}), value.ravel(), T, ("x", "a")
+    )
+    for k in range(value.size):
+        unit = 1e-5 * np.eye(value.size)[k]
+        ahead, behind = law(value.ravel() + unit), law(value.ravel() - unit)
+        np.testing.assert_allclose(found.mean[k], (ahead.mean - behind.mean) / 2e-5, atol=1e-7)
+        np.testing.assert_allclose(found.map[k], (ahead.map - behind.map) / 2e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(("parameter", "rtol"), [("mean", 0.1), ("spread", 0.1)])
+def test_the_gradient_of_sampled_failures(parameter, rtol):
+    step = parameter_gradient(plane([1.0, 0.5]), avrare.stl(FOUR), 0, parameter, Effort(runs=8), seed=2)
+
+    def exact(value):
+        diagonal = np.diag(value[0]) if parameter == "spread" else (1.0, 1.0)
+        return four_squares(value[0] if parameter == "mean" else (1.0, 0.5), diagonal)
+
+    expected = by_differences(exact, step.parameter).reshape(step.parameter.shape)
+    if parameter == "spread":  # the closed form has nothing to say of the entries beside the diagonal
+        expected, found = np.diag(expected[0]), np.diag(step.gradient[0])
+    else:
+        found = step.gradient
+    np.testing.assert_allclose(found, expected, rtol=rtol)
+    assert step.probability == pytest.approx(four_squares((1.0, 0.5)), rel=0.5)
+
+
+def test_the_four_squares_drive_the_mean_to_the_origin():
+    effort = Effort(chains=40, runs=2, moves=20)
+    steps = synthesise(
+        plane([1.0, 1.0]), avrare.stl(FOUR), 0, "mean", rate=0.1, iterations=12, tolerance=0.02, effort=effort
+    )  # fmt: skip
+    assert len(steps) <= 12
+    assert np.abs(steps[-1].parameter).max() < 0.1
+    assert four_squares(steps[-1].parameter[0]) == pytest.approx(four_squares((0.0, 0.0)), rel=0.1)
+    assert four_squares((1.0, 1.0)) > 50 * four_squares((0.0, 0.0))
+
+
+def test_failing_tapes_fail_and_are_a_sample():
+    problem = avrare.Problem(plane([0.0, 0.0]), avrare.stl("x < 2.5"), 0)
+    failing = failing_tapes(problem, Effort(chains=50, runs=4, moves=30), seed=3)
+    tapes, weight = failing.tape, failing.weight
+    assert failing.probability == pytest.approx(Phi(-2.5), rel=0.4)
+    assert len(tapes) > 1000
+    assert (problem.robustness(tapes) <= 1e-12).all()
+    mean = NormalDist().pdf(2.5) / Phi(-2.5)
+    assert weight.sum() == pytest.approx(1.0)
+    assert weight @ tapes[:, 0, 0] == pytest.approx(mean, abs=0.03)
+    assert weight @ tapes[:, 0, 1] ** 2 == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_parameter_that_moves_what_has_no_noise_is_refused():
+    system = replace(observed(), spread=np.zeros((1, 2, 2)))
+    with pytest.raises(avrare.UsageError, match="direction without noise"):
+        parameter_gradient(
+            system, avrare.stl("always (x < 2)"), T, "mean", Effort(chains=20, runs=1, moves=1)
+        )
+
+
+def test_unknown_parameters_are_refused():
+    with pytest.raises(avrare.UsageError, match="no parameter 'gian'") as error:
+        parameter_gradient(observed(), avrare.stl("always (x < 2)"), T, "gian", Effort())
+    assert error.value.hint == "did you mean 'gain'?"
+    with pytest.raises(avrare.UsageError, match="no parameter 'observer'"):
+        parameter_gradient(plane([0.0, 0.0]), avrare.stl("x < 2"), 0, "observer", Effort())
+
+
+def test_descent_stops_where_it_is_told_to():
+    def bowl(value, iteration):
+        return Step(value, float(value[0] ** 2), 2.0 * value)
+
+    start = np.array([1.0])
+    every = descend(bowl, start, rate=0.25, iterations=6)
+    assert [step.parameter[0] for step in every] == [0.5**k for k in range(6)]
+    assert len(descend(bowl, start, rate=0.25, iterations=50, target=0.01)) == 5
+    assert len(descend(bowl, start, rate=0.25, iterations=50, tolerance=0.1)) == 4
+    with pytest.raises(avrare.UsageError, match="positive rate"):
+        descend(bowl, start, rate=0.0, iterations=5)
