@@ -15,6 +15,7 @@ from avrare.errors import AvrareError, ExitCode, UsageError, did_you_mean
 
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
+    "check": ("avrare.cli.check", "turn thresholds and baselines into an exit code"),
     "compare": ("avrare.cli.compare", "estimators side by side, with the same budget"),
     "validate": ("avrare.cli.validate", "check scenario files without running them"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),

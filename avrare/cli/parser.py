@@ -27,12 +27,17 @@ def command_parser(name: str, summary: str) -> Parser:
     return parser
 
 
-def add_scenario_arguments(parser: argparse.ArgumentParser) -> None:
+def add_scenario_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """``SCENARIO... --set KEY=VALUE --estimator NAME``, for every command that loads scenarios.
 
     They arrive as ``args.scenarios``, ``args.set`` and ``args.estimator``, ready for ``load``.
+
+    Args:
+        parser: That of the command.
+        optional: Whether there may be no scenario.
     """
-    parser.add_argument("scenarios", nargs="+", metavar="SCENARIO", help="scenario file")
+    many = "*" if optional else "+"
+    parser.add_argument("scenarios", nargs=many, metavar="SCENARIO", help="scenario file")
     parser.add_argument(
         "--set",
         action="append",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 import avrare
@@ -77,6 +77,32 @@ class Threshold(_Model):
         return str(self.probability).startswith("< ")
 
 
+class Regression(_Model):
+    """How `avrare check` compares with a saved baseline."""
+
+    ratio: float = Field(
+        1.0, gt=0.0, description="fails when significantly likelier than this many times the baseline"
+    )
+    exclude: float | None = Field(
+        None,
+        gt=0.0,
+        description="passes when significantly less likely than this many times the baseline; "
+        "default: twice `ratio`",
+    )
+    confidence: Probability = Field(0.95, description="of the comparison, 0 to 1")
+
+    @model_validator(mode="after")
+    def _room_between(self) -> Regression:
+        if self.exclude is not None and self.exclude <= self.ratio:
+            raise ValueError(f"exclude ({self.exclude:g}) must be more than ratio ({self.ratio:g})")
+        return self
+
+    @property
+    def excluded(self) -> float:
+        """``exclude``, or its default."""
+        return 2.0 * self.ratio if self.exclude is None else self.exclude
+
+
 def _suppressible(name: str) -> str:
     try:
         check_names((name,))
@@ -108,6 +134,7 @@ class Document(_Model):
     )
     estimator: dict[str, Any] = Field({"plugin": "mc"}, description="how the probability is estimated")
     thresholds: tuple[Threshold, ...] = Field((), description="what `avrare check` decides")
+    regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
     seed: int = Field(0, ge=0, lt=2**63, description="seed of all random numbers")
     chunk: int = Field(25, ge=1, le=1_000_000, description="rollouts per chunk of work")
     max_error_rate: float = Field(
@@ -154,6 +181,7 @@ class Scenario:
         max_error_rate: Share of the rollouts that may end in an error.
         confidence: Of the reported intervals.
         suppress: Names of health warnings to leave out.
+        regression: How a check compares with a baseline; None: as by default, if there is one.
         warnings: (message, hint) on specifications that can be used but may not say what is meant.
     """
 
@@ -168,6 +196,7 @@ class Scenario:
     tracker: Block | None = None
     controller: Block | None = None
     thresholds: tuple[Threshold, ...] = ()
+    regression: Regression | None = None
     description: str | None = None
     seed: int = 0
     chunk: int = 25
@@ -200,6 +229,8 @@ class Scenario:
             for name, part in self.specifications.items()
         }
         plain["thresholds"] = [threshold.model_dump() for threshold in self.thresholds]
+        if self.regression is not None:
+            plain["regression"] = self.regression.model_dump()
         plain |= {key: getattr(self, key) for key in ("seed", "chunk", "max_error_rate", "confidence")}
         plain["suppress"] = list(self.suppress)
         return plain

@@ -1,0 +1,265 @@
+"""``avrare check`` as a user and a CI server meet it."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from avrare.cli.main import main
+from avrare.plugin.registry import default_registry
+
+TOY = Path(__file__).parents[1] / "check" / "toy"
+DRIVE = """\
+name: drive
+steps: 1
+simulator: {plugin: gusts}
+controller: {plugin: driver}
+specifications:
+  in_lane: {stl: "always (offset < 1.6448536269514722)"}     # p = 0.05
+  on_road: {stl: "always (offset < 6)"}                      # p = 1e-9
+estimator: {plugin: mc, rollouts: 2000}
+chunk: 1000
+"""
+BOUND = "thresholds: [{specification: in_lane, probability: '< %s'}]\n"
+
+
+@pytest.fixture
+def drive(monkeypatch, tmp_path):
+    """A scenario of the toy plugin in the current folder; called with lines to add."""
+    monkeypatch.syspath_prepend(str(TOY))
+    monkeypatch.chdir(tmp_path)
+    default_registry.cache_clear()
+
+    def write(more="", name="drive"):
+        Path(f"{name}.yaml").write_text(DRIVE.replace("name: drive", f"name: {name}") + more)
+        return f"{name}.yaml"
+
+    yield write
+    default_registry.cache_clear()
+
+
+@pytest.fixture
+def check(capsys):
+    """Run the command; the exit code and check.json."""
+
+    def check(*words):
+        code = main(["check", *words, "--json"])
+        out = capsys.readouterr().out
+        return code, json.loads(out) if out else None
+
+    return check
+
+
+def verdicts(content):
+    return {(row["specification"], row["kind"]): row["verdict"] for row in content["rows"]}
+
+
+@pytest.mark.parametrize(
+    ("bound", "code", "verdict"), [("0.1", 0, "pass"), ("0.02", 1, "fail"), ("0.0505", 3, "inconclusive")]
+)
+def test_a_threshold_becomes_an_exit_code(drive, check, bound, code, verdict):
+    found, content = check(drive(BOUND % bound))
+    assert (found, content["exit_code"], content["verdict"]) == (code, code, verdict)
+    assert verdicts(content) == {("in_lane", "threshold"): verdict}
+    (row,) = content["rows"]
+    assert row["interval"][0] < 0.05 < row["interval"][1]
+    assert not Path("baselines").exists()
+
+
+def test_the_first_run_is_saved_and_the_next_is_compared(drive, check):
+    code, content = check(drive())
+    assert code == 0
+    assert any("0001.json; commit it" in note for note in content["notes"])
+    saved = json.loads(Path("baselines/drive/0001.json").read_text())
+    assert [one["specification"] for one in saved["estimates"]] == ["in_lane", "on_road"]
+    code, content = check("drive.yaml", "--seed", "5")
+    assert code == 0
+    assert verdicts(content) == {("in_lane", "regression"): "pass", ("on_road", "regression"): "pass"}
+    assert "no ratio can be told" in content["rows"][1]["reason"]
+    assert len(list(Path("baselines/drive").iterdir())) == 1
+    assert check("drive.yaml", "--seed", "6", "--save")[0] == 0
+    assert len(list(Path("baselines/drive").iterdir())) == 2
+
+
+def test_a_worse_driver_is_caught_and_a_better_one_passes(drive, check):
+    check(drive())
+    code, content = check("drive.yaml", "--seed", "1", "--set", "controller.skill=0.75")
+    assert code == 1
+    row = content["rows"][0]
+    assert row["verdict"] == "fail"
+    assert row["change_interval"][0] > 1.0
+    assert "times the baseline" in row["reason"]
+    assert check("drive.yaml", "--seed", "1", "--set", "controller.skill=1.3")[0] == 0
+
+
+def test_tolerance(drive, check):
+    check(drive())
+    words = ["drive.yaml", "--seed", "1", "--set", "controller.skill=0.8"]
+    assert check(*words)[0] == 1
+    assert check(*words, "--set", "regression.ratio=3")[0] == 0
+
+
+def test_another_question_is_refused_unless_accepted(drive, capsys):
+    assert main(["check", drive()]) == 0
+    assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--set", "steps=2"]) == 4
+    error = capsys.readouterr().err
+    assert "steps 1 -> 2, simulator.dt 0.1 -> 0.05" in error
+    assert "--accept-changes" in error
+    assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--accept-changes"]) == 0
+    assert "although the question changed" in capsys.readouterr().out
+
+
+def test_a_new_rule_has_no_baseline(drive, check):
+    check(drive("  \n"), "--set", "estimator.specifications=[in_lane]")
+    code, content = check("drive.yaml", "--seed", "1")
+    assert code == 3
+    assert verdicts(content)["on_road", "regression"] == "inconclusive"
+    assert "--save" in content["rows"][-1]["reason"]
+
+
+def test_a_threshold_of_a_rule_that_is_not_estimated_does_not_pass(drive, check):
+    code, content = check(drive(BOUND % 0.1), "--set", "estimator.specifications=[on_road]")
+    assert code == 3
+    assert "leaves it out" in content["rows"][0]["reason"]
+
+
+def test_broken_rollouts_are_an_exit_code_of_their_own(drive, check):
+    words = ["--set", "simulator.breaks=1.5", "--junit", "report.xml"]
+    code, content = check(drive(BOUND % 0.5), *words)
+    assert code == 6
+    assert verdicts(content) == {("in_lane", "threshold"): "inconclusive"}
+    assert ElementTree.parse("report.xml").find(".//testcase/error") is not None
+    assert check(drive(BOUND % 0.5), *words, "--set", "max_error_rate=0.2")[0] == 0
+
+
+def test_health_never_passes_silently_and_an_unhealthy_run_is_no_baseline(drive, check):
+    words = [drive(), "--set", "estimator.specifications=[on_road]", "--estimator", "ams"]
+    words += [
+        "--set",
+        "estimator.particles=4",
+        "--set",
+        "estimator.discard=1",
+        "--set",
+        "estimator.floor=0.1",
+    ]
+    code, content = check(*words)
+    assert code == 3
+    assert "extinct" in content["rows"][0]["reason"]
+    assert not Path("baselines").exists()
+    code, content = check(*words, "--save")
+    assert code == 3
+    assert Path("baselines/drive/0001.json").exists()
+
+
+def test_spending_goes_on_until_it_is_clear(drive, check):
+    clear, content = check(drive(BOUND % 0.2), "--spend", "rollouts=8000")
+    assert (clear, content["looks"]) == (0, 1)
+    assert content["results"][0]["estimates"][0]["rollouts"] == 1000
+    unclear, content = check(drive(BOUND % 0.05), "--spend", "rollouts=8000")
+    assert (unclear, content["looks"]) == (3, 4)
+    entry = content["results"][0]["estimates"][0]
+    assert entry["rollouts"] == entry["simulated_steps"] == 8000
+    narrow = content["rows"][0]["interval"]
+    assert narrow[1] - narrow[0] < 0.022
+
+
+def test_what_is_saved_was_not_stopped_early(drive, check):
+    _, content = check(drive(BOUND % 0.2), "--spend", "rollouts=8000", "--save")
+    assert content["looks"] == 4
+    saved = json.loads(Path("baselines/drive/0001.json").read_text())
+    assert saved["estimates"][0]["rollouts"] == 8000
+
+
+def test_splitting_under_spend_puts_its_runs_together(drive, check):
+    words = ["--estimator", "ams", "--set", "estimator.particles=50", "--set", "estimator.discard=5"]
+    words += ["--set", "estimator.specifications=[in_lane]", "--spend", "rollouts=20000"]
+    code, content = check(drive(BOUND % 0.0505), *words)
+    entry = content["results"][0]["estimates"][0]
+    assert code in (0, 3)
+    assert content["looks"] > 1
+    assert len(entry["run_probabilities"]) > 20
+    assert abs(entry["probability"] - 0.05) < 0.01
+
+
+def test_several_scenarios_share_one_error_rate(drive, check):
+    words = [drive(BOUND % 0.1, "one"), drive(BOUND % 0.02, "two"), "--out", "results"]
+    code, content = check(*words)
+    assert code == 1
+    assert [(row["scenario"], row["verdict"]) for row in content["rows"]] == [
+        ("one", "pass"),
+        ("two", "fail"),
+    ]
+    assert json.loads(Path("results/check.json").read_text()) == content
+    for name, verdict in (("one", "pass"), ("two", "fail")):
+        result = json.loads(Path(f"results/{name}/result.json").read_text())
+        assert result["estimates"][0]["verdict"] == verdict
+    assert main(["check", words[0], words[1], "--baseline", "kept"]) == 1
+    assert {path.name for path in Path("kept").iterdir()} == {"one"}  # a failing run is no baseline
+
+
+def test_nothing_depends_on_workers(drive, check):
+    def plain(content):
+        text = json.dumps(content)
+        for row in content["rows"] + [one for result in content["results"] for one in result["estimates"]]:
+            text = text.replace(f'"seconds": {row["seconds"]}', "")
+        return text
+
+    words = [drive(BOUND % 0.1), "--spend", "rollouts=8000"]
+    assert plain(check(*words)[1]) == plain(check(*words, "--workers", "2")[1])
+
+
+def test_the_screen_and_the_files(drive, capsys):
+    main(["check", drive()])
+    capsys.readouterr()
+    words = ["check", drive(BOUND % 0.0505), "--seed", "2", "--junit", "new/report.xml", "--markdown", "s.md"]
+    assert main(words) == 3
+    screen = capsys.readouterr().out
+    for part in ("in_lane", "< 0.0505", "<= baseline", "inconclusive", "exit code 3", "use more simulations"):
+        assert part in screen
+    assert "\x1b" not in screen
+    assert "…" not in screen
+    assert len(list(ElementTree.parse("new/report.xml").iter("testcase"))) == 3
+    assert Path("s.md").read_text().startswith("### avrare check: ❔ inconclusive")
+
+
+def test_a_plan_costs_little_and_exits_zero(drive, capsys):
+    assert main(["check", drive(BOUND % 0.1), "--plan"]) == 0
+    screen = capsys.readouterr().out
+    assert "a pilot run of 200" in screen
+    assert "nothing failed in 200 simulations" in screen
+    assert not Path("baselines").exists()
+    assert main(["check", "drive.yaml", "--save"]) == 0
+    capsys.readouterr()
+    assert main(["check", "drive.yaml", "--plan", "--json"]) == 0
+    plan = json.loads(capsys.readouterr().out)["plan"]
+    prices = {(one["specification"], one["question"]): one["rollouts"] for one in plan}
+    assert 150 <= prices["in_lane", "< 0.1"] <= 800
+    assert 500 <= prices["in_lane", "<= baseline"] <= 3000
+    assert 1500 <= prices["in_lane", "+-20 %"] <= 3500
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--workers", "0"], "--workers"),
+        (["--budget", "steps=9", "--spend", "steps=9"], "leave one of them away"),
+        (["--spend", "stepz=4"], "steps"),
+        (["--spend", "rollouts=4"], "divided into looks"),
+        (["--set", "regression={ratio: 2, exclude: 1.5}"], "exclude (1.5) must be more than ratio (2)"),
+        (["--set", "regression.ration=2"], "ratio"),
+        (["drive.yaml"], "two scenarios have the same name"),
+    ],
+)
+def test_wrong_words_are_answered_in_words(drive, capsys, words, message):
+    assert main(["check", drive(), *words]) == 4
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+
+
+def test_a_damaged_baseline(drive, capsys):
+    Path("baselines/drive").mkdir(parents=True)
+    Path("baselines/drive/0003.json").write_text("{}")
+    assert main(["check", drive()]) == 4
+    assert "baselines/drive/0003.json: not a baseline" in capsys.readouterr().err
