@@ -13,8 +13,8 @@ from avrare.logic.complaints import complain
 
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
 _MAX_DIGITS = 400
-MAX_SAMPLES = 10**12
-"""Samples beyond which a bound can only be a mistake; array indices must hold it."""
+MAX_SAMPLES = 10**14
+"""Samples beyond which a bound can only be a mistake, and no index of an array."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from avrare_traffic_rules.rulebook import Rulebook, unfit
 from avrare_traffic_rules.vocabulary import Definitions
 from avrare_traffic_rules.written import Written, template, written
 
-_ANY_STEP = Fraction(1, 10**30)
+_ANY_STEP = Fraction(1, 10**9)
 """A step [s] of which every time bound that a person writes is a multiple."""
 
 
