@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from avrare.check.claims import Row
+    from avrare.check.gate import Outcome
     from avrare.check.subjects import Subject
     from avrare.estimation.result import Result
 
@@ -32,17 +32,29 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the mark known."""
+    """Make the mark known, and find the scenario files."""
     config.addinivalue_line("markers", _MARK)
+    globs = config.getini("avrare_scenarios")
+    config.stash[_SCENARIOS] = {path for glob in globs for path in _matching(config, glob)}
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> ScenarioFile | None:
     """A scenario, if the file is one of those named in ``avrare_scenarios``."""
-    config = parent.config
-    if _SCENARIOS not in config.stash:
-        globs = config.getini("avrare_scenarios")
-        config.stash[_SCENARIOS] = {path for glob in globs for path in config.rootpath.glob(glob)}
-    return ScenarioFile.from_parent(parent, path=file_path) if file_path in config.stash[_SCENARIOS] else None
+    known = parent.config.stash[_SCENARIOS]
+    return ScenarioFile.from_parent(parent, path=file_path) if file_path in known else None
+
+
+def _matching(config: pytest.Config, glob: str) -> list[Path]:
+    """The files that a glob means; none is worth a warning, for its scenarios would not be tested."""
+    try:
+        found = list(config.rootpath.glob(glob))
+    except (NotImplementedError, ValueError) as error:
+        text = f"avrare_scenarios: {glob!r} should be a glob relative to {config.rootpath}: {error}"
+        raise pytest.UsageError(text) from None
+    if not found:
+        text = f"avrare_scenarios: no file matches {glob!r} in {config.rootpath}"
+        config.issue_config_time_warning(pytest.PytestConfigWarning(text), stacklevel=2)
+    return found
 
 
 class ScenarioFile(pytest.File):
@@ -50,6 +62,11 @@ class ScenarioFile(pytest.File):
 
     def collect(self) -> Iterator[pytest.Item]:
         """One item for each claim; nothing runs yet."""
+        if not self.subject.claims:
+            raise self.CollectError(
+                f"{self.path}: nothing to check: it has neither thresholds nor a baseline\n"
+                f"hint: add thresholds, or save a baseline: avrare check {self.nodeid} --save"
+            )
         for number, claim in enumerate(self.subject.claims):
             yield ClaimItem.from_parent(self, name=f"{claim.specification} {claim.question}", number=number)
 
@@ -70,13 +87,13 @@ class ScenarioFile(pytest.File):
             raise self.CollectError("\n".join(error.lines())) from None
 
     @cached_property
-    def rows(self) -> tuple[Row, ...]:
+    def outcome(self) -> Outcome:
         """The verdicts, found when the first item runs and shared by all."""
         from avrare.check.gate import decide
         from avrare.check.looks import stages
         from avrare.check.subjects import Machine
 
-        return decide([self.subject], stages(None, None), Machine(1, None, _silent)).rows
+        return decide([self.subject], stages(None, None), Machine(1, None, _silent))
 
 
 class ClaimItem(pytest.Item):
@@ -89,9 +106,12 @@ class ClaimItem(pytest.Item):
     def runtest(self) -> None:
         """Fail unless the verdict is a pass."""
         assert isinstance(self.parent, ScenarioFile)
-        row = self.parent.rows[self.number]
+        outcome = self.parent.outcome
+        row = outcome.rows[self.number]
         text = f"{row.scenario}  {row.name}: {row.verdict}; {row.reason}"
-        if row.verdict == "inconclusive" and self.config.getini("avrare_inconclusive") == "skip":
+        # Broken rollouts are no matter of too few simulations: they are not to be skipped.
+        whole = row.verdict == "inconclusive" and not outcome.broken(row)
+        if whole and self.config.getini("avrare_inconclusive") == "skip":
             pytest.skip(text)
         if row.verdict != "pass":
             raise VerdictError(text)
@@ -124,7 +144,13 @@ def avrare_result(request: pytest.FixtureRequest) -> Result:
     unknown = set(mark.kwargs) - {"scenario", "specification", "set", "budget", "workers"}
     if unknown:
         raise pytest.UsageError(f"the mark avrare does not know {', '.join(sorted(unknown))}")
-    return _estimate(request.node.path.parent, **mark.kwargs)
+    from avrare.errors import AvrareError
+
+    try:
+        return _estimate(request.node.path.parent, **mark.kwargs)
+    except AvrareError as error:
+        mistake = "\n".join(error.lines())
+    return pytest.fail(mistake, pytrace=False)
 
 
 def _estimate(
@@ -133,10 +159,14 @@ def _estimate(
     from avrare.build.scenario import BuildableScenario
     from avrare.check.looks import stages
     from avrare.check.subjects import Machine, estimate
+    from avrare.errors import UsageError
     from avrare.estimation.budget import Budget
     from avrare.scenario.load import load
 
-    built = BuildableScenario(load(folder / scenario, list(set)))
+    if workers < 1:
+        raise UsageError(f"workers must be at least 1, not {workers}")
+    overrides = [set] if isinstance(set, str) else list(set)
+    built = BuildableScenario(load(folder / scenario, overrides))
     (stage,) = stages(Budget.parse(budget), None)
     return estimate(built, [specification], stage, Machine(workers, None, _silent))[0]
 

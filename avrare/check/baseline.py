@@ -19,7 +19,7 @@ from avrare.scenario.schema import Scenario
 
 SCHEMA = 1
 _NAME = re.compile(r"(\d{4,})\.json")
-_HINT = "remove the file, or save a new baseline with --save"
+_HINT = "restore the file, or remove it: then the one before counts"
 
 
 @dataclass(frozen=True)

@@ -37,9 +37,12 @@ class Claim:
 
     @property
     def question(self) -> str:
-        """In symbols: ``< 0.02``, ``<= baseline``, ``<= 1.5 x baseline``."""
+        """In symbols: ``< 0.02``, ``< 0.02 at 0.99``, ``<= baseline``, ``<= 1.5 x baseline``."""
         if isinstance(self.criterion, Threshold):
-            return str(self.criterion.probability)
+            confidence = self.criterion.confidence
+            usual = confidence == Threshold.model_fields["confidence"].default
+            # Else two thresholds of one rule would share a name, and servers keep one test of a name.
+            return str(self.criterion.probability) + ("" if usual else f" at {confidence:g}")
         ratio = self.criterion.ratio
         return "<= baseline" if ratio == 1.0 else f"<= {ratio:g} x baseline"
 

@@ -211,7 +211,10 @@ def from_plain(plain: Mapping[str, Any]) -> Evidence:
     try:
         fields = {key: tuple(v) if isinstance(v, list) else v for key, v in plain.items() if key != "law"}
         found: Evidence = _KINDS[plain["law"]](**fields)
-        found.interval_at(0.95)
-    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
+        low, high = found.interval_at(0.95)
+        told = found.above(0.5) + found.below(0.5)
+        if not (0.0 <= low <= high <= 1.0 and 0.0 <= told <= 2.0):
+            raise ValueError(f"its interval is {low} .. {high}")
+    except (LookupError, TypeError, ValueError, ArithmeticError) as error:
         raise UsageError(f"not an estimate: {error}") from None
     return found

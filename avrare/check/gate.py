@@ -53,6 +53,14 @@ class Outcome:
         """Of the whole: "pass", "fail" or "inconclusive"."""
         return worst(one.verdict for one in self.rows) or "pass"
 
+    def broken(self, row: Row) -> bool:
+        """Whether more rollouts than allowed broke down in the estimate of a row."""
+        return any(
+            "errors" in one.health
+            for one in self.results.get(row.scenario, ())
+            if one.specification == row.specification
+        )
+
     def to_dict(self, subjects: Sequence[Subject]) -> dict[str, Any]:
         """The content of check.json."""
         return {
@@ -227,7 +235,8 @@ def _unmatched(one: Subject, result: Result, path: Path | None) -> Row:
     if path is not None:
         verdict, reason = "pass", "nothing to compare with yet: saved as the first baseline"
     elif one.baseline is None:
-        names = ", ".join(result.health) or "another rule of this scenario is"
+        own = "it fails a threshold" if result.verdict == "fail" else "another rule of this scenario is"
+        names = ", ".join(result.health) or own
         verdict, reason = "inconclusive", f"no baseline, and this is not saved as one: unsound ({names})"
     else:
         verdict, reason = "inconclusive", "the baseline does not have this rule: --save makes a new one"

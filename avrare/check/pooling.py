@@ -13,6 +13,9 @@ from avrare.check.evidence import Binomial, Evidence, LogNormal, evidence_of
 from avrare.estimation import health
 from avrare.estimation.result import Failures, Result
 
+_LASTING = ("not_deterministic",)
+"""Warnings of the system, not of a batch."""
+
 
 @dataclass(frozen=True)
 class _Whole:
@@ -28,7 +31,8 @@ def pooled(batches: Sequence[Result], max_error_rate: float) -> Result:
 
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
     their rollouts. Where none of that is possible the newest batch, as large as all others together, speaks
-    alone. Health is that of the newest, but for the errors, which are counted over all.
+    alone. Health is that of the newest, but for the errors, which are counted over all, and for a system
+    that was found not to be deterministic.
 
     Args:
         batches: In the order they were drawn, at least one.
@@ -40,6 +44,9 @@ def pooled(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes = _sums(batches)
     warnings = {name: text for name, text in newest.health.items() if name != "errors"}
     messages = [one.health["errors"] for one in batches if "errors" in one.health]
+    # What one batch has found of the system is so, whatever the next one happens to show.
+    for one in batches:
+        warnings |= {name: text for name, text in one.health.items() if name in _LASTING}
     warnings |= health.of_errors(changes["errors"], changes["rollouts"], max_error_rate, messages)
     whole = _counts(batches) or _runs(batches) or _weighted(batches)
     if whole is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -166,6 +167,11 @@ def _make_folders(args: argparse.Namespace) -> None:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{folder}: cannot make this folder: {error.strerror}") from None
+        if not os.access(folder, os.W_OK):
+            raise UsageError(f"{folder}: cannot write into this folder", "choose another place")
+    for name in (args.junit, args.markdown):
+        if name and Path(name).is_dir():
+            raise UsageError(f"{name}: is a folder, not a file to write", "choose another place")
 
 
 def _write(args: argparse.Namespace, subjects: Sequence[Any], outcome: Any) -> None:

@@ -81,7 +81,10 @@ class Regression(_Model):
     """How `avrare check` compares with a saved baseline."""
 
     ratio: float = Field(
-        1.0, gt=0.0, description="fails when significantly likelier than this many times the baseline"
+        1.0,
+        gt=0.0,
+        allow_inf_nan=False,
+        description="fails when significantly likelier than this many times the baseline",
     )
     exclude: float | None = Field(
         None,

@@ -63,7 +63,7 @@ def test_a_damaged_file_is_refused_with_its_name(scenario, estimate, tmp_path, b
     with pytest.raises(UsageError, match=message) as caught:
         baseline.newest(tmp_path)
     assert str(path) in caught.value.message
-    assert "--save" in caught.value.hint
+    assert "remove it" in caught.value.hint
 
 
 def test_a_folder_that_cannot_be_written_to(scenario, estimate, tmp_path):

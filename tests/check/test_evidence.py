@@ -109,6 +109,9 @@ def test_it_survives_a_file(law):
         {"law": "poisson"},
         {"law": "binomial", "failures": 3},
         {"law": "binomial", "failures": "x", "trials": 3},
+        {"law": "log_normal", "mean": float("nan"), "relative_variance": 0.1, "freedom": 3},
+        {"law": "tabulated", "tails": [], "lower": [], "upper": []},
+        {"law": "tabulated", "tails": [0.05], "lower": [0.1, 0.05], "upper": [0.2]},
     ],
 )
 def test_other_data_is_refused_in_words(plain):

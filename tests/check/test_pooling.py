@@ -71,6 +71,11 @@ def test_health_is_the_newest_but_errors_count_over_all(estimate):
     assert set(pooled([well, ill], 0.02).health) == {"all_failed"}
 
 
+def test_a_system_found_not_to_be_deterministic_stays_so(estimate):
+    ill, well = estimate(Binomial(1, 100), health={"not_deterministic": "x"}), estimate(Binomial(1, 100))
+    assert pooled([ill, well, well], 0.01).health == {"not_deterministic": "x"}
+
+
 def test_one_batch_is_itself(estimate):
     result = estimate(Binomial(1, 100))
     assert pooled([result], 0.01) is result

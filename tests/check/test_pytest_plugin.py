@@ -80,6 +80,31 @@ def test_inconclusive_fails_unless_it_is_to_skip(drive, run):
     assert "1 skipped" in output
 
 
+def test_broken_rollouts_are_not_skipped(drive, run):
+    text = Path(drive(BOUND % 0.3)).read_text()
+    drive(text=text.replace("{plugin: gusts}", "{plugin: gusts, breaks: 1.5}"))
+    code, output = run("-q", ini="avrare_scenarios = *.yaml\navrare_inconclusive = skip\n")
+    assert code == 1
+    assert "rollouts broke down" in output
+
+
+def test_a_scenario_with_nothing_to_check_is_an_error(drive, run):
+    drive()
+    code, output = run("-q")
+    assert code == 2
+    assert "drive.yaml: nothing to check" in output
+    assert "avrare check drive.yaml --save" in output
+
+
+def test_globs_that_mean_nothing_are_told(drive, run):
+    drive(BOUND % 0.1)
+    code, output = run("-q", ini="avrare_scenarios = /abs/*.yaml\n")
+    assert code == 4
+    assert "Traceback" not in output
+    assert "should be a glob relative to" in output
+    assert "no file matches 'nope/*.yaml'" in run("-q", ini="avrare_scenarios = nope/*.yaml\n")[1]
+
+
 def test_a_baseline_makes_tests_of_the_rules(drive, run):
     from avrare.cli.main import main
 
@@ -114,6 +139,26 @@ def test_marked_tests_get_the_estimate(drive, run, tmp_path):
     assert "2 passed, 2 errors" in output
     assert "avrare_result needs a mark" in output
     assert "does not know rollouts" in output
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ('scenario="nope.yaml", specification="in_lane"', "nope.yaml: no such file"),
+        ('scenario="drive.yaml", specification="in_lan"', "no specification 'in_lan'"),
+        ('scenario="drive.yaml", specification="in_lane", budget="rolouts=4"', "unknown budget"),
+        ('scenario="drive.yaml", specification="in_lane", workers=0', "workers must be at least 1"),
+        ('scenario="drive.yaml", specification="in_lane", set="stepz=4"', "--set stepz"),
+    ],
+)
+def test_mistakes_in_a_mark_are_told_without_a_traceback(drive, run, tmp_path, words, message):
+    drive()
+    test = f"import pytest\n@pytest.mark.avrare({words})\ndef test_it(avrare_result):\n    pass\n"
+    (tmp_path / "test_it.py").write_text(test)
+    code, output = run("-q", ini="")
+    assert code == 1
+    assert message in output
+    assert "pytest_plugin.py" not in output
 
 
 def test_it_is_light_where_it_is_not_used():

@@ -248,6 +248,8 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
         (["--spend", "rollouts=4"], "divided into looks"),
         (["--set", "regression={ratio: 2, exclude: 1.5}"], "exclude (1.5) must be more than ratio (2)"),
         (["--set", "regression.ration=2"], "ratio"),
+        (["--set", "regression.ratio=.inf"], "finite"),
+        (["--junit", "."], "is a folder, not a file"),
         (["drive.yaml"], "two scenarios have the same name"),
     ],
 )
@@ -256,6 +258,23 @@ def test_wrong_words_are_answered_in_words(drive, capsys, words, message):
     error = capsys.readouterr().err
     assert message in error
     assert "Traceback" not in error
+
+
+def test_two_thresholds_of_a_rule_have_names_of_their_own(drive, check):
+    both = "thresholds: [{specification: in_lane, probability: '< 0.1'}, "
+    both += "{specification: in_lane, probability: '< 0.1', confidence: 0.99}]\n"
+    assert check(drive(both), "--junit", "report.xml")[0] == 0
+    names = [case.get("name") for case in ElementTree.parse("report.xml").iter("testcase")]
+    assert names == ["in_lane < 0.1", "in_lane < 0.1 at 0.99"]
+
+
+def test_a_run_that_fails_a_threshold_is_no_first_baseline_and_says_why(drive, check):
+    code, content = check(drive(BOUND % 0.02), "--baseline", "kept")
+    reasons = {row["specification"]: row["reason"] for row in content["rows"] if row["kind"] == "regression"}
+    assert code == 1
+    assert "unsound (it fails a threshold)" in reasons["in_lane"]
+    assert "unsound (another rule" in reasons["on_road"]
+    assert not Path("kept").exists()
 
 
 def test_a_damaged_baseline(drive, capsys):

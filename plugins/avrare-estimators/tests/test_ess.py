@@ -100,6 +100,13 @@ def test_without_levels_it_is_monte_carlo():
     assert result.diagnostics["levels"] == [[], [], []]
 
 
+@pytest.mark.parametrize("runs", [1, 4])
+def test_certain_failure_has_no_error_and_no_negative_zero(runs):
+    problem = Problem(systems.Walk(), avrare.stl("x > 1e9"), steps=0)
+    result = avrare.estimate(problem, "ess", runs=runs, chains=5)
+    assert (result.probability, str(result.relative_error)) == (1.0, "0.0")
+
+
 def test_single_run_has_an_interval_and_a_warning():
     truth = reference_problem("c_fourbranch_k7").probability
     results = [estimate("c_fourbranch_k7", runs=1, seed=seed) for seed in range(40)]

@@ -96,6 +96,32 @@ def test_what_is_not_affine_is_refused_by_name():
     assert TrajectoryGaussian.of(Squared(), 5, ("x",)).names == ("x",)
 
 
+class Bent(Walk):
+    """A bend of size 1 on top of a large offset."""
+
+    def signals(self, state):
+        return {"x": 5e9 + np.tanh(state["x"])}
+
+
+class Offset(Walk):
+    def signals(self, state):
+        return {"x": 5e9 + state["x"]}
+
+
+def test_a_large_mean_hides_no_bend():
+    with pytest.raises(avrare.UsageError, match="'x' is not affine"):
+        TrajectoryGaussian.of(Bent(), 3)
+    assert TrajectoryGaussian.of(Offset(), 50).steps == 50
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("growth", [1e100, 1e200])
+def test_a_system_that_overflows_is_named_as_such(growth):
+    explosive = LinearSystem.of(("x",), [[growth]], [1.0], process_noise=[[1.0]])
+    with pytest.raises(avrare.UsageError, match="'x' is not finite"):
+        TrajectoryGaussian.of(explosive, 6)
+
+
 def test_signals_of_vehicles_and_unknown_ones_are_refused():
     with pytest.raises(avrare.UsageError, match="'x' has more than one value"):
         TrajectoryGaussian.of(Paired(), 5)

@@ -69,7 +69,7 @@ def _relative_variance(descent: Descent, values: Floats) -> float:
     if mean == 0.0:
         return math.nan
     runs = len(values)
-    ideal = -math.log(mean) / (descent.shape.samples * runs)
+    ideal = abs(math.log(mean)) / (descent.shape.samples * runs)
     if runs == 1:
         return float(_of_levels(descent)[0]) or ideal
     # Divided first: the square of a tiny estimate is 0. Runs may be equal by chance.

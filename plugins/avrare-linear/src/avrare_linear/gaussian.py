@@ -17,7 +17,7 @@ from avrare.rollout.noise import NoiseSource
 
 _ROWS = 1024
 """Tapes that are run at once."""
-_CHECKS, _TOLERANCE = 8, 1e-9
+_CHECKS, _TOLERANCE, _ROUNDING = 8, 1e-9, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +44,11 @@ class TrajectoryGaussian:
             names: Signals to look at; None: all.
 
         Raises:
-            UsageError: A signal does not exist, has a vehicle axis, or is not affine in the noise.
+            UsageError: A signal does not exist, has a vehicle axis, overflows, or is not affine in the noise.
         """
-        gaussian = TrajectoryGaussian.unchecked(system, steps, names)
-        gaussian._check(system)
+        with np.errstate(over="ignore", invalid="ignore"):  # told by name
+            gaussian = TrajectoryGaussian.unchecked(system, steps, names)
+            gaussian._check(system)
         return gaussian
 
     @staticmethod
@@ -95,13 +96,19 @@ class TrajectoryGaussian:
         return {name: np.ascontiguousarray(values[:, :, i]) for i, name in enumerate(self.names)}
 
     def _check(self, system: System) -> None:
-        """Refuse a system that is not affine."""
+        """Refuse a system that is not affine; a large mean hides no curvature, it only rounds."""
         steps = np.arange(len(self.mean))
         tape = 3.0 * NoiseSource(0, system.noise_size).normals(0, 0, np.arange(_CHECKS)[:, None], steps)
         expected, found = self.signals(tape), responses(system, tape, self.names)
-        for name in self.names:
-            scale = np.abs(found[name]).max(initial=1.0)
-            if not np.allclose(expected[name], found[name], rtol=0.0, atol=_TOLERANCE * scale):
+        for k, name in enumerate(self.names):
+            if not (np.isfinite(found[name]).all() and np.isfinite(expected[name]).all()):
+                raise UsageError(
+                    f"signal {name!r} is not finite: there is no Gaussian of its trajectories",
+                    "an unstable system overflows: check its matrices and the number of steps",
+                )
+            spread = np.abs(found[name] - self.mean[:, k]).max(initial=1.0)
+            allowed = _TOLERANCE * spread + _ROUNDING * np.abs(found[name]).max()
+            if not np.allclose(expected[name], found[name], rtol=0.0, atol=allowed):
                 raise UsageError(
                     f"signal {name!r} is not affine in the noise: there is no Gaussian of its trajectories",
                     "exact slices and gradients need a linear system, such as the simulator `linear`",
