@@ -168,6 +168,11 @@ def test_predictions_must_be_there_and_long_enough(quiet):
         controller.act(memory, ego, Prediction(x=prediction.x[..., :20], y=prediction.y[..., :20]))
 
 
+def test_a_lane_counts_once():
+    with pytest.raises(ValueError, match="a lane is named twice"):
+        MpcConfig(lanes=(1, 2, 1))
+
+
 def test_solvers_are_silent(quiet, capfd):
     controller, drive = quiet
     memory, ego, prediction = drive.inputs[3]

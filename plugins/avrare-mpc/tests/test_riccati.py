@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -226,6 +227,12 @@ def test_where_no_cache_can_be_written_it_compiles_without(monkeypatch):
     monkeypatch.setattr(jit.numba, "njit", njit)
     assert jit.entry(noise_of) is noise_of
     assert asked == [True, False]
+
+
+def test_kept_machine_code_depends_on_the_kernels_alone(plain):
+    kernels = ("jit", "values", "cost", "drive", "stage", "sweep", "newton", "batch")
+    for module in (jit, plain.jit) if COMPILED else (jit,):
+        assert {Path(name).stem for name in module._SOURCES} == set(kernels)
 
 
 def test_the_list_of_plugins_says_whether_it_is_compiled(monkeypatch):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -52,6 +52,13 @@ class PlannerConfig(BaseModel):
         description="Weight of each metre outside the lateral bounds [1/m]; a penalty that acts as a bound "
         "wherever the bound can be kept.",
     )
+
+    @field_validator("lanes")
+    @classmethod
+    def _lanes_once(cls, lanes: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(lanes)) < len(lanes):  # the cost of the lanes would be 0 / 0 on its centre
+            raise ValueError("a lane is named twice")
+        return lanes
 
     @model_validator(mode="after")
     def _ordered_speeds(self) -> Self:

@@ -18,6 +18,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILED = numba is not None and not numba.config.DISABLE_JIT
 """Whether the kernels are compiled."""
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+_SOURCES = {__file__}
+"""Files of the kernels, and this one for the options."""
 
 
 def kernel(function: Function) -> Function:
@@ -25,6 +27,7 @@ def kernel(function: Function) -> Function:
 
     Arithmetic is strictly IEEE, so that every run rounds alike.
     """
+    _SOURCES.add(function.__code__.co_filename)
     return numba.njit(forceinline=True, **_OPTIONS)(function) if COMPILED else function
 
 
@@ -39,8 +42,8 @@ def entry(function: Function) -> Function:
 
 
 def sources_digest() -> str:
-    """Digest of the kernels' sources: numba itself would only notice a change of the entry's own file."""
+    """Digest of the kernels' sources so far: numba would only notice changes of the entry's own file."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
+    for name in sorted(_SOURCES):
+        digest.update(Path(name).read_bytes())
     return digest.hexdigest()

@@ -41,7 +41,7 @@ class Solutions:
         inputs: (M, H, 2) acceleration, turn rate.
         cost: (M,) with the lateral penalty.
         found: (M,) this is a minimum that keeps every hard bound; elsewhere it is where the search ended.
-        retried: (M,) the first attempt failed.
+        retried: (M,) the first attempt failed, whatever came of the second search.
         iterations: (M,) of all attempts and searches.
     """
 
@@ -92,7 +92,9 @@ class RiccatiSolver:
             rows: (M,) of the programmes.
             guesses: (M, H, 2) inputs.
         """
-        given = tuple(np.ascontiguousarray(part, dtype=np.float64) for part in (start, other_x, other_y))
+        # One memory layout, or the kernels would be compiled once more for every other one.
+        given = tuple(np.require(part, np.float64, ("C", "W")) for part in (start, other_x, other_y))
+        rows, guesses = np.require(rows, np.int64, ("C", "W")), np.require(guesses, np.float64, ("C", "W"))
         found = self._minima(given, rows, guesses, self._tunings)
         if self._near is None:
             return found
@@ -143,7 +145,7 @@ def _take_better(found: Solutions, index: Integers, other: Solutions) -> None:
     """Put ``other`` in the place of entries ``index`` where it is cheaper, or the only one."""
     found.iterations[index] += other.iterations
     better = other.found & (~found.found[index] | (other.cost < found.cost[index]))
-    for name in ("states", "inputs", "cost", "found", "retried"):
+    for name in ("states", "inputs", "cost", "found"):
         getattr(found, name)[index[better]] = getattr(other, name)[better]
 
 

@@ -1,0 +1,136 @@
+"""The second, rough search: of two minima the cheaper one."""
+
+import numpy as np
+import pytest
+
+from avrare.batch import concatenate
+from avrare_mpc.config import MpcConfig
+from avrare_mpc.controller import build
+from avrare_mpc.plan import shift
+from avrare_mpc.riccati import solver as module
+from avrare_mpc.riccati.batch import solve_without_bounds
+from avrare_mpc.riccati.jit import COMPILED
+from avrare_mpc.riccati.solver import BETTER, NEAR, QUICK, RiccatiSolver
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
+
+HASTY = QUICK._replace(iterations=1)
+"""An attempt that always fails."""
+FIELDS = ("states", "inputs", "cost", "found", "retried", "iterations")
+
+
+@pytest.fixture(scope="module")
+def programmes(lane_change):
+    """Arguments of ``solve``: every later step of noisy drives."""
+    noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(8).standard_normal((24, 30, 3, 3))
+    drive = lane_change.drive(build(MpcConfig(backend="riccati"), lane_change.scene), noise, samples=31)
+    memory, ego, prediction = (concatenate([step[i] for step in drive.inputs[1:]]) for i in range(3))
+    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    guesses = shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt)[1]
+    return start, prediction.x, prediction.y, np.arange(len(start)), guesses
+
+
+@pytest.fixture(scope="module")
+def both(lane_change, programmes):
+    """Solutions with the second search and without it."""
+    solvers = (RiccatiSolver(MpcConfig(), lane_change.scene, near=near) for near in (NEAR, None))
+    return tuple(solver.solve(*programmes) for solver in solvers)
+
+
+def test_it_is_never_costlier_and_at_times_cheaper(both):
+    found, alone = both
+    cheaper = found.cost < alone.cost
+    assert found.found.all()
+    assert (found.cost <= alone.cost).all()
+    assert 3 <= cheaper.sum() < 0.1 * len(cheaper)
+    assert (found.cost[cheaper] < (1.0 - BETTER / 2) * alone.cost[cheaper]).all()
+    for name in ("states", "inputs", "cost", "retried"):
+        assert np.array_equal(getattr(found, name)[~cheaper], getattr(alone, name)[~cheaper])
+
+
+def test_cost_and_states_are_those_of_the_inputs_that_are_kept(lane_change, programmes, both):
+    """Started again from its own plan, a search that is already there stays."""
+    start, x, y, rows, _ = programmes
+    cheaper = np.flatnonzero(both[0].cost < both[1].cost)
+    inputs = both[0].inputs[cheaper]
+    again = RiccatiSolver(MpcConfig(), lane_change.scene, quick=module.FROM_NEAR, near=None)
+    solution = again.solve(start, x, y, rows[cheaper], inputs)
+    np.testing.assert_allclose(solution.cost, both[0].cost[cheaper], rtol=1e-6)
+    np.testing.assert_allclose(solution.states, both[0].states[cheaper], atol=1e-3)
+
+
+def test_its_iterations_are_counted(both, programmes, lane_change):
+    found, alone = both
+    rough = RiccatiSolver(MpcConfig(), lane_change.scene, NEAR, NEAR, near=None).solve(*programmes)
+    spent = found.iterations - alone.iterations
+    assert (spent >= 1).all()
+    settled = ~rough.retried & (rough.cost >= alone.cost)  # nothing to finish: the rough search is all
+    assert settled.mean() > 0.5
+    assert np.array_equal(spent[settled], rough.iterations[settled])
+    cheaper = found.cost < alone.cost
+    assert (spent[cheaper] > rough.iterations[cheaper]).all()
+
+
+def test_it_helps_out_where_the_first_search_fails(lane_change, programmes):
+    """The first attempt failed all the same, and is counted."""
+    hasty = RiccatiSolver(MpcConfig(), lane_change.scene, quick=HASTY, patient=HASTY).solve(*programmes)
+    alone = RiccatiSolver(MpcConfig(), lane_change.scene, HASTY, HASTY, near=None).solve(*programmes)
+    assert not alone.found.any()
+    assert hasty.found.all()
+    assert hasty.retried.all()
+    assert np.isfinite(hasty.cost).all()
+
+
+def with_rough(monkeypatch, change):
+    """Apply ``change`` to what the rough search answers; returns a list of its iterations, to be filled."""
+    run, spent = module._run, []
+
+    def changed(kernel, programme, tuning, *rest):
+        answer = run(kernel, programme, tuning, *rest)
+        if tuning is NEAR:
+            change(answer)
+            spent.append(answer.iterations.copy())
+        return answer
+
+    monkeypatch.setattr(module, "_run", changed)
+    return spent
+
+
+def test_a_rough_result_without_a_value_is_left(monkeypatch, lane_change, programmes, both):
+    def lose(answer):
+        answer.inputs[:], answer.cost[:] = np.nan, -1.0  # it looks promising
+
+    spent = with_rough(monkeypatch, lose)
+    found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(*programmes)
+    for name in ("states", "inputs", "cost", "found", "retried"):
+        assert np.array_equal(getattr(found, name), getattr(both[1], name))
+    assert np.array_equal(found.iterations, both[1].iterations + spent[0])
+
+
+def test_a_promise_that_is_not_kept_changes_nothing(monkeypatch, lane_change, programmes, both):
+    with_rough(monkeypatch, lambda answer: answer.cost.fill(-1.0))
+    found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(*programmes)
+    assert (found.cost <= both[1].cost).all()
+    assert (found.iterations > both[0].iterations).any()
+
+
+def test_rows_are_the_same_bits_in_any_batch(lane_change, programmes, both):
+    *given, rows, guesses = programmes
+    solver = RiccatiSolver(MpcConfig(), lane_change.scene)
+    cheaper = np.flatnonzero(both[0].cost < both[1].cost)
+    for index in (*cheaper[:4, None], cheaper, rows[::-7], np.array([5, 5, cheaper[0]])):
+        part = solver.solve(*given, rows[index], guesses[index])
+        for name in FIELDS:
+            assert np.array_equal(getattr(part, name), getattr(both[0], name)[index])
+
+
+def test_other_memory_layouts_are_not_compiled_anew(lane_change, programmes, both):
+    start, x, y, rows, guesses = programmes
+    known = len(solve_without_bounds.signatures)
+    apart = np.asfortranarray(x)
+    apart.flags.writeable = False
+    found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(
+        start, apart, y, rows[::5].astype(np.int32), np.asfortranarray(guesses)[::5]
+    )
+    assert np.array_equal(found.cost, both[0].cost[::5])
+    assert len(solve_without_bounds.signatures) == known
