@@ -150,7 +150,13 @@ def build_block(block: Block, scene: Scene | None) -> Any:
 
     Raises:
         PluginError: Its implementation cannot be imported.
+        UsageError: It drives on a road, and there is none.
     """
+    if block.component.driving and scene is None:
+        raise UsageError(
+            f"{block.component.kind} {block.plugin!r} is for vehicles on a road, and this simulator has none",
+            "take a driving simulator, such as single_track, or leave this part out",
+        )
     try:
         factory = block.component.load_factory()
     except ImportError as error:

@@ -43,6 +43,7 @@ class Component:
         check: ``"package.module:function"`` of a specification whose options can be wrong in ways that the
             model cannot see: called as ``check(config, dt)`` when a scenario is loaded, with the simulator's
             step [s] or None where it is not known; returns a list of ``Finding``. Must import nothing heavy.
+        driving: It is for vehicles on a road, and refused where the simulator has no ``Scene``.
     """
 
     kind: str
@@ -54,6 +55,7 @@ class Component:
     api: int = 1
     rules: str = ""
     check: str = ""
+    driving: bool = False
 
     def load_config(self) -> type[Any]:
         """The pydantic model of the part's options."""

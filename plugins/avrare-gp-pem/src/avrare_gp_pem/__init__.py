@@ -13,6 +13,7 @@ def avrare_components() -> list[Component]:
             config="avrare_gp_pem.config:GpPemConfig",
             factory="avrare_gp_pem.model:build_gp",
             summary="Gaussian processes fitted to a lidar detector (shipped model: non-commercial licence)",
+            driving=True,
         ),
         Component(
             kind="perception",
@@ -20,6 +21,7 @@ def avrare_components() -> list[Component]:
             config="avrare_gp_pem.config:ParametricPemConfig",
             factory="avrare_gp_pem.parametric:build_parametric",
             summary="detection falling with range, Student-t position errors; free of licensed data",
+            driving=True,
         ),
         Component(
             kind="perception",
@@ -27,5 +29,6 @@ def avrare_components() -> list[Component]:
             config="avrare_gp_pem.config:NaivePemConfig",
             factory="avrare_gp_pem.naive:build_naive",
             summary="misses half and adds unit noise: a proposal for importance sampling, no detector",
+            driving=True,
         ),
     ]

@@ -20,5 +20,6 @@ def avrare_components() -> list[Component]:
             factory="avrare_mpc.controller:build",
             summary=f"lane-change model-predictive controller, solved by CasADi or a Riccati recursion{slow}",
             needs=("casadi",),
+            driving=True,
         )
     ]
