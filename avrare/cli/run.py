@@ -57,7 +57,7 @@ def execute(args: argparse.Namespace) -> int:
     scenarios, budget = _scenarios(args), Budget.parse(args.budget)
     if args.resume is not None:
         assert out is not None
-        contents = checkpoint_run.finished_results(out, scenarios)
+        contents = checkpoint_run.finished_results(out, scenarios, _overrides(args), args.estimator)
         if contents:
             print(f"{out}: this run is finished", file=sys.stderr)
             return _ended(args, contents)

@@ -88,7 +88,8 @@ class Pairs:
         centre = (worse - better) / n
         half = normal_factor(confidence) * math.sqrt((worse + better) / n - centre**2) / math.sqrt(n)
         slack = self.undecided / (self.count + self.undecided)
-        return max(-1.0, centre - half - slack), min(1.0, centre + half + slack)
+        low, high = max(-1.0, centre - half), min(1.0, centre + half)
+        return (1.0 - slack) * low - slack, (1.0 - slack) * high + slack
 
     @property
     def p_value(self) -> float:

@@ -122,17 +122,24 @@ def anytime(failures: int, trials: int, confidence: float, undecided: int = 0, *
         undecided: Rollouts that ended in an error: the upper bound counts them as failures.
         around: Probability near which the sequence is tightest.
     """
-    a, b = mixture(around)
+    _, b = mixture(around)
     least = -math.log(1.0 - confidence)
+
+    def mixed(failed: int) -> float:
+        """Log of B(1 + failed, b + held) / B(1, b), whose log-gammas of a huge b would cancel to nothing."""
+        begun = b + trials - failed
+        return (
+            math.lgamma(1 + failed) + math.log(b) - math.fsum(math.log(begun + i) for i in range(failed + 1))
+        )
 
     def evidence(failed: int, p: float) -> float:
         """Log likelihood of the mixture over that of ``p``."""
         held = trials - failed
         log_p = (failed * math.log(p) if failed else 0.0) + (held * math.log1p(-p) if held else 0.0)
-        mixed = [math.lgamma(x) for x in (a + failed, b + held, a + b, a, b, a + b + trials)]
-        return mixed[0] + mixed[1] + mixed[2] - mixed[3] - mixed[4] - mixed[5] - log_p
+        return of_mixture[failed] - log_p
 
     low, high, worst = 0.0, 1.0, failures + undecided
+    of_mixture = {failed: mixed(failed) for failed in {failures, worst}}
     if failures:
         low = _invert(lambda p: -evidence(failures, p) if p else -math.inf, -least, 0.0, failures / trials)
     if worst < trials:

@@ -24,6 +24,8 @@ _WAVE = 8
 """Chunks in flight at a time."""
 _FIRST_WAVE = 64
 """Rollouts before the first look at the clock; then as many again as are done, so that none comes late."""
+_LOOK = 32
+"""Share of what is done, 1 / 32, that a rule that stops may come too late by."""
 _UNLIMITED = 2**40
 """Rollouts of a run that ends by the clock."""
 
@@ -84,6 +86,8 @@ class MonteCarlo:
             return None
         if state.info.goal is None:  # no larger than what is done, so that little is paid in vain
             wave = min(wave, max(min(_FIRST_WAVE, state.plan.chunk), done))
+            if self.config.sequential:  # every look is at all that is done: else they would cost its square
+                wave = max(wave, done // _LOOK)
         index = np.arange(done, min(done + wave, state.total))
         request = Request.from_start(index // state.per_run, index % state.per_run)
         return replace(request, stop_early=self.config.early_stop)

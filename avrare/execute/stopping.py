@@ -6,11 +6,14 @@ import contextlib
 import os
 import signal
 import threading
+import time
 from types import FrameType
 from typing import Any
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _NOTE = b"\nstopping after the chunk in hand; once more to leave at once\n"
+_ECHO = 0.2
+"""Seconds in which a second signal is the first one still: ``timeout`` signals a program and its group."""
 
 
 class Stopping:
@@ -22,6 +25,7 @@ class Stopping:
 
     def __init__(self) -> None:
         self.asked = False
+        self._since = 0.0
         self._before: dict[signal.Signals, Any] = {}
 
     def __call__(self) -> bool:
@@ -41,8 +45,11 @@ class Stopping:
         self._before = {}
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
+        now = time.monotonic()
         if self.asked:
+            if now - self._since < _ECHO:
+                return
             raise KeyboardInterrupt
-        self.asked = True
+        self.asked, self._since = True, now
         with contextlib.suppress(OSError):  # not print: the signal may have come in the midst of one
             os.write(2, _NOTE)

@@ -25,6 +25,11 @@ def begin(out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resum
             cannot be written to.
     """
     folder = out / FOLDER
+    if len(scenarios) > 1 and any(one.name == FOLDER for one in scenarios):
+        raise UsageError(
+            f"{folder}: is kept for the checkpoint, and a scenario has the same name",
+            "run it alone, or give it another name",
+        )
     if not resume and read_index(folder) is not None:
         old = Checkpoint(folder, {})
         if old.chunks:
@@ -71,6 +76,8 @@ def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) 
     index = read_index(out / FOLDER)
     names = index["task"].get("scenarios", {}) if index else {}
     paths = index["about"].get("paths", {}) if index else {}
+    if not all((out / FOLDER / name / SCENARIO).exists() for name in names):
+        return []  # killed before it began
     loaded = [load(out / FOLDER / name / SCENARIO, overrides, estimator) for name in names]
     return [replace(one, path=str(paths.get(one.name, one.path))) for one in loaded]
 
@@ -85,14 +92,19 @@ def saved_budget(out: Path) -> Budget | None:
     return Budget.parse(index["task"].get("budget")) if index else None
 
 
-def finished_results(out: Path, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+def finished_results(
+    out: Path, scenarios: Sequence[Scenario], overrides: Sequence[str] = (), estimator: str | None = None
+) -> list[dict[str, Any]]:
     """The contents of the result.json of a run that has come to its end; empty where it has not.
 
     Args:
         out: Folder of the run.
         scenarios: That it should be of; empty where nobody says.
+        overrides: Where ``scenarios`` is empty: laid over its own, which must stay what they are.
+        estimator: Likewise.
 
     Raises:
+        ScenarioError: ``overrides`` do not fit.
         UsageError: They are of other scenarios, or cannot be read.
     """
     if read_index(out / FOLDER) is not None:
@@ -102,6 +114,8 @@ def finished_results(out: Path, scenarios: Sequence[Scenario]) -> list[dict[str,
         contents = {path: dict(json.loads(path.read_text(encoding="utf-8"))) for path in paths}
     except (OSError, ValueError, TypeError) as error:
         raise UsageError(f"{out}: its result cannot be read: {error}", "choose another folder") from None
+    if not scenarios and (overrides or estimator):
+        scenarios = [load(path.with_name(SCENARIO), overrides, estimator) for path in paths]
     wanted = {one.name: (fingerprint(one), one.seed) for one in scenarios}
     found = {one.get("scenario"): (one.get("fingerprint"), one.get("seed")) for one in contents.values()}
     if scenarios and contents and wanted != found:

@@ -87,6 +87,14 @@ def test_rollouts_that_break_down_may_have_gone_either_way():
     assert wide > narrow + 1.9 * share
 
 
+def test_an_improvement_may_be_undone_by_what_broke_down():
+    pair = Pairs("", both=0, only_first=300, only_second=0, neither=300, undecided=400)
+    worst = Pairs("", both=0, only_first=300, only_second=400, neither=300).difference
+    best = Pairs("", both=0, only_first=700, only_second=0, neither=300).difference
+    low, high = pair.interval(0.95)
+    assert low < best < worst < high
+
+
 def test_all_broken():
     pair = pairs(problem(1.0), problem(1.0, breaks=-np.inf))
     assert np.isnan(pair.difference)

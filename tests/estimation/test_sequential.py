@@ -1,5 +1,6 @@
 """Stopping by what is seen, without losing the confidence."""
 
+from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
@@ -92,3 +93,30 @@ def test_two_ways_to_stop_are_refused():
         avrare.estimate(coin(0.5), threshold=0.5, relative_error=0.1)
     with pytest.raises(UsageError, match="leave runs at 1"):
         avrare.estimate(coin(0.5), threshold=0.5, runs=3)
+
+
+@pytest.mark.parametrize("threshold", [1e-9, 1e-15, 1e-17, 1e-300])
+def test_a_tiny_threshold_is_no_certainty(threshold):
+    """Where the mixture is all near 0, its interval is that of a flat likelihood, -log(0.05) / n."""
+    low, high = anytime(0, 100_000, 0.95, around=threshold)
+    assert low == 0.0
+    assert high == pytest.approx(-np.log(0.05) / 100_000, rel=1e-3)
+    low, high = anytime(3, 1000, 0.95, around=threshold)
+    assert 0.1 * threshold < low < threshold
+    assert 0.01 < high < 1.0
+
+
+def test_it_does_not_look_at_everything_again_and_again():
+    looks = []
+
+    class Counting(AtThreshold):
+        def at(self, violated, error):
+            looks.append(len(violated))
+            return super().at(violated, error)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("avrare.estimation.montecarlo.AtThreshold", Counting)
+        result = avrare.estimate(coin(0.3, chunk=10), threshold=0.303, rollouts=60_000, seed=1)
+    assert len(looks) < 250
+    assert sum(looks) < 60 * result.rollouts
+    assert all(after <= max(before + 80, before * 33 // 32) for before, after in pairwise(looks[:-1]))

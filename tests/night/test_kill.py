@@ -93,6 +93,20 @@ def test_ctrl_c_reaches_the_workers_too_and_is_no_different(night, chunks):
     assert "KeyboardInterrupt" not in err
 
 
+def test_a_signal_to_the_program_and_its_group_is_one(night):
+    """As ``timeout`` sends it: twice to the program, once to each worker."""
+    process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="0.05")
+    wait_for(lambda: len(night.saved("torn")) >= 2)
+    many = len(night.saved("torn"))
+    process.send_signal(signal.SIGTERM)
+    time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGTERM)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2, err
+    assert len(night.saved("torn")) > many, "the chunks in hand are lost"
+    assert "Traceback" not in err
+
+
 def test_the_second_signal_leaves_at_once(night):
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="5")
     wait_for(lambda: (night.folder / "torn" / "checkpoint" / "walk").exists())

@@ -115,6 +115,32 @@ def test_another_task_is_refused_by_what_differs(night, interrupted, capsys, wor
     assert run("--resume", "torn") == 0
 
 
+@pytest.mark.parametrize(
+    "words", [["--seed", "8"], ["--set", "simulator.scale=0.2"], ["--estimator", "ams"], ["--set", "no=1"]]
+)
+def test_a_finished_run_is_not_taken_for_another(night, words, capsys):
+    assert run(night.scenario(), "--out", "done") == 0
+    assert run("--resume", "done", *words) == 4
+    assert run("--resume", "done", "--set", "chunk=10") == 0
+    assert "this run is finished" in capsys.readouterr().err
+
+
+def test_killed_before_its_scenario_was_saved(night, interrupted, capsys):
+    scenario = night.scenario()
+    interrupted(2, scenario, "--out", "torn")
+    Path("torn/checkpoint/walk/scenario.yaml").unlink()
+    assert run("--resume", "torn") == 4
+    assert "hint: avrare run SCENARIO --resume torn starts one" in capsys.readouterr().err
+    assert run(scenario, "--resume", "torn") == 0
+
+
+def test_a_scenario_with_the_name_of_the_folder_of_checkpoints(night, capsys):
+    named = night.scenario(name="checkpoint")
+    assert run(named, night.scenario(), "--out", "two") == 4
+    assert "a scenario has the same name" in capsys.readouterr().err
+    assert run(named, "--out", "one") == 0
+
+
 def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
     monkeypatch.setattr("avrare.__version__", "0.2.0")
