@@ -68,6 +68,8 @@ def estimate(
     built, executor = _estimator(estimator, options), _executor(workers)
     if checkpoint is None:
         return run(problem, built, executor, settings)[0]
+    if not isinstance(checkpoint, (str, os.PathLike)):
+        raise UsageError(f"checkpoint is the path of a folder, not {checkpoint!r}")
     saved = Checkpoint.open(Path(checkpoint), described(problem, estimator, built, settings))
     result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
     saved.remove()

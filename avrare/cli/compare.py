@@ -25,6 +25,7 @@ examples:
   avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
   avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
 """
+_REPEAT = 10
 _WIDTH = 100
 """Columns that the table needs; a narrower terminal breaks its lines."""
 
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--estimators", metavar="NAMES", help="what to compare, e.g. mc,ams,ce")
     parser.add_argument("--budget", metavar="KIND=N", help="steps=N or rollouts=N, for each estimate")
-    parser.add_argument("--repeat", type=int, default=10, metavar="R", help="repetitions (default 10)")
+    parser.add_argument("--repeat", type=int, metavar="R", help=f"repetitions (default {_REPEAT})")
     parser.add_argument("--specification", metavar="NAME", help="of a scenario that has several")
     parser.add_argument("--truth", metavar="P", help="the true probability, or mc=ROLLOUTS to find it first")
     parser.add_argument(
@@ -70,6 +71,7 @@ def execute(args: argparse.Namespace) -> int:
         from avrare.cli import compare_against
 
         return compare_against.execute(args)
+    args.repeat = _REPEAT if args.repeat is None else args.repeat
     _check(args)
     comparison = _compare(args)
     content = document(comparison)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 DEFAULT_ROLLOUTS = 1000
 _WIDTH = 120
 """Columns that the table needs; a narrower terminal breaks its lines."""
-_ONLY_FOR_ESTIMATORS = ("estimators", "truth")
+_ONLY_FOR_ESTIMATORS = ("estimators", "truth", "repeat")
 
 
 def execute(args: argparse.Namespace) -> int:

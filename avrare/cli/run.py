@@ -57,7 +57,7 @@ def execute(args: argparse.Namespace) -> int:
     scenarios, budget = _scenarios(args), Budget.parse(args.budget)
     if args.resume is not None:
         assert out is not None
-        contents = checkpoint_run.finished_results(out, scenarios, _overrides(args), args.estimator)
+        contents = checkpoint_run.finished_results(out, scenarios, _overrides(args), args.estimator, budget)
         if contents:
             print(f"{out}: this run is finished", file=sys.stderr)
             return _ended(args, contents)
@@ -172,7 +172,7 @@ def _run(
     scenario = BuildableScenario(definition)
     results = _estimates(scenario, args, budget, checkpoint, stop)
     content = rundir.document(definition, results)
-    rundir.write(folder, definition, content, results)
+    rundir.write(folder, definition, content, results, budget)
     pictures = [] if args.no_pictures else _draw(scenario, results, folder)
     if not args.json:
         _show(definition, results, folder, pictures)

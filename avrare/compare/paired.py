@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.errors import UsageError
-from avrare.estimation.intervals import Interval, normal_factor
+from avrare.estimation.intervals import Interval, beta_quantile
 from avrare.estimation.plan import Info
 from avrare.execute.work import Executor, Work
 from avrare.protocols import Bools
@@ -23,8 +23,6 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare.scenario.schema import Scenario
 
-ALMOST = 0.5
-"""What is added to each of the four counts (Agresti and Min 2005): the plain interval is too narrow."""
 _CHUNKS_AT_ONCE = 8
 Watch = Callable[[int], Callable[[Info], None]]
 """Called with 0 and with 1 when the first and the second version begin."""
@@ -80,15 +78,21 @@ class Pairs:
         return (self.only_second - self.only_first) / self.count if self.count else math.nan
 
     def interval(self, confidence: float) -> Interval:
-        """Of the difference; rollouts that broke down may have gone either way."""
+        """Of the difference; rollouts that broke down may have gone either way.
+
+        Newcombe's (1998) square-and-add of the exact limits of the two counts that differ: it covers where
+        hardly any rollout came out differently, too.
+        """
         if not self.count:
             return -1.0, 1.0
-        n = self.count + 4 * ALMOST
-        worse, better = self.only_second + ALMOST, self.only_first + ALMOST
-        centre = (worse - better) / n
-        half = normal_factor(confidence) * math.sqrt((worse + better) / n - centre**2) / math.sqrt(n)
+        worse, better = self.only_second / self.count, self.only_first / self.count
+        (worse_low, worse_high), (better_low, better_high) = (
+            _limits(failures, self.count, confidence) for failures in (self.only_second, self.only_first)
+        )
+        low = self.difference - math.hypot(worse - worse_low, better_high - better)
+        high = self.difference + math.hypot(worse_high - worse, better - better_low)
         slack = self.undecided / (self.count + self.undecided)
-        low, high = max(-1.0, centre - half), min(1.0, centre + half)
+        low, high = max(-1.0, low), min(1.0, high)
         return (1.0 - slack) * low - slack, (1.0 - slack) * high + slack
 
     @property
@@ -101,6 +105,14 @@ class Pairs:
             for k in range(fewer + 1)
         )
         return min(1.0, 2.0 * tail)
+
+
+def _limits(failures: int, trials: int, confidence: float) -> Interval:
+    """Both exact limits of a share, two-sided at 0 and 1 too."""
+    tail = (1.0 - confidence) / 2.0
+    low = beta_quantile(tail, failures, trials - failures + 1) if failures else 0.0
+    high = beta_quantile(1.0 - tail, failures + 1, trials - failures) if failures < trials else 1.0
+    return low, high
 
 
 @dataclass(frozen=True)

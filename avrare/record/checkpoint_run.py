@@ -93,8 +93,9 @@ def saved_budget(out: Path) -> Budget | None:
 
 
 def finished_results(
-    out: Path, scenarios: Sequence[Scenario], overrides: Sequence[str] = (), estimator: str | None = None
-) -> list[dict[str, Any]]:
+    out: Path, scenarios: Sequence[Scenario], overrides: Sequence[str] = (), estimator: str | None = None,
+    budget: Budget | None = None,
+) -> list[dict[str, Any]]:  # fmt: skip
     """The contents of the result.json of a run that has come to its end; empty where it has not.
 
     Args:
@@ -102,6 +103,7 @@ def finished_results(
         scenarios: That it should be of; empty where nobody says.
         overrides: Where ``scenarios`` is empty: laid over its own, which must stay what they are.
         estimator: Likewise.
+        budget: That it should have had; None where nobody says.
 
     Raises:
         ScenarioError: ``overrides`` do not fit.
@@ -120,4 +122,19 @@ def finished_results(
     found = {one.get("scenario"): (one.get("fingerprint"), one.get("seed")) for one in contents.values()}
     if scenarios and contents and wanted != found:
         raise UsageError(f"{out}: holds the result of another run", "choose another folder")
+    if contents and budget is not None and budget != (before := _budget_of(next(iter(contents)).parent)):
+        told = "its own options" if before is None else f"{before.kind}={before.amount:g}"
+        raise UsageError(
+            f"{out}: this run is finished, with a budget of {told}",
+            "choose another folder for another budget",
+        )
     return list(contents.values())
+
+
+def _budget_of(folder: Path) -> Budget | None:
+    """The budget of a finished run."""
+    try:
+        provenance = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+        return Budget.parse(provenance.get("budget"))
+    except (OSError, ValueError, AttributeError):
+        return None

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.errors import UsageError
+from avrare.estimation.budget import Budget
 from avrare.estimation.result import Result
 from avrare.record.failures import write_failures
 from avrare.record.whole import write_text
@@ -54,12 +55,13 @@ def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
     }
 
 
-def provenance(scenario: Scenario) -> dict[str, Any]:
-    """Where a result comes from: command, Python, and the commit that the scenario belongs to, if any."""
+def provenance(scenario: Scenario, budget: Budget | None = None) -> dict[str, Any]:
+    """Where a result comes from: command, budget, Python, and the commit of the scenario, if it has one."""
     folder = Path(scenario.path).resolve().parent
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
     return {
         "command": sys.argv,
+        "budget": None if budget is None else f"{budget.kind}={budget.amount!r}",
         "python": platform.python_version(),
         "commit": _git(folder, "rev-parse", "HEAD"),
         "uncommitted_changes": None if changes is None else bool(changes),
@@ -76,7 +78,10 @@ def _git(folder: Path, *words: str) -> str | None:
     return answer.stdout.strip()
 
 
-def write(folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = ()) -> None:
+def write(
+    folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = (),
+    budget: Budget | None = None,
+) -> None:  # fmt: skip
     """Write result.json, the resolved scenario, provenance.json and, if there are any, failures.npz.
 
     Raises:
@@ -84,7 +89,7 @@ def write(folder: Path, scenario: Scenario, content: dict[str, Any], results: Se
     """
     try:
         write_text(folder / "scenario.yaml", dump(scenario.resolved))
-        write_text(folder / "provenance.json", json.dumps(provenance(scenario), indent=2) + "\n")
+        write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")
         write_failures(folder, results)
         write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
     except OSError as error:

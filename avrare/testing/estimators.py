@@ -164,20 +164,24 @@ class EstimatorConformance:
 
     def test_resumable(self, tmp_path: Path) -> None:
         """Killed again and again and gone on with from its checkpoint, it gives the same bits."""
-        whole = self.estimate(self._mortal(), seed=3)
+        immortal = self._mortal()
+        whole = self.estimate(immortal, seed=3)
         lives, deaths = 60, 0
         while True:
+            mortal = self._mortal(lives)
             try:
-                resumed = self.estimate(self._mortal(lives), seed=3, checkpoint=tmp_path / "checkpoint")
+                resumed = self.estimate(mortal, seed=3, checkpoint=tmp_path / "checkpoint")
             except systems.Killed:
                 lives, deaths = lives + lives // 2, deaths + 1  # to come to an end with any estimator
             else:
                 break
         assert deaths, "the estimate was never interrupted: too weak a test"
+        taken = [problem.system.lived for problem in (mortal, immortal)]
+        assert taken[0] < taken[1], "nothing was kept: the last attempt took as many steps as the whole"
         assert _without_seconds(whole) == _without_seconds(resumed)
         np.testing.assert_array_equal(whole.failures.noise, resumed.failures.noise)
 
-    def _mortal(self, lives: float = math.inf) -> Problem:
+    def _mortal(self, lives: float = math.inf) -> Any:
         system, formula = systems.Mortal(self.reference.system, lives), stl(self.reference.formula)
         return Problem(system, formula, self.reference.steps, self.reference.score, chunk=50)
 

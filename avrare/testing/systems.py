@@ -144,10 +144,13 @@ class Mortal:
     Args:
         inner: The system.
         lives: Batches of steps.
+
+    Attributes:
+        lived: Batches of steps that it has taken.
     """
 
     def __init__(self, inner: System, lives: float) -> None:
-        self.inner, self.lives = inner, lives
+        self.inner, self.lives, self.lived = inner, lives, 0
         self.noise_size = inner.noise_size
 
     def initial(self, noise: Floats) -> Any:
@@ -156,9 +159,9 @@ class Mortal:
 
     def step(self, state: Any, noise: Floats) -> Any:
         """Of the inner system, while it lives."""
-        self.lives -= 1
-        if self.lives < 0:
+        if self.lived >= self.lives:
             raise Killed
+        self.lived += 1
         return self.inner.step(state, noise)
 
     def signals(self, state: Any) -> Any:

@@ -94,6 +94,15 @@ def test_a_finished_run_is_told_again(night, capsys):
     assert "holds the result of another run" in capsys.readouterr().err
 
 
+def test_a_finished_run_had_its_budget(night, capsys):
+    words = [night.scenario(), "--budget", "rollouts=20"]
+    assert run(*words, "--out", "done") == 0
+    assert run(*words, "--resume", "done") == 0
+    assert run("--resume", "done") == 0
+    assert run("--resume", "done", "--budget", "rollouts=40") == 4
+    assert "finished, with a budget of rollouts=20" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "change"),
     [
