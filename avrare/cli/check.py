@@ -49,6 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     folder.add_argument("--save", action="store_true", help="save this run as the new baseline")
     folder.add_argument(
+        "--require-baseline", action="store_true", help="refuse to begin where there is none, as CI should"
+    )
+    folder.add_argument(
         "--accept-changes", action="store_true", help="compare even if the baseline answers another question"
     )
     output = parser.add_argument_group("output")
@@ -103,8 +106,13 @@ def _subjects(args: argparse.Namespace) -> list[Any]:
     for scenario in scenarios:
         folder = _folder(args, scenario, len(scenarios) > 1)
         asked = args.baseline is not None or args.save or scenario.regression is not None
-        compared = asked or not scenario.thresholds or folder.is_dir()
+        compared = asked or args.require_baseline or not scenario.thresholds or folder.is_dir()
         found.append(subject(scenario, folder, compared, args.accept_changes))
+        if args.require_baseline and found[-1].baseline is None:
+            raise UsageError(
+                f"{folder}: there is no baseline of {scenario.name!r}",
+                "is the folder right? else make one with --save and commit it",
+            )
     return found
 
 

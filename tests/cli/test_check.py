@@ -268,6 +268,14 @@ def test_two_thresholds_of_a_rule_have_names_of_their_own(drive, check):
     assert names == ["in_lane < 0.1", "in_lane < 0.1 at 0.99"]
 
 
+def test_a_baseline_that_is_required(drive, check, capsys):
+    assert main(["check", drive(), "--require-baseline"]) == 4
+    assert "baselines/drive: there is no baseline of 'drive'" in capsys.readouterr().err
+    assert check("drive.yaml", "--baseline", "kept")[0] == 0
+    assert check("drive.yaml", "--baseline", "kept", "--require-baseline")[0] == 0
+    assert main(["check", "drive.yaml", "--baseline", "keept", "--require-baseline"]) == 4
+
+
 def test_a_run_that_fails_a_threshold_is_no_first_baseline_and_says_why(drive, check):
     code, content = check(drive(BOUND % 0.02), "--baseline", "kept")
     reasons = {row["specification"]: row["reason"] for row in content["rows"] if row["kind"] == "regression"}
