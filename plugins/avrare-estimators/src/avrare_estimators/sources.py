@@ -19,6 +19,9 @@ from avrare.protocols import Floats
 from avrare.rollout.request import FROM_START, Integers, Request, Rollouts
 from avrare_estimators.proposals import NoiseProposal
 
+BLOCK = 256
+"""Rows that a proposal draws at a time: it knows no addresses, and no chunk may show in a result."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -28,7 +31,7 @@ class Part:
         plan: The task.
         run: Address of the noise.
         stage: Address of the noise.
-        rows: How many there are; a proposal draws them in blocks of ``plan.chunk``.
+        rows: How many there are.
         from_target: Drawn from the target.
         first: Address of the first row.
     """
@@ -56,7 +59,7 @@ class Source(Protocol):
         """Tapes (len(index), steps + 1, noise_size) of rows ``index``, drawn again."""
 
     def request(self, part: Part, index: Integers) -> Request:
-        """Rollouts of consecutive rows ``index`` that begin a block."""
+        """Rollouts of rows ``index``."""
 
     def target_request(self, tapes: Floats) -> Request:
         """Rollouts of given tapes of the target."""
@@ -76,12 +79,11 @@ class LatentSource:
         """Tapes of rows ``index``."""
         if part.from_target or self.proposal is None:
             return part.fresh(index)
-        size = part.plan.chunk
         tapes = np.empty((len(index), part.plan.steps + 1, part.plan.noise.noise_size))
-        for block in np.unique(index // size):
-            mine = index // size == block
-            many = min(size, part.rows - int(block) * size)
-            tapes[mine] = self._block(part, int(block), many)[index[mine] - block * size]
+        for block in np.unique(index // BLOCK):
+            mine = index // BLOCK == block
+            many = min(BLOCK, part.rows - int(block) * BLOCK)
+            tapes[mine] = self._block(part, int(block), many)[index[mine] - block * BLOCK]
         return tapes
 
     def _block(self, part: Part, block: int, many: int) -> Floats:
