@@ -1,6 +1,6 @@
 """The failure probabilities of a scenario from many Monte Carlo rollouts, to measure estimators against.
 
-    OMP_NUM_THREADS=1 python benchmarks/ground_truth.py [SCENARIO] [--rollouts 100000] [--workers 2]
+    python benchmarks/ground_truth.py [SCENARIO] [--rollouts 100000] [--workers 2] [--set KEY=VALUE]
 
 Runs `avrare run` with a checkpoint, so it may be stopped and started again, and keeps the counts in
 docs/ground-truth/SCENARIO-FINGERPRINT.json. The fingerprint is that of the scenario with this many rollouts;
@@ -28,12 +28,12 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
     parser.add_argument("--rollouts", type=int, default=100_000)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     args = parser.parse_args()
     folder = ROOT / "benchmarks" / "results" / f"ground_truth_{Path(args.scenario).stem}"
-    words = [
-        "run", args.scenario, "--estimator", "mc", "--set", f"estimator.rollouts={args.rollouts}",
-        "--workers", str(args.workers),
-    ]  # fmt: skip
+    settings = [*args.set, f"estimator.rollouts={args.rollouts}"]
+    words = ["run", args.scenario, "--estimator", "mc", "--workers", str(args.workers)]
+    words += [word for setting in settings for word in ("--set", setting)]
     folder.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     call = [sys.executable, "-m", "avrare", *words, "--no-pictures", "--resume", str(folder)]
