@@ -1,6 +1,6 @@
 """Where a closed-loop simulation spends its time: seconds and shares by part, on one core.
 
-    OMP_NUM_THREADS=1 python benchmarks/profile_stack.py [SCENARIO] [ROLLOUTS]
+    OMP_NUM_THREADS=1 python benchmarks/profile_stack.py [SCENARIO] [ROLLOUTS] [KEY=VALUE...]
 
 Wraps the parts of the built stack in process-time clocks and runs one chunk after another, as a worker.
 """
@@ -44,10 +44,13 @@ class Timed:
         return timed
 
 
-def main(path: str, rollouts: int) -> None:
+def main(path: str, rollouts: int, settings: list[str]) -> None:
     """Profile ``rollouts`` rollouts of a scenario."""
-    scenario = BuildableScenario(load(path))
+    scenario = BuildableScenario(load(path, settings))
     problem, loop = scenario.problem(scenario.specifications), scenario.stack.loop
+    simulate(
+        loop, problem.monitors, 1, NoiseSource(0, problem.noise_size), _rollouts(0, 1)
+    )  # loads and compiles
     spent: dict[str, float] = defaultdict(float)
     for name in PARTS:
         if getattr(loop, name) is not None:
@@ -56,8 +59,7 @@ def main(path: str, rollouts: int) -> None:
     noise: Any = Timed(NoiseSource(0, problem.noise_size), spent, "noise")
     began = time.process_time()
     for first in range(0, rollouts, problem.chunk):
-        index = np.arange(first, min(first + problem.chunk, rollouts))
-        simulate(loop, monitors, problem.steps, noise, Request.from_start(np.zeros_like(index), index))
+        simulate(loop, monitors, problem.steps, noise, _rollouts(first, min(first + problem.chunk, rollouts)))
     total = time.process_time() - began
     spent["bookkeeping"] = total - sum(spent.values())
     print(f"{path}: {total / rollouts:.4f} CPU s a simulation of {problem.steps} steps, {rollouts} rollouts")
@@ -65,8 +67,14 @@ def main(path: str, rollouts: int) -> None:
         print(f"  {label:12s} {1e3 * seconds / rollouts:8.2f} ms  {seconds / total:6.1%}")
 
 
+def _rollouts(first: int, end: int) -> Request:
+    index = np.arange(first, end)
+    return Request.from_start(np.zeros_like(index), index)
+
+
 if __name__ == "__main__":
     main(
         sys.argv[1] if len(sys.argv) > 1 else "scenarios/lane_change.yaml",
         int(sys.argv[2]) if len(sys.argv) > 2 else 200,
+        sys.argv[3:],
     )
