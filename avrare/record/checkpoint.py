@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,6 +21,7 @@ from typing import Any
 
 from avrare.errors import ExitCode, UsageError
 from avrare.record.checkpoint_chunk import decode, decode_seconds, digest, encode
+from avrare.record.whole import write_whole
 from avrare.rollout.request import Request, Rollouts
 
 FOLDER = "checkpoint"
@@ -234,19 +233,4 @@ def write_durably(path: Path, content: bytes) -> None:
     Raises:
         OSError: The folder cannot be written to.
     """
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-    if hasattr(os, "O_DIRECTORY"):  # the name must be on the disk as well
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+    write_whole(path, content, durably=True)

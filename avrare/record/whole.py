@@ -16,8 +16,13 @@ def write_text(path: Path, text: str) -> None:
     write_whole(path, text.encode("utf-8"))
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes, durably: bool = False) -> None:
     """Write a file whole or not at all.
+
+    Args:
+        path: Of the file.
+        content: All of it.
+        durably: Return only when it would be there after a loss of power.
 
     Raises:
         OSError: The folder cannot be written to.
@@ -26,8 +31,17 @@ def write_whole(path: Path, content: bytes) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
+            if durably:
+                file.flush()
+                os.fsync(file.fileno())
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
         raise
+    if durably and hasattr(os, "O_DIRECTORY"):  # the name must be on the disk as well
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

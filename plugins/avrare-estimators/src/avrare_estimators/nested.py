@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrare.errors import UsageError
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
+from avrare_estimators.affordable import affordable_runs
 from avrare_estimators.chains import Kernel
 from avrare_estimators.descent import Descent, Shape
 from avrare_estimators.ess_config import EssConfig
@@ -80,7 +80,9 @@ class NestedLevels:
 
     def init(self, plan: Plan) -> tuple[EssState, Info]:
         """State before the first rollout, and what to show."""
-        runs, counting = self._runs(plan), not self.config.second_pass
+        rollouts, chains = self._rollouts(), f"{self.config.chains} chains"
+        runs = affordable_runs(plan, self.config.runs, "nested levels", rollouts, rollouts, chains)
+        counting = not self.config.second_pass
         descent = Descent.begin(plan, self._shape(runs, second=False), self.kernel, None)
         nothing = Worst(np.zeros((plan.steps + 1, plan.noise.noise_size)), math.nan)
         return EssState(plan, descent, counting, Tally(), np.zeros(0), nothing, 0), Info()
@@ -120,28 +122,6 @@ class NestedLevels:
         survivors = min(max(1, round(config.level_probability * samples)), samples - 1)
         stage = _SECOND if second else 0
         return Shape(runs, chains, config.length, config.skip, survivors, config.floor, stage)
-
-    def _runs(self, plan: Plan) -> int:
-        """Runs that the budget pays for, at the cost of a run that goes down to 1e-4.
-
-        The true cost shows only afterwards; to stop by it would drop runs because of what they found.
-        """
-        budget = plan.budget
-        if budget is None:
-            return self.config.runs
-        if budget.kind == "seconds":
-            raise UsageError(
-                "nested levels cannot be stopped by the clock: a run that has started must finish",
-                "give the budget as steps=N or rollouts=N",
-            )
-        run = self._rollouts() * (max(plan.steps, 1) if budget.kind == "steps" else 1)
-        if budget.amount < run:
-            raise UsageError(
-                f"a budget of {budget.kind}={budget.amount:g} does not pay for one run of "
-                f"{self.config.chains} chains",
-                f"raise it to {run} or lower the chains",
-            )
-        return int(budget.amount // run)
 
     def _rollouts(self) -> int:
         """Of one run that goes down to 1e-4."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrare.errors import UsageError
 from avrare.estimation.montecarlo import FAILURE_LIMIT
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import FROM_START, Integers, Request, Rollouts, total_counts
+from avrare_estimators.affordable import affordable_runs
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.levels import choose_parents, first_above, next_level
 from avrare_estimators.population import Population, Tapes
@@ -134,7 +134,10 @@ class Splitting:
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """State before the first rollout, and what to show."""
         particles = self.config.particles
-        runs = self._runs(plan)
+        runs = affordable_runs(
+            plan, self.config.runs, "splitting", _ROLLOUTS_OF_FIRST_STAGE * particles,
+            _STEPS_OF_FIRST_STAGE * particles, f"{particles} particles",
+        )  # fmt: skip
         slots = np.arange(runs * particles)
         state = AmsState(
             plan, runs, Population.empty(len(slots), particles, plan.steps),
@@ -238,27 +241,3 @@ class Splitting:
     def _bytes_of_a_slot(self, state: AmsState) -> int:
         """Room for the carries of one slot."""
         return max(1, int(self.config.memory * 2**20) // len(state.population.root))
-
-    def _runs(self, plan: Plan) -> int:
-        """Runs that the budget pays for, at the cost of a run that goes down to 1e-4.
-
-        The true cost shows only afterwards; to stop by it would drop runs because of what they found.
-        """
-        budget = plan.budget
-        if budget is None:
-            return self.config.runs
-        if budget.kind == "seconds":
-            raise UsageError(
-                "splitting cannot be stopped by the clock: a run that has started must finish",
-                "give the budget as steps=N or rollouts=N",
-            )
-        run = self.config.particles * (
-            _STEPS_OF_FIRST_STAGE * max(plan.steps, 1) if budget.kind == "steps" else _ROLLOUTS_OF_FIRST_STAGE
-        )
-        if budget.amount < run:
-            raise UsageError(
-                f"a budget of {budget.kind}={budget.amount:g} does not pay for one run "
-                f"of {self.config.particles} particles",
-                f"raise it to {run} or lower the particles",
-            )
-        return int(budget.amount // run)
