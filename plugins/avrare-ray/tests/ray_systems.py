@@ -14,12 +14,15 @@ class Fatal(systems.Walk):
         self.trap = trap
 
     def step(self, state, noise):
-        if os.getpid() != getattr(self, "home", None):
-            try:
-                if self.trap is None:
-                    os._exit(1)
-                Path(self.trap).unlink()
-                os._exit(1)
-            except FileNotFoundError:
-                pass
+        if os.getpid() != getattr(self, "home", None) and (self.trap is None or _taken(self.trap)):
+            os._exit(1)
         return super().step(state, noise)
+
+
+def _taken(trap):
+    """Whether the file was there; of several processes one alone can take it away."""
+    try:
+        Path(trap).unlink()
+    except FileNotFoundError:
+        return False
+    return True

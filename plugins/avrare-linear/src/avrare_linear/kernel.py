@@ -15,12 +15,9 @@ from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.score import FunctionScored, MarginScored
-from avrare_estimators.chains import Draw, Move, Points, Untaught, rotated
+from avrare_estimators.chains import TURN, Draw, Move, Points, Untaught, rotated
 from avrare_linear.ellipse import Slicer
 from avrare_linear.ellipse import draw as uniform
-
-TURN = 2**22
-"""Distance of a chain's ellipses in the address of its noise; there are fewer chains."""
 
 
 @dataclass(frozen=True)
