@@ -8,10 +8,12 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
+from typing import Any
 
 import avrare
 from avrare.cli.parser import Parser, command_parser
-from avrare.errors import AvrareError, ExitCode, UsageError, did_you_mean
+from avrare.errors import AvrareError, ExitCode, PluginError, UsageError, did_you_mean
 
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
@@ -24,6 +26,15 @@ COMMANDS = {
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
 }
 """Name -> module with ``add_arguments(parser)`` and ``execute(args) -> int``, and what it does."""
+
+COMMAND_GROUP = "avrare.commands"
+
+PROVIDED = {
+    "pem": ("avrare-gp-pem", "fit a perception error model to detections"),
+    "flow": ("avrare-flows", "fit a normalizing flow to samples of noise"),
+    "synthesize": ("avrare-linear", "make a linear system's failure less likely"),
+}
+"""Name -> the distribution whose entry point of that name (group ``avrare.commands``) is such a module."""
 
 _BROKEN_PIPE = 141
 """128 + SIGPIPE: what the shell reports of a program whose reader went away."""
@@ -69,17 +80,29 @@ def _dispatch(words: list[str]) -> int:
         parser.print_help()
         return int(ExitCode.PASS)
     name = words[place]
-    if name not in COMMANDS:
-        raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, COMMANDS))
-    reference, summary = COMMANDS[name]
-    module = importlib.import_module(reference)
+    module, summary = _command(name)
     command = command_parser(name, summary)
     module.add_arguments(command)
     return int(module.execute(command.parse_args(words[place + 1 :])))
 
 
+def _command(name: str) -> tuple[Any, str]:
+    """The module of a command, of the core or of a plugin, and what it does."""
+    if name in COMMANDS:
+        reference, summary = COMMANDS[name]
+        return importlib.import_module(reference), summary
+    if name not in PROVIDED:
+        raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, [*COMMANDS, *PROVIDED]))
+    distribution, summary = PROVIDED[name]
+    points = entry_points(group=COMMAND_GROUP, name=name)
+    if not points:
+        reason = f"avrare {name} is provided by {distribution}, which is not installed"
+        raise PluginError(reason, f"pip install {distribution}")
+    return next(iter(points)).load(), summary
+
+
 def _top_parser() -> Parser:
-    listing = "\n".join(f"  {name:<12}{summary}" for name, (_, summary) in COMMANDS.items())
+    listing = "\n".join(f"  {name:<12}{summary}" for name, (_, summary) in (COMMANDS | PROVIDED).items())
     parser = Parser(
         prog="avrare",
         usage="avrare [-h] [--version] [--traceback] COMMAND ...",

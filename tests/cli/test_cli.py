@@ -167,7 +167,7 @@ def test_help_and_version(capsys):
     for words in ([], ["--help"]):
         assert main(words) == 0
         out = capsys.readouterr().out
-        assert all(f"\n  {name} " in out for name in command.COMMANDS)
+        assert all(f"\n  {name} " in out for name in [*command.COMMANDS, *command.PROVIDED])
     assert main(["validate", "--help"]) == 0
     assert "--set KEY=VALUE" in capsys.readouterr().out
 
@@ -219,6 +219,14 @@ def failing(monkeypatch):
         monkeypatch.setitem(command.COMMANDS, "fail", ("avrare_failing", "fails"))
 
     return failing
+
+
+def test_a_command_of_a_plugin_that_is_not_installed_gives_the_pip_line(capsys, monkeypatch):
+    monkeypatch.setitem(command.PROVIDED, "fly", ("avrare-wings", "flies"))
+    assert main(["fly"]) == 5
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "avrare fly is provided by avrare-wings, which is not installed"
+    assert second == "hint: pip install avrare-wings"
 
 
 def test_a_bug_of_ours_exits_70(capsys, failing, monkeypatch):
