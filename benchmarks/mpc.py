@@ -1,7 +1,7 @@
 """Is the riccati backend of the controller `mpc` the controller that the casadi backend is, and how fast?
 
     OMP_NUM_THREADS=1 python benchmarks/mpc.py [--rollouts 60]
-    OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--results DIR]
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--set KEY=VALUE ...] [--results DIR]
 
 The first form drives lane changes with the casadi backend and solves every programme of every later step
 again from the same warm start: by ipopt to a tolerance of 1e-9 (the reference), by the casadi backend's
@@ -9,8 +9,10 @@ solver, and by the riccati backend. "Same" is a cost within 1e-3 of the referenc
 "better" is lower; "lost" is a plan that is said to be found and leaves a hard bound.
 
 The second form drives each noise tape with both backends and compares their failures of each rule: pairs on
-which they differ, and McNemar's exact test. It works in blocks, each a file in the results folder; what is
-there is not run again: it may be stopped and resumed, and blocks may be shared out with --first and --last.
+which they differ, and McNemar's exact test. It works in blocks, each a file in the results folder, named
+after the scenario's fingerprint; what is there is not run again: it may be stopped and resumed, and blocks
+may be shared out with --first and --last. The fingerprint knows options and versions, not the solver's code:
+after a change of that, use another folder.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ from avrare.build.scenario import BuildableScenario
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
+from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
+from avrare.scenario.schema import Scenario
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import from_variables, shift, to_variables
 from avrare_mpc.problem import build_problem, pack_parameters
@@ -190,19 +194,21 @@ def _spread(values: Floats) -> str:
     )
 
 
-def paired(rollouts: int, seed: int, results: Path, first: int, last: int | None) -> None:
-    """Run the blocks that are missing, then compare all that are there."""
+def paired(scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
+    """Run the blocks that are missing of the scenarios, one for each backend."""
     results.mkdir(parents=True, exist_ok=True)
-    scenarios: dict[str, BuildableScenario] = {}
-    blocks = range(-(-rollouts // BLOCK))
-    for block in blocks[first:last]:
-        for backend in BACKENDS:
-            file = results / f"{SCENARIO.stem}_{seed}_{block:04d}_{backend}.npz"
+    built: dict[str, BuildableScenario] = {}
+    for block in blocks:
+        for scenario in scenarios:
+            file = results / block_file(scenario, seed, block)
             if not file.exists():
-                if backend not in scenarios:
-                    scenarios[backend] = BuildableScenario(load(SCENARIO, [f"controller.backend={backend}"]))
-                drive_block(scenarios[backend], seed, block, file)
-    compare(results, seed, rollouts)
+                own = built.setdefault(fingerprint(scenario), BuildableScenario(scenario))
+                drive_block(own, seed, block, file)
+
+
+def block_file(scenario: Scenario, seed: int, block: int) -> str:
+    """Where the outcome of a block goes."""
+    return f"{scenario.name}_{fingerprint(scenario)[:8]}_{seed}_{block:04d}.npz"
 
 
 def drive_block(scenario: BuildableScenario, seed: int, block: int, file: Path) -> None:
@@ -234,13 +240,13 @@ def drive_block(scenario: BuildableScenario, seed: int, block: int, file: Path) 
     print(f"{file.name}: {spent:.1f} CPU s, {outcome.violated.sum(axis=0)} failures", flush=True)
 
 
-def compare(results: Path, seed: int, rollouts: int) -> None:
+def compare(scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
     """Print failures of each rule under both backends, discordant pairs and McNemar's exact test."""
     from scipy.stats import binomtest
 
     pairs = []
-    for block in range(-(-rollouts // BLOCK)):
-        files = [results / f"{SCENARIO.stem}_{seed}_{block:04d}_{backend}.npz" for backend in BACKENDS]
+    for block in blocks:
+        files = [results / block_file(scenario, seed, block) for scenario in scenarios]
         if all(file.exists() for file in files):
             pairs.append([dict(np.load(file)) for file in files])
     if not pairs:
@@ -275,6 +281,7 @@ def main() -> None:
     parser.add_argument("--rollouts", type=int, default=60)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--paired", type=int, metavar="N", help="compare closed loops on N noise tapes")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for avrare run")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--first", type=int, default=0, help="first block to run")
     parser.add_argument("--last", type=int, help="block to stop before")
@@ -282,7 +289,10 @@ def main() -> None:
     if args.paired is None:
         agreement(args.rollouts, args.seed)
     else:
-        paired(args.paired, args.seed, args.results, args.first, args.last)
+        scenarios = [load(SCENARIO, [*args.set, f"controller.backend={backend}"]) for backend in BACKENDS]
+        blocks = range(-(-args.paired // BLOCK))
+        paired(scenarios, blocks[args.first : args.last], args.seed, args.results)
+        compare(scenarios, blocks, args.seed, args.results)
 
 
 if __name__ == "__main__":

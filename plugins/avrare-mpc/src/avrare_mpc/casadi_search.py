@@ -27,6 +27,7 @@ class CasadiSearch:
 
     def __init__(self, config: MpcConfig, scene: Scene) -> None:
         self._scene, self._horizon = scene, config.horizon
+        self._everywhere = config.search == "everywhere"
         self._centres = lane_centres(config, scene)
         self._solver = NlpSolver(build_problem(config, scene), config.solver)
 
@@ -37,9 +38,10 @@ class CasadiSearch:
         parameters = pack_parameters(self._scene, start, *others)
         warm = to_variables(*old)
         guesses = list(warm[:, None])
-        drives = start_drives(start[~solved], self._centres, self._horizon, self._scene.dt)
-        for row, fresh in zip(np.flatnonzero(~solved).tolist(), to_variables(*drives), strict=True):
-            guesses[row] = fresh
+        looking = np.flatnonzero(~solved | self._everywhere)
+        drives = start_drives(start[looking], self._centres, self._horizon, self._scene.dt)
+        for row, fresh in zip(looking.tolist(), to_variables(*drives), strict=True):
+            guesses[row] = np.concatenate([guesses[row], fresh]) if solved[row] else fresh
         rows = [self._search_row(several, given) for several, given in zip(guesses, parameters, strict=True)]
         variables = np.array([row[0] for row in rows]).reshape(warm.shape)
         solves, retries, chosen = np.array([row[1:] for row in rows], dtype=np.int64).reshape(-1, 3).T

@@ -96,6 +96,11 @@ class MpcConfig(PlannerConfig):
         description="What solves the programme: CasADi's solvers, one particle after another, or a "
         "structured interior-point method for all at once, compiled by numba where that is installed.",
     )
+    search: Literal["follow", "everywhere"] = Field(
+        default="follow",
+        description="Where each step after the first looks for its plan: near the old plan, or also near "
+        "the first step's start drives (each lane, at constant speed and braking); the cheapest plan counts.",
+    )
     solver: Literal["fatrop", "ipopt"] = Field(
         default="fatrop",
         description="Solver of the casadi backend that is tried first; ipopt also stands behind fatrop when "

@@ -7,8 +7,8 @@ import numpy as np
 from avrare.driving import Scene
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.lanes import lane_centres
-from avrare_mpc.plan import Bools, Floats
-from avrare_mpc.riccati.solver import RiccatiSolver
+from avrare_mpc.plan import Bools, Floats, Integers
+from avrare_mpc.riccati.solver import RiccatiSolver, Solutions
 from avrare_mpc.search import Outcome, cheapest
 from avrare_mpc.start_policy import start_drives
 
@@ -31,6 +31,7 @@ class RiccatiSearch:
         self._centres = lane_centres(config, scene)
         self._steps, self._dt = config.horizon, scene.dt
         self._solver = RiccatiSolver(config, scene)
+        self._everywhere = config.search == "everywhere"
 
     def __call__(
         self, solved: Bools, start: Floats, old: tuple[Floats, Floats], others: tuple[Floats, Floats]
@@ -46,6 +47,7 @@ class RiccatiSearch:
         guesses = np.concatenate([old[1][solved], drives.reshape(-1, self._steps, 2)])
         sane = _sane(start, *others)[rows] & np.isfinite(guesses).all(axis=(1, 2))
         solution = self._solver.solve(start, *others, rows[sane], guesses[sane])
+        looked = self._look_around(solution, start, others, rows[sane], solved)
         cost = np.full((n, drives.shape[1]), np.inf)
         place = np.full(cost.shape, -1)
         cost[rows[sane], numbers[sane]] = np.where(solution.found, solution.cost, np.inf)
@@ -56,7 +58,18 @@ class RiccatiSearch:
         taken = place[found, chosen[found]]
         states[found], inputs[found] = solution.states[taken], solution.inputs[taken]
         retries = np.bincount(rows[sane][solution.retried], minlength=n)
-        return Outcome(states, inputs, found, np.bincount(rows, minlength=n), retries, chosen)
+        solves = np.bincount(rows, minlength=n) + np.bincount(looked, minlength=n)
+        return Outcome(states, inputs, found, solves, retries, chosen)
+
+    def _look_around(
+        self, solution: Solutions, start: Floats, others: tuple[Floats, Floats], rows: Integers, solved: Bools
+    ) -> Integers:
+        """Search from the start drives too where only the old plan was; the row of each such search."""
+        index = np.flatnonzero(solved[rows] & self._everywhere)
+        drives = self._drives(start[rows[index]])
+        for number in range(drives.shape[1] if len(index) else 0):
+            self._solver.improve(solution, index, start, *others, rows[index], drives[:, number])
+        return np.repeat(rows[index], drives.shape[1])
 
     def _drives(self, start: Floats) -> Floats:
         """Inputs (N, G, H, 2) of the start drives."""

@@ -23,6 +23,8 @@ QUICK = Tuning(start=3e-2, end=1e-9, reduce=0.1, step=1e-6, iterations=200)
 PATIENT = Tuning(start=1.0, end=1e-9, reduce=0.3, step=1e-6, iterations=800)
 NEAR = Tuning(start=1e-4, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
 """A second, rough search with a small barrier stays nearer to the guess: at times that minimum is better."""
+DRIVE = Tuning(start=3e-2, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
+"""A rough search from a start drive, far from the minimum."""
 FROM_NEAR = Tuning(start=1e-4, end=1e-9, reduce=0.1, step=1e-6, iterations=200)
 BETTER = 1e-3
 """Relative gain from which the second minimum is worth finishing."""
@@ -92,21 +94,40 @@ class RiccatiSolver:
             rows: (M,) of the programmes.
             guesses: (M, H, 2) inputs.
         """
-        # One memory layout, or the kernels would be compiled once more for every other one.
-        given = tuple(np.require(part, np.float64, ("C", "W")) for part in (start, other_x, other_y))
-        rows, guesses = np.require(rows, np.int64, ("C", "W")), np.require(guesses, np.float64, ("C", "W"))
+        given, rows, guesses = _laid_out(start, other_x, other_y, rows, guesses)
         found = self._minima(given, rows, guesses, self._tunings)
-        if self._near is None:
-            return found
-        rough = _run(solve_without_bounds, self.programme, self._near, given, rows, guesses)
-        found.iterations[:] += rough.iterations
-        with np.errstate(invalid="ignore"):
-            promising = ~found.found | (rough.cost < (1.0 - BETTER) * found.cost)
-        again = np.flatnonzero(promising & np.isfinite(rough.inputs).all(axis=(1, 2)))
-        if len(again):
-            other = self._minima(given, rows[again], rough.inputs[again], (FROM_NEAR, self._tunings[1]))
-            _take_better(found, again, other)
+        if self._near is not None:
+            self._improve(found, np.arange(len(rows)), self._near, given, rows, guesses)
         return found
+
+    def improve(
+        self, found: Solutions, index: Integers, start: Floats, other_x: Floats, other_y: Floats,
+        rows: Integers, guesses: Floats,
+    ) -> None:  # fmt: skip
+        """Search ``found[index]`` from other guesses too, roughly first; cheaper plans take their place.
+
+        Args:
+            found: What ``solve`` gave, changed in place.
+            index: (G,) its entries to improve.
+            start: As for ``solve``.
+            other_x: As for ``solve``.
+            other_y: As for ``solve``.
+            rows: (G,) of the programmes.
+            guesses: (G, H, 2) inputs, far from the minimum.
+        """
+        self._improve(found, index, DRIVE, *_laid_out(start, other_x, other_y, rows, guesses))
+
+    def _improve(
+        self, found: Solutions, index: Integers, rough: Tuning, given: Given, rows: Integers, guesses: Floats
+    ) -> None:
+        first = _run(solve_without_bounds, self.programme, rough, given, rows, guesses)
+        found.iterations[index] += first.iterations
+        with np.errstate(invalid="ignore"):
+            promising = ~found.found[index] | (first.cost < (1.0 - BETTER) * found.cost[index])
+        again = np.flatnonzero(promising & np.isfinite(first.inputs).all(axis=(1, 2)))
+        if len(again):
+            other = self._minima(given, rows[again], first.inputs[again], (FROM_NEAR, self._tunings[1]))
+            _take_better(found, index[again], other)
 
     def _minima(
         self, given: Given, rows: Integers, guesses: Floats, tunings: tuple[Tuning, Tuning]
@@ -129,6 +150,14 @@ class RiccatiSolver:
                 todo = todo[~found[todo]]
             todo = np.flatnonzero(found & (answer.excess > TOLERANCE))
         return Solutions(answer.states, answer.inputs, answer.cost, found, retried, answer.iterations)
+
+
+def _laid_out(
+    start: Floats, other_x: Floats, other_y: Floats, rows: Integers, guesses: Floats
+) -> tuple[Given, Integers, Floats]:
+    """One memory layout, or the kernels would be compiled once more for every other one."""
+    given = tuple(np.require(part, np.float64, ("C", "W")) for part in (start, other_x, other_y))
+    return given, np.require(rows, np.int64, ("C", "W")), np.require(guesses, np.float64, ("C", "W"))
 
 
 def _run(

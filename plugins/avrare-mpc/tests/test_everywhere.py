@@ -1,0 +1,74 @@
+"""`search: everywhere`: later steps look near the start drives too."""
+
+import numpy as np
+import pytest
+
+from avrare.batch import concatenate, take
+from avrare_mpc.config import MpcConfig
+from avrare_mpc.controller import build
+from avrare_mpc.plan import to_variables
+from avrare_mpc.problem import build_problem, pack_parameters
+from avrare_mpc.riccati.jit import COMPILED
+
+BACKENDS = [
+    "casadi",
+    pytest.param("riccati", marks=pytest.mark.skipif(not COMPILED, reason="numba is not installed")),
+]
+WAYS = ("follow", "everywhere")
+SAMPLES = 12
+
+
+@pytest.fixture(scope="module")
+def steps(lane_change):
+    """What later steps of noisy drives were given, all in one batch."""
+    noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(4).standard_normal((6, SAMPLES - 1, 3, 3))
+    inputs = lane_change.drive(build(MpcConfig(), lane_change.scene), noise, samples=SAMPLES).inputs
+    return tuple(concatenate([step[i] for step in inputs[1:]]) for i in range(3))
+
+
+@pytest.fixture(scope="module", params=BACKENDS)
+def outcomes(request, lane_change, steps):
+    """Memory after the same steps, of a controller that follows and of one that looks everywhere."""
+    built = [build(MpcConfig(backend=request.param, search=way), lane_change.scene) for way in WAYS]
+    return built, [controller.act(*steps)[1] for controller in built]
+
+
+def costs(lane_change, steps, memory):
+    """Of the plans, by the programme that defines them."""
+    import casadi as ca
+
+    config, (_, ego, prediction) = MpcConfig(), steps
+    nlp = build_problem(config, lane_change.scene)
+    cost = ca.Function("cost", [nlp.variables, nlp.parameters], [nlp.cost])
+    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    parameters = pack_parameters(lane_change.scene, start, prediction.x, prediction.y)
+    plans = to_variables(memory.plan_states, memory.plan_inputs)
+    return np.array([float(cost(*row)) for row in zip(plans, parameters, strict=True)])
+
+
+def test_plans_are_never_costlier_and_at_times_much_cheaper(lane_change, steps, outcomes):
+    follow, everywhere = (costs(lane_change, steps, memory) for memory in outcomes[1])
+    assert (everywhere <= follow * (1.0 + 1e-5)).all()
+    assert (everywhere < 0.9 * follow).sum() >= 2
+
+
+def test_it_counts_the_old_plan_and_each_start_drive(steps, outcomes):
+    follow, everywhere = ((memory.solves - steps[0].solves).tolist() for memory in outcomes[1])
+    assert set(follow) == {1}
+    assert set(everywhere) == {5}
+
+
+def test_rows_do_not_depend_on_their_neighbours(steps, outcomes):
+    (_, controller), (_, together) = outcomes
+    for row in (0, 17):
+        alone = controller.act(*(take(part, np.array([row])) for part in steps))[1]
+        assert np.array_equal(alone.plan_inputs[0], together.plan_inputs[row])
+
+
+@pytest.mark.skipif(not COMPILED, reason="numba is not installed")
+def test_both_backends_find_the_same_plan_nearly_everywhere(lane_change, steps):
+    first, second = (
+        costs(lane_change, steps, build(config, lane_change.scene).act(*steps)[1])
+        for config in (MpcConfig(backend=name, search="everywhere") for name in ("casadi", "riccati"))
+    )
+    assert (np.abs(first - second) < 1e-3 * np.abs(first)).mean() > 0.95
