@@ -4,7 +4,7 @@
 
 Runs `avrare run` with a checkpoint, so it may be stopped and started again, and keeps the counts in
 docs/ground-truth/SCENARIO-FINGERPRINT.json. The fingerprint is that of the scenario with this many rollouts;
-the probabilities hold for any estimator of the same scenario.
+the probabilities hold for any estimator of the same system, which is written down beside them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+from avrare.scenario.load import load
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ("specification", "probability", "interval", "confidence", "rollouts", "failures", "errors", "health")
@@ -40,8 +42,10 @@ def main() -> None:
     subprocess.run(call, cwd=ROOT, check=True)
     seconds = time.monotonic() - began
     result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    resolved = load(args.scenario, settings).resolved
     kept = {
         "scenario": result["scenario"],
+        "system": {name: block for name, block in resolved.items() if name not in ("estimator", "seed")},
         "fingerprint": result["fingerprint"],
         "seed": result["seed"],
         "versions": result["versions"],

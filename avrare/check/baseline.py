@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from avrare.errors import UsageError
 from avrare.estimation.result import Result, finite
 from avrare.record.rundir import provenance
 from avrare.record.whole import write_text
+from avrare.scenario.files import digests
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.schema import Scenario
 
@@ -67,6 +68,7 @@ class Baseline:
         versions: Of avrare and the plugins.
         commit: The commit that the scenario belonged to, None if there was none.
         entries: Specification -> what was found.
+        files: Option that names a file -> digest of its content.
     """
 
     path: Path
@@ -74,6 +76,7 @@ class Baseline:
     versions: Mapping[str, str]
     commit: str | None
     entries: Mapping[str, Entry]
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 def default_folder(scenario: Scenario) -> Path:
@@ -102,9 +105,8 @@ def read(path: Path) -> Baseline:
         if content["schema"] != SCHEMA:
             raise UsageError(f"written in form {content['schema']!r}, this avrare reads {SCHEMA}")
         entries = {one["specification"]: _entry(one) for one in content["estimates"]}
-        return Baseline(
-            path, dict(content["resolved"]), dict(content["versions"]), content["commit"], entries
-        )
+        resolved, versions = dict(content["resolved"]), dict(content["versions"])
+        return Baseline(path, resolved, versions, content["commit"], entries, dict(content.get("files", {})))
     except UsageError as error:
         raise UsageError(f"{path}: {error.message}", _HINT) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -126,6 +128,7 @@ def save(folder: Path, scenario: Scenario, results: Sequence[Result]) -> Path:
         "versions": scenario.versions,
         "estimates": [_plain(result) for result in results],
         "resolved": scenario.resolved,
+        "files": digests(scenario),
     }
     path = folder / f"{max(_numbers(folder), default=0) + 1:04d}.json"
     try:

@@ -217,27 +217,41 @@ def _saved(outcome: Outcome, subjects: Sequence[Subject], save: bool) -> Outcome
             continue
         first = one.baseline is None
         sound = not any(result.health or result.verdict == "fail" for result in results)
-        path = baseline.save(one.folder, one.definition, results) if save or (first and sound) else None
-        if path is not None:
-            notes.append(f"{one.definition.name}: saved as baseline {path}; commit it")
-        rows += [_unmatched(one, result, path) for result in results if not _known(one, result)]
+        path, why_not = None, "unsound ({})"
+        if save or (first and sound):
+            path, note = _try_to_save(one, results)
+            notes.append(f"{one.definition.name}: {note}")
+            why_not = "it could not be"
+        rows += [_unmatched(one, result, path, why_not) for result in results if not _known(one, result)]
     order = {one.definition.name: index for index, one in enumerate(subjects)}
     rows.sort(key=lambda made: order[made.scenario])
     return replace(outcome, rows=tuple(rows), notes=tuple(notes))
+
+
+def _try_to_save(one: Subject, results: Sequence[Result]) -> tuple[Path | None, str]:
+    """A verdict that took a night is not lost because a disk is full: the failure is told beside it."""
+    try:
+        path = baseline.save(one.folder, one.definition, results)
+    except UsageError as error:
+        return None, f"NOT saved: {error.message}"
+    return path, f"saved as baseline {path}; commit it"
 
 
 def _known(one: Subject, result: Result) -> bool:
     return one.baseline is not None and result.specification in one.baseline.entries
 
 
-def _unmatched(one: Subject, result: Result, path: Path | None) -> Row:
-    """The row of a rule that there is nothing to compare with."""
+def _unmatched(one: Subject, result: Result, path: Path | None, why_not: str) -> Row:
+    """The row of a rule that there is nothing to compare with; ``why_not`` it is saved, where it is not."""
     if path is not None:
         verdict, reason = "pass", "nothing to compare with yet: saved as the first baseline"
     elif one.baseline is None:
         own = "it fails a threshold" if result.verdict == "fail" else "another rule of this scenario is"
         names = ", ".join(result.health) or own
-        verdict, reason = "inconclusive", f"no baseline, and this is not saved as one: unsound ({names})"
+        verdict, reason = (
+            "inconclusive",
+            f"no baseline, and this is not saved as one: {why_not.format(names)}",
+        )
     else:
         verdict, reason = "inconclusive", "the baseline does not have this rule: --save makes a new one"
     if path is not None and result.health:

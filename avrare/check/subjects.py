@@ -18,6 +18,7 @@ from avrare.estimation.loop import Settings, run
 from avrare.estimation.result import Result
 from avrare.plugin.registry import default_registry
 from avrare.rollout.problem import Problem
+from avrare.scenario import files
 from avrare.scenario.schema import Regression, Scenario
 
 Watch = Callable[[str, Problem], AbstractContextManager[Any]]
@@ -87,7 +88,9 @@ def subject(definition: Scenario, folder: Path, compared: bool, accept: bool) ->
     if baseline is None:
         return Subject(scenario, folder, compared, None)
     old, new = baseline.scenario, definition.resolved
+    asked = (*question.SHARED, *(f"specifications.{rule}" for rule in baseline.entries))
     changes = question.differences(old, new, list(baseline.entries))
+    changes += files.changes(baseline.files, files.digests(definition), asked)
     if changes and not accept:
         raise UsageError(
             f"{definition.path}: {baseline.path} answers another question: {question.told(changes)}",

@@ -285,6 +285,18 @@ def test_a_run_that_fails_a_threshold_is_no_first_baseline_and_says_why(drive, c
     assert not Path("kept").exists()
 
 
+def test_a_verdict_is_not_lost_with_a_baseline_that_cannot_be_saved(drive, check):
+    Path("kept").write_text("a file where the folder should be")
+    code, content = check(drive(BOUND % 0.1), "--baseline", "kept/here")
+    assert code == 3
+    assert verdicts(content)["in_lane", "threshold"] == "pass"
+    assert verdicts(content)["in_lane", "regression"] == "inconclusive"
+    assert "not saved as one: it could not be" in content["rows"][-1]["reason"]
+    assert any(
+        "NOT saved: kept/here/0001.json: cannot save the baseline" in note for note in content["notes"]
+    )
+
+
 def test_a_damaged_baseline(drive, capsys):
     Path("baselines/drive").mkdir(parents=True)
     Path("baselines/drive/0003.json").write_text("{}")

@@ -108,7 +108,9 @@ class TrafficRuleConfig(Parameters):
     """Options of the specification ``traffic_rules``: a rule by name, or a formula."""
 
     rules_file: Path | None = Field(
-        default=None, description="YAML file with rules of your own; default: those that come with the plugin"
+        default=None,
+        description="YAML file with rules of your own; default: those that come with the plugin",
+        json_schema_extra={"file": True},
     )
     rule: str | None = Field(default=None, description="name of a rule")
     formula: str | None = Field(

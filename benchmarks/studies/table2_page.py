@@ -1,0 +1,152 @@
+"""The page of ``benchmarks/table2.py``: the paper's table with our truth, and what each row is worth."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avrare.scenario.schema import Scenario
+
+RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic")
+METHODS = ("Raw-MC", "Imp-Naive", "Imp-CE", "STL-AMS", "MC, cost of AMS")
+PAPER = {
+    "Raw-MC": ("1.2e-2 ± 4.0e-3", "0 ± 0", "0 ± 0", "0 ± 0"),
+    "Imp-Naive": ("1.4e-8 ± 2.5e-8", "2.8e-8 ± 8.4e-8", "2.0e-8 ± 3.9e-8", "0 ± 0"),
+    "Imp-CE": ("7.1e-6 ± 2.1e-5", "7.6e-22 ± 2.2e-21", "4.4e-18 ± 8.9e-18", "0 ± 0"),
+    "STL-AMS": ("8.8e-3 ± 6.2e-3", "1.5e-3 ± 2.1e-3", "4.7e-3 ± 3.4e-3", "3.5e-4 ± 1.8e-3"),
+    "truth": ("9.1e-3", "2.0e-3", "3.6e-3", "4.8e-5"),
+}
+SIGMAS = 3.0
+"""Standard errors that a mean weight may be from 1."""
+TEMPLATE = Path(__file__).with_name("table2.md")
+"""The page's text, with places for the tables."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """What there is.
+
+    Attributes:
+        scenario: Its name.
+        digest: Its fingerprint.
+        truth: Rule -> the entry of the ground truth's file.
+        outcomes: (rule, method) -> what its repetitions gave.
+    """
+
+    scenario: str
+    digest: str
+    truth: dict[str, dict[str, Any]]
+    outcomes: dict[tuple[str, str], list[dict[str, Any]]]
+
+
+def read(results: Path, digest: str, truths: Path, scenario: Scenario) -> Study:
+    """Read the cells and the ground truth of the same scenario.
+
+    Raises:
+        SystemExit: There is no ground truth of these settings.
+    """
+    resolved = {key: value for key, value in scenario.resolved.items() if key not in ("estimator", "seed")}
+    for file in sorted(truths.glob(f"{scenario.name}-*.json")):
+        kept = json.loads(file.read_text(encoding="utf-8"))
+        if kept.get("system") == resolved:
+            break
+    else:
+        raise SystemExit("no ground truth of this scenario: see --truth-command")
+    outcomes: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for file in sorted(results.glob(f"{digest[:8]}-*.json")):
+        rule, method = file.stem.split("-", 1)[1].rsplit("-", 1)[0].split("-", 1)
+        key = (rule, method.replace("_", " "))
+        outcomes.setdefault(key, []).append(json.loads(file.read_text(encoding="utf-8")))
+    truth = {entry["specification"]: entry for entry in kept["estimates"]}
+    return Study(scenario.name, digest, truth, outcomes)
+
+
+def page(study: Study) -> str:
+    """The whole of docs/table2.md."""
+    text = TEMPLATE.read_text(encoding="utf-8")
+    parts = {"table": _table(study), "accuracy": _accuracy(study), "weights": _weights(study)}
+    for name, lines in parts.items():
+        text = text.replace(f"[{name}]", "\n".join(lines))
+    return text
+
+
+def _table(study: Study) -> Iterator[str]:
+    yield f"| | {' | '.join(RULES)} |"
+    yield "|---|" + "---|" * len(RULES)
+    for method in METHODS:
+        yield _row(method, [_mean_and_spread(study, rule, method) for rule in RULES])
+        if method in PAPER:
+            yield _row("*in the paper*", [f"*{text}*" for text in PAPER[method]])
+    yield _row("**truth**, 95 % interval", [_with_interval(study.truth[rule]) for rule in RULES])
+    yield _row("*in the paper*", [f"*{text}*" for text in PAPER["truth"]])
+
+
+def _with_interval(entry: dict[str, Any]) -> str:
+    low, high = entry["interval"]
+    return f"**{_short(entry['probability'])}** ({_short(low)} .. {_short(high)})"
+
+
+def _mean_and_spread(study: Study, rule: str, method: str) -> str:
+    values = _values(study, rule, method)
+    if len(values) < 2:
+        return "not run"
+    number = "" if len(values) == 20 else f" ({len(values)} runs)"
+    return f"{_short(values.mean())} ± {_short(values.std(ddof=1))}{number}"
+
+
+def _accuracy(study: Study) -> Iterator[str]:
+    yield "| rule | method | mean / truth | z | relative RMSE | steps, in rollouts | relMSE x steps |"
+    yield "|---|---|---|---|---|---|---|"
+    for rule in RULES:
+        truth, error = _truth(study, rule)
+        for method in METHODS:
+            values = _values(study, rule, method)
+            if len(values) < 2:
+                continue
+            steps = np.array([one["simulated_steps"] for one in study.outcomes[rule, method]]).mean() / 39
+            z = (values.mean() - truth) / math.hypot(values.std(ddof=1) / math.sqrt(len(values)), error)
+            square = ((values / truth - 1.0) ** 2).mean()
+            cells = (f"{values.mean() / truth:.2f}", f"{z:+.1f}", f"{math.sqrt(square):.2f}")
+            yield f"| {rule} | {method} | {' | '.join(cells)} | {steps:,.0f} | {square * steps:,.0f} |"
+
+
+def _weights(study: Study) -> Iterator[str]:
+    yield "| rule | method | results | mean weight within 3 errors of 1 | flagged | neither |"
+    yield "|---|---|---|---|---|---|"
+    for rule in RULES:
+        for method in ("Imp-Naive", "Imp-CE"):
+            results = study.outcomes.get((rule, method), [])
+            valid = [_valid(one) for one in results]
+            flagged = [bool(one["health"]) for one in results]
+            neither = sum(not v and not f for v, f in zip(valid, flagged, strict=True))
+            yield f"| {rule} | {method} | {len(results)} | {sum(valid)} | {sum(flagged)} | {neither} |"
+
+
+def _valid(one: dict[str, Any]) -> bool:
+    weights = one["diagnostics"]
+    return bool(abs(weights["mean_weight"] - 1.0) <= SIGMAS * weights["mean_weight_error"])
+
+
+def _values(study: Study, rule: str, method: str) -> np.ndarray:
+    return np.array([one["probability"] for one in study.outcomes.get((rule, method), [])])
+
+
+def _truth(study: Study, rule: str) -> tuple[float, float]:
+    """Probability and its standard error."""
+    entry = study.truth[rule]
+    p = entry["probability"]
+    return p, math.sqrt(p * (1.0 - p) / entry["rollouts"])
+
+
+def _row(head: str, cells: list[str]) -> str:
+    return f"| {head} | {' | '.join(cells)} |"
+
+
+def _short(value: float) -> str:
+    return "0" if value == 0.0 else f"{value:.2g}" if value >= 0.01 else f"{value:.1e}".replace("e-0", "e-")

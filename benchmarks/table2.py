@@ -1,0 +1,142 @@
+"""Table II of "Adaptive splitting of reusable temporal monitors" again, on our lane change with its truth.
+
+    OMP_NUM_THREADS=1 python benchmarks/table2.py [--workers 2] [--only PATTERN] [--report-only]
+
+For each rule, 20 repetitions of the paper's four methods at its settings (N = 250 rollouts, K = 25 discarded,
+10 stages of cross-entropy), and the same with what avrare does better at the cost of its own splitting run.
+The truth is 100,000 Monte Carlo rollouts, kept in docs/ground-truth by
+
+    python benchmarks/ground_truth.py SCENARIO SETTINGS
+
+with the settings printed by --truth-command. Cells are files in the results folder, named after the
+scenario's fingerprint; what is there is not run again. Writes docs/table2.md and its pictures from
+what there is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import time
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from studies import table2_figures, table2_page
+
+import avrare
+from avrare.build.scenario import BuildableScenario
+from avrare.estimation.result import Result
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results" / "table2"
+SETTINGS = ("controller.backend=riccati", "chunk=250")
+"""The compiled controller: casadi takes 25 times as long, and is another system (docs/performance.md)."""
+RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic")
+REPEAT = 20
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "Raw-MC": ("mc", {"rollouts": 250}),
+    "Imp-Naive": ("is", {"rollouts": 250, "proposal": {"plugin": "naive"}}),
+    "Imp-CE": ("ce", {"rollouts": 250, "stages": 10, "elite": 0.1, "family": "network"}),
+    "STL-AMS": ("ams", {"particles": 250, "discard": 25, "runs": 1}),
+    "MC, cost of AMS": ("mc", {"rollouts": 900}),
+}
+"""Name in the paper -> estimator and its options."""
+DISCARDS = (2, 25, 125, 225)
+"""K of the paper's Figure 4."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One estimate: a method on a rule, one repetition of it."""
+
+    scenario: str
+    digest: str
+    rule: str
+    method: str
+    estimator: str
+    options: tuple[tuple[str, Any], ...]
+    number: int
+
+    @property
+    def file(self) -> str:
+        """Where its outcome goes."""
+        return f"{self.digest[:8]}-{self.rule}-{self.method.replace(' ', '_')}-{self.number:02d}.json"
+
+    def outcome(self) -> dict[str, Any]:
+        """Run it."""
+        problem = BuildableScenario(load(self.scenario, SETTINGS)).problem(self.rule)
+        seed = zlib.crc32(f"{self.rule} {self.method} {self.number}".encode())
+        began = time.process_time()
+        result = avrare.estimate(problem, self.estimator, seed=seed, **dict(self.options))
+        return _kept(result) | {"cpu": time.process_time() - began}
+
+
+def _kept(result: Result) -> dict[str, Any]:
+    """What the tables and pictures need."""
+    whole = result.to_dict()
+    names = ("probability", "interval", "rollouts", "simulated_steps", "failures", "errors", "health")
+    return {name: whole[name] for name in names} | {"diagnostics": whole["diagnostics"]}
+
+
+def cells(scenario: str, digest: str) -> Iterator[Cell]:
+    """All of them: the repetitions in turn, so that an interrupted study is a fair one; then the figures'."""
+    for number in range(REPEAT):
+        for rule in RULES:
+            for method, (name, options) in METHODS.items():
+                yield Cell(scenario, digest, rule, method, name, tuple(options.items()), number)
+    for discard in DISCARDS:
+        for rule in RULES:
+            options = {"particles": 250, "discard": discard, "runs": 1}
+            yield Cell(scenario, digest, rule, f"K{discard}", "ams", tuple(options.items()), 0)
+
+
+def run(task: tuple[Path, Cell]) -> str:
+    """Run a cell and store its outcome whole or not at all; a line about it."""
+    folder, cell = task
+    outcome = cell.outcome()
+    part = folder / f".{cell.file}"
+    part.write_text(json.dumps(outcome), encoding="utf-8")
+    part.rename(folder / cell.file)
+    return f"{cell.file}  {outcome['probability']:.3g}  {outcome['cpu']:.0f} CPU s"
+
+
+def main() -> None:
+    """Run what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--only", default="", metavar="PATTERN", help="cells whose file name contains this")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--report-only", action="store_true")
+    parser.add_argument("--truth-command", action="store_true", help="print how the truth is made, and leave")
+    args = parser.parse_args()
+    if args.truth_command:
+        settings = " ".join(f"--set {setting}" for setting in SETTINGS)
+        print(f"python benchmarks/ground_truth.py {args.scenario} {settings}")
+        return
+    digest = fingerprint(load(args.scenario, SETTINGS))
+    args.results.mkdir(parents=True, exist_ok=True)
+    todo = [
+        cell
+        for cell in cells(args.scenario, digest)
+        if args.only in cell.file and not (args.results / cell.file).exists()
+    ]
+    if todo and not args.report_only:
+        tasks = [(args.results, cell) for cell in todo]
+        with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
+            for done, line in enumerate(pool.imap_unordered(run, tasks), 1):
+                print(f"{done}/{len(tasks)}  {line}", flush=True)
+    truths = ROOT / "docs" / "ground-truth"
+    study = table2_page.read(args.results, digest, truths, load(args.scenario, SETTINGS))
+    table2_figures.draw(study, ROOT / "docs" / "table2")
+    (ROOT / "docs" / "table2.md").write_text(table2_page.page(study), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
