@@ -10,7 +10,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 CORE = sorted((ROOT / "avrare").rglob("*.py"))
 MODULES = [*CORE, *sorted(ROOT.glob("plugins/*/src/**/*.py"))]
-HEAVY = {"torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy"}
+HEAVY = {
+    "torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy",
+    "sqlalchemy", "highway_env",
+}  # fmt: skip
 
 
 def imported(path):

@@ -20,8 +20,13 @@ COMMANDS = {
     "check": ("avrare.cli.check", "turn thresholds and baselines into an exit code"),
     "compare": ("avrare.cli.compare", "estimators side by side, with the same budget"),
     "validate": ("avrare.cli.validate", "check scenario files without running them"),
+    "replay": ("avrare.cli.replay", "drive a stored failure again, shrink it, write it as a file"),
+    "falsify": ("avrare.cli.falsify", "find a failure, then the most likely one"),
+    "failures": ("avrare.cli.failures", "list stored failures, hand them on, sort them into kinds"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "score a recorded drive or a run's failure under a rule"),
+    "report": ("avrare.cli.report", "a run's folder as one HTML file"),
+    "history": ("avrare.cli.history", "estimates over commits"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
 }

@@ -42,8 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", metavar="DIR", help="go on with the run that was interrupted in this folder"
     )
+    parser.add_argument(
+        "--failures", metavar="DIR", help="drive the failures stored there first, and store new ones there"
+    )
     parser.add_argument("--json", action="store_true", help="print result.json and nothing else on stdout")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument("--quiet", action="store_true", help="only the verdicts, and what went wrong")
+    shown.add_argument("--plain", action="store_true", help="no colours, nothing redrawn: for logs")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -170,13 +176,44 @@ def _run(
     from avrare.record import rundir
 
     scenario = BuildableScenario(definition)
+    _drive_known(scenario, args)
     results = _estimates(scenario, args, budget, checkpoint, stop)
     content = rundir.document(definition, results)
     rundir.write(folder, definition, content, results, budget)
+    _remember(scenario, results, args)
     pictures = [] if args.no_pictures else _draw(scenario, results, folder)
     if not args.json:
-        _show(definition, results, folder, pictures)
+        _show(definition, results, folder, pictures, _mode(args))
     return content
+
+
+def _mode(args: argparse.Namespace) -> Any:
+    """How much is shown, and how."""
+    return "quiet" if args.quiet else "plain" if args.plain else "auto"
+
+
+def _drive_known(scenario: Any, args: argparse.Namespace) -> None:
+    """Say how the failures of ``--failures`` come out now; no part of any result."""
+    if args.failures is None:
+        return
+    from avrare.failures.database import Database
+    from avrare.failures.known import known_lines
+
+    for line in known_lines(Database(Path(args.failures)), scenario):
+        print(line, file=sys.stderr if args.json else sys.stdout)
+
+
+def _remember(scenario: Any, results: Sequence[Any], args: argparse.Namespace) -> None:
+    if args.failures is None:
+        return
+    from avrare.failures.database import Database
+    from avrare.failures.known import remember
+
+    found = {result.specification: result.failures for result in results}
+    new = remember(Database(Path(args.failures)), scenario, found)
+    if new:
+        text = f"{len(new)} new failures in {args.failures}: {', '.join(new)}"
+        print(text, file=sys.stderr if args.json else sys.stdout)
 
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
@@ -197,7 +234,8 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
         label = group[0] if len(group) == 1 else f"{definition.name} ({len(group)} specifications)"
         journal = checkpoint and checkpoint.journal(f"{definition.name}/{group[0]}")
         executor = _executor(args)
-        with Progress(f"{label}  {estimator.name}", problem) as progress:
+        counted = definition.confidence if estimator.name == "mc" else None
+        with Progress(f"{label}  {estimator.name}", problem, _mode(args), counted, stop) as progress:
             if journal:
                 progress.began -= journal.seconds
             results += run(problem, estimator, executor, settings, progress, journal, stop)
@@ -253,15 +291,18 @@ def _draw(scenario: Any, results: Sequence[Any], folder: Path) -> list[Path]:
     return picture.draw_run(scenario, results, folder)
 
 
-def _show(definition: Scenario, results: Sequence[Any], folder: Path, pictures: Sequence[Path]) -> None:
-    from rich.console import Console
+def _show(
+    definition: Scenario, results: Sequence[Any], folder: Path, pictures: Sequence[Path], mode: Any
+) -> None:
+    from avrare.report.console import notes, screen, show, table, verdicts
 
-    from avrare.report.console import notes, table
-
-    console = Console(soft_wrap=True, highlight=False)
+    if mode == "quiet":
+        print("\n".join(verdicts(definition.name, results)))
+        return
+    console = screen(mode)
     how = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
     title = f"{definition.name}  {how}"
-    console.print(table(title, results))
+    show(console, table(title, results))
     for line in notes(results):
         console.print(line, style="yellow", markup=False)
     console.print(f"results in {folder}" + "".join(f"\n  {path.name}" for path in pictures), markup=False)

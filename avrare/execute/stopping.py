@@ -21,10 +21,14 @@ class Stopping:
 
     The second one raises KeyboardInterrupt. A signal that is ignored (as of background jobs of a shell) stays
     so, and outside the main thread nothing is caught.
+
+    Attributes:
+        asked: Whether one came.
+        silent: Somebody else says so: a note in the midst of a live display would break it.
     """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.asked = self.silent = False
         self._since = 0.0
         self._before: dict[signal.Signals, Any] = {}
 
@@ -51,5 +55,6 @@ class Stopping:
                 return
             raise KeyboardInterrupt
         self.asked, self._since = True, now
-        with contextlib.suppress(OSError):  # not print: the signal may have come in the midst of one
-            os.write(2, _NOTE)
+        if not self.silent:
+            with contextlib.suppress(OSError):  # not print: the signal may have come in the midst of one
+                os.write(2, _NOTE)

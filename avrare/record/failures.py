@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.errors import UsageError, did_you_mean
 from avrare.estimation.result import Failures, Result
+from avrare.protocols import Floats
 from avrare.record.whole import write_whole
 
 FILE = "failures.npz"
@@ -57,3 +59,47 @@ def read_failures(folder: Path) -> dict[str, Failures]:
     return {
         name: Failures(noise, robustness, int(count)) for name, (noise, robustness, count) in found.items()
     }
+
+
+def chosen_failure(
+    folder: Path, specification: str | None = None, index: int | None = None
+) -> tuple[str, Floats, float]:
+    """Specification, noise (steps + 1, noise_size) and robustness of a failure of a run.
+
+    Args:
+        folder: Of the run.
+        specification: Whose failure; None where only one has any.
+        index: Which of the stored ones; None for the one with the least robustness.
+
+    Raises:
+        UsageError: There is no such failure.
+    """
+    stored = read_failures(folder)
+    listing = ", ".join(f"{name} ({len(found.robustness)})" for name, found in stored.items())
+    if not stored:
+        raise UsageError(f"{folder}: no failure is stored", "none was seen; run more rollouts")
+    if specification is None and len(stored) > 1:
+        raise UsageError(f"{folder}: whose failure?", f"choose it with --specification: {listing}")
+    name = next(iter(stored)) if specification is None else specification
+    if name not in stored:
+        raise UsageError(f"{folder}: no failure of {name!r} is stored", did_you_mean(name, stored))
+    failures = stored[name]
+    count = len(failures.robustness)
+    if index is not None and index >= count:
+        raise UsageError(f"{folder}: {name} has no failure {index}", f"its {count} failures count from 0")
+    chosen = int(np.argmin(failures.robustness)) if index is None else index
+    return name, failures.noise[chosen], float(failures.robustness[chosen])
+
+
+def versions(folder: Path) -> dict[str, str]:
+    """Versions of avrare and of the plugins with which a run was made, as result.json has them.
+
+    Raises:
+        UsageError: The file is damaged.
+    """
+    path = folder / "result.json"
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))["versions"]
+        return {str(name): str(version) for name, version in stored.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(f"{path}: cannot be read: {error}", "run the scenario again") from None

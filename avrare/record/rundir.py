@@ -7,7 +7,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from avrare.errors import UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.result import Result
 from avrare.record.failures import write_failures
+from avrare.record.rollouts import write_rollouts
 from avrare.record.whole import write_text
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.schema import Scenario
@@ -56,10 +57,11 @@ def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
 
 
 def provenance(scenario: Scenario, budget: Budget | None = None) -> dict[str, Any]:
-    """Where a result comes from: command, budget, Python, and the commit of the scenario, if it has one."""
+    """Where a result comes from: when, command, budget, Python, and the scenario's commit, if it has one."""
     folder = Path(scenario.path).resolve().parent
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
     return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sys.argv,
         "budget": None if budget is None else f"{budget.kind}={budget.amount!r}",
         "python": platform.python_version(),
@@ -82,7 +84,7 @@ def write(
     folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = (),
     budget: Budget | None = None,
 ) -> None:  # fmt: skip
-    """Write result.json, the resolved scenario, provenance.json and, if there are any, failures.npz.
+    """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz.
 
     Raises:
         UsageError: The folder cannot be written to.
@@ -91,6 +93,7 @@ def write(
         write_text(folder / "scenario.yaml", dump(scenario.resolved))
         write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")
         write_failures(folder, results)
+        write_rollouts(folder, results)
         write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
     except OSError as error:
         raise UsageError(

@@ -55,9 +55,9 @@ def draw_run(scenario: BuildableScenario, results: Sequence[Result], folder: Pat
             least = f"robustness {result.worst.robustness:.3g}"
             title = f"{result.specification}: worst of {result.rollouts} rollouts, {least}"
             tapes.append((f"worst_{result.specification}", title, result.worst.noise))
-    drives = _frames(scenario, np.stack([tape for _, _, tape in tapes]))
+    drives = replay_frames(scenario, np.stack([tape for _, _, tape in tapes]))
     paths = []
-    for (name, title, _), frames in zip(tapes, drives, strict=True):
+    for (name, title, _), (frames, _) in zip(tapes, drives, strict=True):
         path = folder / f"{name}.png"
         draw_drive(frames, _scene(scenario), f"{scenario.name}: {title}", path)
         paths.append(path)
@@ -83,16 +83,26 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     figure.savefig(path, dpi=110)
 
 
-def _frames(scenario: BuildableScenario, tapes: Floats) -> list[list[Frame]]:
+def replay_frames(
+    scenario: BuildableScenario, tapes: Floats
+) -> list[tuple[list[Frame], list[dict[str, Any]]]]:
+    """Drive tapes (N, steps + 1, noise_size) again: of each its frames and its signals, sample by sample.
+
+    A rollout that breaks down ends there; without vehicles there are no frames.
+    """
     problem = scenario.problem(scenario.specifications)
     loop = scenario.stack.loop
-    drives: list[list[Frame]] = [[] for _ in tapes]
+    drives: list[tuple[list[Frame], list[dict[str, Any]]]] = [([], []) for _ in tapes]
     for t, rows, carry in problem.replay(tapes, keep_carries=True).carries:
         state = carry.system
+        signals = loop.signals(state)
         horizon = loop.controller.horizon if loop.controller is not None else 0
         prediction = loop.tracker.predict(state.track, horizon) if loop.tracker is not None else None
         for position, row in enumerate(rows):
-            drives[row].append(_frame(t, state, prediction, position))
+            one = slice(position, position + 1)
+            drives[row][1].append({key: np.asarray(values)[one] for key, values in signals.items()})
+            if scenario.scene is not None:
+                drives[row][0].append(_frame(t, state, prediction, position))
     return drives
 
 

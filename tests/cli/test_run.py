@@ -38,7 +38,7 @@ def test_run_writes_the_promised_result(tmp_path, capsys):
     assert (again.steps, again.seed) == (6, 7)
     assert fingerprint(again) == result["fingerprint"]
     provenance = json.loads((tmp_path / "provenance.json").read_text())
-    assert set(provenance) == {"command", "python", "commit", "uncommitted_changes", "budget"}
+    assert set(provenance) == {"date", "command", "python", "commit", "uncommitted_changes", "budget"}
     table = capsys.readouterr().out
     for rule in RULES:
         assert rule in table

@@ -1,0 +1,50 @@
+"""A rollout as a CSV file that ``avrare monitor`` reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from avrare.driving import Scene
+from avrare.failures.failure import table
+from avrare.record.trace import FIELDS, Recording
+
+
+def to_csv(recording: Recording) -> str:
+    """Text of the file: vehicles where there is a road, else named signals; every number to the last bit.
+
+    Vehicles have a row each for each sample; the ego is called ``ego``.
+    """
+    if recording.scene is None:
+        columns, values = table(recording.signals)
+        lines = [["time", *(name.replace("[", "_").replace("]", "").replace(",", "_") for name in columns)]]
+        lines += [[_number(recording.time(t)), *map(_number, values[t])] for t in range(recording.samples)]
+        return _text(lines)
+    lines = [["time", "vehicle", *FIELDS[:4], "length", "width", FIELDS[4]]]
+    for t in range(recording.samples):
+        for name, states, size in _vehicles(recording, recording.scene, t):
+            numbers = map(_number, [*states[:4], *size, states[4]])
+            lines.append([_number(recording.time(t)), name, *numbers])
+    return _text(lines)
+
+
+def _vehicles(
+    recording: Recording, scene: Scene, t: int
+) -> list[tuple[str, Sequence[float], tuple[float, float]]]:
+    """Name, state (in the order of ``FIELDS``) and length and width of every vehicle at a sample."""
+    own = [float(recording.signals[f"ego_{field}"][t]) for field in FIELDS]
+    states = np.stack([recording.signals[f"others_{field}"][t] for field in FIELDS], axis=-1)
+    sizes = list(zip(scene.lengths.tolist(), scene.widths.tolist(), strict=True))
+    return [
+        ("ego", own, (scene.ego_length, scene.ego_width)),
+        *zip(scene.names, states.tolist(), sizes, strict=True),
+    ]
+
+
+def _number(value: float) -> str:
+    return repr(float(value))
+
+
+def _text(lines: Sequence[Sequence[str]]) -> str:
+    return "".join(",".join(cells) + "\n" for cells in lines)

@@ -1,0 +1,1 @@
+"""Estimates over commits: a store of results, a table and a picture of how they went."""

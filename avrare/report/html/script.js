@@ -1,0 +1,224 @@
+"use strict";
+(() => {
+  const root = document.documentElement;
+  const players = [];
+
+  // Theme: that of the system, or the reader's choice, which lasts where the browser may keep it.
+  const button = document.getElementById("theme");
+  const themes = ["auto", "light", "dark"];
+  const kept = (value) => {
+    try {
+      if (value === undefined) return localStorage.getItem("avrare-theme");
+      localStorage.setItem("avrare-theme", value);
+    } catch { /* a file may be refused storage */ }
+    return null;
+  };
+  const show = (theme) => {
+    if (theme === "auto") root.removeAttribute("data-theme");
+    else root.setAttribute("data-theme", theme);
+    button.textContent = `Theme: ${theme}`;
+    for (const player of players) player.draw();
+  };
+  let theme = themes.includes(kept()) ? kept() : "auto";
+  button.addEventListener("click", () => {
+    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
+    kept(theme);
+    show(theme);
+  });
+
+  const colour = (name) => getComputedStyle(root).getPropertyValue(`--${name}`).trim();
+  const between = (values, at) => {
+    const k = Math.min(Math.floor(at), values.length - 1), next = Math.min(k + 1, values.length - 1);
+    return values[k] + (at - k) * (values[next] - values[k]);
+  };
+
+  // The road from above, the ego at a third of the width.
+  const view = (canvas, film) => {
+    const pen = canvas.getContext("2d");
+    const { lanes, width: lane, ramp } = film.road;
+    const low = lanes[0] - lane / 2, high = lanes[lanes.length - 1] + lane / 2;
+    let ppm = 8, left = 0, wide = 0, tall = 0;
+    const X = (x) => (x - left) * ppm;
+    const Y = (y) => tall / 2 - (y - (low + high) / 2) * ppm;
+
+    const road = () => {
+      pen.fillStyle = colour("road");
+      pen.fillRect(0, Y(high), wide, Y(low) - Y(high));
+      pen.fillStyle = colour("ramp");
+      for (const k of ramp) pen.fillRect(0, Y(lanes[k] + lane / 2), wide, lane * ppm);
+      pen.strokeStyle = colour("marking");
+      pen.lineWidth = 1.5;
+      for (let k = 0; k <= lanes.length; k++) {
+        const y = Y(low + k * lane), inner = k > 0 && k < lanes.length;
+        pen.setLineDash(inner ? [3 * ppm, 6 * ppm] : []);
+        pen.lineDashOffset = X(0) * -1;
+        pen.beginPath(); pen.moveTo(0, y); pen.lineTo(wide, y); pen.stroke();
+      }
+      pen.setLineDash([]);
+      pen.fillStyle = colour("muted");
+      pen.font = "11px system-ui, sans-serif";
+      pen.textAlign = "center";
+      pen.textBaseline = "top";
+      for (let x = Math.ceil(left / 20) * 20; X(x) < wide; x += 20) {
+        pen.fillRect(X(x), Y(low) + 4, 1, 4);
+        if (X(x) > 14 && X(x) < wide - 22) pen.fillText(`${x} m`, X(x), Y(low) + 10);
+      }
+    };
+
+    const car = (x, y, h, l, w, fill, marked) => {
+      pen.save();
+      pen.translate(X(x), Y(y));
+      pen.rotate(-h);
+      pen.beginPath();
+      pen.roundRect(-l / 2 * ppm, -w / 2 * ppm, l * ppm, w * ppm, Math.min(4, w * ppm / 4));
+      pen.fillStyle = fill;
+      pen.fill();
+      if (marked) { pen.strokeStyle = colour("fail"); pen.lineWidth = 2.5; pen.stroke(); }
+      pen.fillStyle = "rgba(255, 255, 255, .55)";
+      pen.fillRect(l * ppm * .12, -w * ppm * .36, l * ppm * .13, w * ppm * .72);
+      pen.restore();
+    };
+
+    // Above the vehicle, or below it where another one is in the way.
+    const name = (words, x, y, w, fill, all) => {
+      const taken = all.some(([u, v]) => v > y + .5 && v < y + 1.5 * lane && Math.abs(u - x) * ppm < 46);
+      pen.font = "600 11px system-ui, sans-serif";
+      pen.textAlign = "center";
+      pen.textBaseline = taken ? "top" : "bottom";
+      pen.lineWidth = 4;
+      pen.lineJoin = "round";
+      pen.strokeStyle = colour("road");
+      const at = taken ? Y(y) + w / 2 * ppm + 5 : Y(y) - w / 2 * ppm - 5;
+      pen.strokeText(words, X(x), at);
+      pen.fillStyle = fill;
+      pen.fillText(words, X(x), at);
+    };
+
+    const path = (points, style, dash) => {
+      if (!points || points.length < 2) return;
+      pen.beginPath();
+      points.forEach(([x, y], k) => k ? pen.lineTo(X(x), Y(y)) : pen.moveTo(X(x), Y(y)));
+      pen.setLineDash(dash);
+      pen.strokeStyle = style;
+      pen.lineWidth = 2;
+      pen.stroke();
+      pen.setLineDash([]);
+    };
+
+    const observed = (k) => {
+      const seen = film.seen[k];
+      if (!seen) return;
+      pen.strokeStyle = pen.fillStyle = colour("seen");
+      seen.forEach((at, v) => {
+        const other = film.others[v];
+        pen.beginPath();
+        if (at) {
+          pen.arc(X(at[0]), Y(at[1]), 4, 0, 7);
+          pen.fill();
+          pen.lineWidth = 1.5;
+          pen.strokeStyle = colour("road");
+          pen.stroke();
+          pen.strokeStyle = colour("seen");
+        } else {
+          pen.lineWidth = 1.5;
+          pen.setLineDash([4, 3]);
+          pen.arc(X(other.x[k]), Y(other.y[k]), .62 * other.l * ppm, 0, 7);
+          pen.stroke();
+          pen.setLineDash([]);
+        }
+      });
+    };
+
+    return (t) => {
+      const ratio = window.devicePixelRatio || 1;
+      wide = canvas.clientWidth; tall = canvas.clientHeight;
+      if (!wide) return;
+      if (canvas.width !== Math.round(wide * ratio)) canvas.width = Math.round(wide * ratio);
+      if (canvas.height !== Math.round(tall * ratio)) canvas.height = Math.round(tall * ratio);
+      pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+      pen.clearRect(0, 0, wide, tall);
+      ppm = Math.min(Math.max(wide / 105, 6.4), (tall - 46) / (high - low));
+      left = between(film.ego.x, t) - wide / ppm * .36;
+      road();
+      const k = Math.round(t);
+      if (film.predicted && film.predicted[k])
+        for (const points of film.predicted[k]) path(points, colour("predicted"), [2, 4]);
+      const ego = film.ego, all = [ego, ...film.others].map((one) => [between(one.x, t), between(one.y, t)]);
+      [ego, ...film.others].forEach((one, v) => {
+        const fill = colour(v === 0 ? "accent" : one.marked ? "fail" : "muted");
+        name(v === 0 ? "ego" : one.name, ...all[v], one.w, fill, all);
+      });
+      if (film.plan && film.plan[k]) path(film.plan[k], colour("accent"), []);
+      for (const one of film.others) {
+        const fill = colour(one.moving ? "vehicle" : "parked");
+        car(between(one.x, t), between(one.y, t), between(one.h, t), one.l, one.w, fill, one.marked);
+      }
+      car(...all[0], between(ego.h, t), ego.l, ego.w, colour("accent"), false);
+      observed(k);
+      pen.fillStyle = colour("muted");
+      pen.font = "12px system-ui, sans-serif";
+      pen.textAlign = "left"; pen.textBaseline = "top";
+      pen.fillText(`ego ${between(ego.v, t).toFixed(1)} m/s`, 10, 8);
+    };
+  };
+
+  const player = (box) => {
+    const film = JSON.parse(box.querySelector("script").textContent);
+    const canvas = box.querySelector("canvas");
+    const paint = canvas && film.road ? view(canvas, film) : () => {};
+    const play = box.querySelector(".play"), slider = box.querySelector("input");
+    const clock = box.querySelector("output"), pace = box.querySelector(".speed");
+    const cursors = box.querySelectorAll(".cursor");
+    const last = film.samples - 1;
+    const paces = [1, .5, .25, 2];
+    let t = Number(box.dataset.start), speed = 1, since = null;
+
+    const draw = () => {
+      slider.value = Math.round(t);
+      clock.textContent = `${(t * film.dt).toFixed(2)} s`;
+      const at = `${100 * (t + .5) / film.samples}%`;
+      for (const one of cursors) one.style.left = at;
+      paint(t);
+    };
+    const stop = () => { since = null; play.textContent = "Play"; };
+    const move = (now) => {
+      if (since === null) return;
+      t += (now - since) / 1000 * speed / film.dt;
+      since = now;
+      if (t >= last) { t = last; stop(); }
+      draw();
+      if (since !== null) requestAnimationFrame(move);
+    };
+    play.addEventListener("click", () => {
+      if (since !== null) { t = Math.round(t); stop(); draw(); return; }
+      if (t >= last) t = 0;
+      since = performance.now();
+      play.textContent = "Pause";
+      requestAnimationFrame(move);
+    });
+    slider.addEventListener("input", () => { stop(); t = Number(slider.value); draw(); });
+    pace.addEventListener("click", () => {
+      speed = paces[(paces.indexOf(speed) + 1) % paces.length];
+      pace.textContent = `${speed}×`;
+    });
+    for (const area of box.querySelectorAll(".over-time .area")) {
+      const go = (event) => {
+        const frame = area.getBoundingClientRect();
+        const at = Math.floor((event.clientX - frame.left) / frame.width * film.samples);
+        stop();
+        t = Math.min(Math.max(at, 0), last);
+        draw();
+      };
+      area.addEventListener("pointerdown", go);
+      area.addEventListener("pointermove", (event) => { if (event.buttons) go(event); });
+    }
+    if (canvas && window.ResizeObserver) new ResizeObserver(draw).observe(canvas);
+    draw();
+    return { draw };
+  };
+
+  for (const box of document.querySelectorAll(".drive")) players.push(player(box));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(theme));
+  show(theme);
+  document.body.dataset.ready = String(players.length);
+})();

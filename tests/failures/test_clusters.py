@@ -1,0 +1,58 @@
+"""Kinds of failures."""
+
+import numpy as np
+import pytest
+
+from avrare.errors import UsageError
+from avrare.failures.clusters import cluster
+
+
+def three_kinds(sizes=(7, 12, 4), noise=0.3):
+    rng = np.random.default_rng(0)
+    centres = 4.0 * rng.standard_normal((3, 10, 4))
+    kinds = np.repeat(np.arange(3), sizes)
+    return kinds, [centres[kind] + noise * rng.standard_normal((10, 4)) for kind in kinds]
+
+
+def test_kinds_are_found_and_the_largest_comes_first():
+    kinds, tapes = three_kinds()
+    order = np.random.default_rng(1).permutation(len(tapes))
+    found = cluster([tapes[k] for k in order])
+    expected = np.array([1, 0, 2])[kinds[order]]
+    assert found.labels.tolist() == expected.tolist()
+    assert found.silhouette > 0.8
+    assert [expected[k] for k in found.medoids] == [0, 1, 2]
+
+
+def test_a_medoid_is_the_middlemost_of_its_kind():
+    tapes = [np.full((2, 2), x) for x in (0.0, 0.1, 0.3, 9.0, 9.2, 9.3)]
+    found = cluster(tapes)
+    assert set(found.medoids) == {1, 4}
+
+
+def test_what_has_no_kinds_is_one_kind():
+    tapes = list(np.random.default_rng(2).standard_normal((40, 30, 5)))
+    found = cluster(tapes)
+    assert (found.labels == 0).all()
+    assert len(found.medoids) == 1
+    assert np.isnan(found.silhouette)
+
+
+def test_there_are_six_kinds_at_most():
+    tapes = [np.full((2, 2), 10.0**k * (1 + 0.001 * j)) for k in range(9) for j in range(3)]
+    assert len(cluster(tapes).medoids) <= 6
+    assert len(cluster(tapes, most=3).medoids) <= 3
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_or_equal_failures(count):
+    found = cluster([np.ones((3, 2))] * count)
+    assert found.labels.tolist() == [0] * count
+    assert found.medoids == (0,)
+
+
+def test_what_cannot_be_sorted():
+    with pytest.raises(UsageError, match="no failures"):
+        cluster([])
+    with pytest.raises(UsageError, match="several shapes"):
+        cluster([np.ones((3, 2)), np.ones((3, 3))])

@@ -1,0 +1,82 @@
+"""Rollouts as files that ``avrare monitor`` reads."""
+
+import numpy as np
+import pytest
+
+from avrare.errors import UsageError
+from avrare.failures.driving import drive, drives
+from avrare.failures.export_commonroad import to_commonroad
+from avrare.failures.export_csv import to_csv
+from avrare.record.trace import FIELDS, Recording
+from avrare.record.trace_commonroad import read_commonroad
+from avrare.record.trace_csv import read_csv
+
+
+@pytest.fixture(scope="module")
+def recording(drive_past):
+    tape = np.random.default_rng(0).standard_normal((9, 4))
+    found = drive(drive_past.problem("near"), tape)
+    return Recording("test", 0.1, 0.0, found.signals, drive_past.scene, drive_past.scene.names)
+
+
+def test_vehicles_in_csv_come_back_to_the_bit(recording, tmp_path):
+    (tmp_path / "drive.csv").write_text(to_csv(recording))
+    again = read_csv(str(tmp_path / "drive.csv"), "ego", recording.scene.road)
+    assert (again.dt, again.names) == (recording.dt, recording.names)
+    for name in (f"{who}_{field}" for who in ("ego", "others") for field in FIELDS):
+        np.testing.assert_array_equal(again.signals[name], recording.signals[name])
+    np.testing.assert_array_equal(again.signals["gap"], recording.signals["gap"])
+
+
+def test_signals_in_csv_come_back_to_the_bit(linear, pushed, tmp_path):
+    found = drive(linear.problem("near"), pushed)
+    (tmp_path / "drive.csv").write_text(to_csv(Recording("test", 0.1, 0.0, found.signals)))
+    again = read_csv(str(tmp_path / "drive.csv"))
+    assert again.dt == 0.1
+    for name, values in found.signals.items():
+        np.testing.assert_array_equal(again.signals[name], values)
+
+
+def test_commonroad_comes_back_to_the_bit(recording, tmp_path):
+    pytest.importorskip("commonroad.common.file_reader")
+    (tmp_path / "drive.xml").write_text(to_commonroad(recording, "past a parked car"))
+    again = read_commonroad(str(tmp_path / "drive.xml"), "1")
+    assert (again.dt, again.names, again.samples) == (0.1, ("2",), 9)
+    for who in ("ego", "others"):
+        for field in ("x", "y", "speed"):
+            np.testing.assert_array_equal(
+                again.signals[f"{who}_{field}"], recording.signals[f"{who}_{field}"]
+            )
+        headings = [one.signals[f"{who}_heading"] for one in (again, recording)]
+        np.testing.assert_allclose(*headings, rtol=0.0, atol=1e-12)
+    road, before = again.scene.road, recording.scene.road
+    assert road.lane_centres == pytest.approx(before.lane_centres)
+    assert (road.lane_width, road.access_ramp) == (before.lane_width, before.access_ramp)
+
+
+def test_commonroad_needs_a_road(linear, pushed):
+    found = drive(linear.problem("near"), pushed)
+    with pytest.raises(UsageError, match="needs vehicles and a road"):
+        to_commonroad(Recording("test", 0.1, 0.0, found.signals), "x")
+
+
+def test_drives_side_by_side_are_those_alone(linear, pushed, drive_past):
+    tapes = np.stack([factor * pushed for factor in (0.0, 0.5, 1.0, -1.0)])
+    noise = np.random.default_rng(1).standard_normal((3, 9, 4))
+    for problem, batch in ((linear.problem("near"), tapes), (drive_past.problem("near"), noise)):
+        for tape, together in zip(batch, drives(problem, batch), strict=True):
+            alone = drive(problem, tape)
+            assert (alone.robustness, alone.outcome) == (together.robustness, together.outcome)
+            for name, values in alone.signals.items():
+                np.testing.assert_array_equal(together.signals[name], values, strict=True)
+
+
+def test_a_drive_that_breaks_down_keeps_its_beginning(weighted):
+    problem = weighted(np.ones((6, 3)), nan=5.0)
+    noise = np.zeros((3, 6, 3))
+    noise[1, 4, 0] = 6.0
+    noise[2, 0, 0] = 6.0
+    found = drives(problem, noise)
+    assert [one.outcome for one in found] == ["passes", "error", "error"]
+    assert [len(one.signals.get("x", ())) for one in found] == [6, 4, 0]
+    assert "NaN" in found[1].error

@@ -1,0 +1,66 @@
+"""Known failures are driven first, and the new ones are kept."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from avrare.estimation.result import Failures
+from avrare.failures.database import Database
+from avrare.failures.failure import record
+from avrare.failures.known import KEPT, known_lines, remember, rerun
+
+
+@pytest.fixture
+def failure(linear, pushed):
+    return record(linear, "near", pushed)
+
+
+def test_what_becomes_of_known_failures(load, linear, failure):
+    short = replace(failure, noise=failure.noise[:5])
+    gone = replace(failure, specification="gone")
+    found = rerun(linear, [short, failure, gone])
+    assert [one.outcome for one in found] == ["other error", "still fails", "other error"]
+    assert found[1].robustness == failure.robustness
+    assert "needs 21 x 6 numbers of noise now" in found[0].line()
+    assert "no specification 'gone'" in found[2].line()
+    mended = load("specifications={near: {stl: 'always (y < 90)'}}")
+    [now] = rerun(mended, [failure])
+    assert now.outcome == "passes now"
+    assert now.line().startswith(f"{failure.id} near: passes now (robustness ")
+
+
+def test_many_known_failures_are_each_their_own(linear, pushed):
+    failures = [record(linear, "near", factor * pushed) for factor in np.linspace(1.0, 2.0, 7)]
+    small = rerun(linear, failures)
+    assert [one.robustness for one in small] == [failure.robustness for failure in failures]
+
+
+def test_the_worst_are_remembered_once(linear, pushed, tmp_path):
+    tapes = np.stack([factor * pushed for factor in np.linspace(1.0, 2.0, KEPT + 3)] + [0.0 * pushed])
+    robustness = linear.problem("near").robustness(tapes)
+    database = Database(tmp_path)
+    new = remember(database, linear, {"near": Failures(tapes, robustness, len(tapes))})
+    assert sorted(new) == database.ids()
+    assert len(new) == KEPT
+    kept = {database.load(name).robustness for name in new}
+    assert kept == set(np.sort(robustness)[:KEPT])
+    assert remember(database, linear, {"near": Failures(tapes, robustness, len(tapes))}) == []
+
+
+def test_what_does_not_fail_is_not_remembered(linear, pushed, tmp_path):
+    tapes = np.stack([0.0 * pushed, pushed])
+    new = remember(Database(tmp_path), linear, {"near": Failures(tapes, np.array([-1.0, 0.0]), 2)})
+    assert new == [record(linear, "near", pushed).id]
+
+
+def test_lines_of_a_database(linear, failure, tmp_path):
+    database = Database(tmp_path)
+    assert known_lines(database, linear) == []
+    database.add(failure)
+    database.add(replace(failure, scenario="other", noise=failure.noise + 1.0))
+    (tmp_path / "00000000.npz").write_bytes(b"")
+    complaint, line, summary = known_lines(database, linear)
+    assert complaint.startswith(str(tmp_path / "00000000.npz"))
+    assert line.startswith(f"{failure.id} near: still fails")
+    assert summary == "known failures of double_integrator: 1 still fails"

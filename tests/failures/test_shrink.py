@@ -1,0 +1,134 @@
+"""Shrinking finds what a failure needs, and nothing else."""
+
+import numpy as np
+import pytest
+
+from avrare.errors import UsageError
+from avrare.failures.shrink import shrink
+from avrare.failures.trials import Trials
+
+
+def random(shape, seed=0):
+    return np.random.default_rng(seed).standard_normal(shape)
+
+
+def test_one_number_that_matters(weighted):
+    weights = np.zeros((40, 3))
+    weights[17, 1] = 1.0
+    tape = random((40, 3))
+    tape[17, 1] = 4.0
+    found = shrink(weighted(weights), tape)
+    assert np.argwhere(found.noise).tolist() == [[17, 1]]
+    assert found.noise[17, 1] == pytest.approx(3.0, abs=0.01)
+    assert found.noise[17, 1] >= 3.0
+    assert (found.numbers, found.after) == (1, found.noise[17, 1])
+    assert found.ratio == found.after / found.before == found.after / np.linalg.norm(tape)
+
+
+def test_a_tenth_of_the_norm_or_the_reason(weighted):
+    weights = np.zeros((400, 3))
+    weights[17, 1] = 3.0
+    tape = random((400, 3))
+    tape[17, 1] = 4.0
+    found = shrink(weighted(weights), tape)
+    assert found.ratio < 0.05
+    assert found.reason is None
+    short = random((40, 3))
+    short[17, 1] = 4.0
+    found = shrink(weighted(weights[:40] / 3.0), short)
+    assert found.ratio > 0.1
+    assert (
+        found.reason
+        == f"a tenth is a norm of {0.1 * found.before:.2g}, and nothing below 3 that was tried fails"
+    )
+
+
+def test_two_numbers_that_must_come_together(weighted):
+    weights = np.zeros((30, 3))
+    weights[5, 0] = weights[20, 2] = 1.0
+    tape = random((30, 3), 1)
+    tape[5, 0] = tape[20, 2] = 2.0
+    found = shrink(weighted(weights), tape)
+    assert np.argwhere(found.noise).tolist() == [[5, 0], [20, 2]]
+    assert found.after <= np.linalg.norm([2.0, 2.0])
+
+
+def test_it_still_fails_and_nothing_smaller_does(weighted):
+    problem = weighted(random((25, 3), 2) / 5)
+    tape = random((25, 3), 3) + 0.6 * np.sign(problem.system.weights)
+    found = shrink(problem, tape)
+    assert problem.replay(found.noise[None]).violated.all()
+    assert not problem.replay(0.99 * found.noise[None]).violated.any()
+    assert found.after < np.linalg.norm(tape)
+
+
+def test_the_budget_is_kept(weighted):
+    problem = weighted(random((25, 3), 2) / 5)
+    tape = random((25, 3), 3) + 0.6 * np.sign(problem.system.weights)
+    for budget in (2, 3, 40, 111):
+        found = shrink(problem, tape, budget)
+        assert found.rollouts <= budget
+        assert problem.replay(found.noise[None]).violated.all()
+    assert shrink(problem, tape, 40).reason == "the budget of rollouts is spent"
+
+
+def test_chunks_change_no_bit(weighted):
+    weights = random((25, 3), 2) / 5
+    tape = random((25, 3), 3) + 0.6 * np.sign(weights)
+    found = [shrink(weighted(weights, chunk=chunk), tape, 150) for chunk in (1, 7, 4096)]
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.noise, found[0].noise, strict=True)
+        assert other.rollouts == found[0].rollouts
+
+
+def test_rows_alone_and_in_company_are_the_same(linear, pushed):
+    problem = linear.problem("near")
+    tapes = [factor * pushed for factor in np.linspace(0.1, 1.3, 30)]
+    together = Trials(problem, 100)(tapes, scored=True)
+    assert 0 < together.fails.sum() < 30
+    for k, tape in enumerate(tapes):
+        alone = Trials(problem, 1)([tape], scored=True)
+        assert alone.robustness[0] == together.robustness[k]
+        assert alone.score[0] == together.score[k]
+        assert alone.fails[0] == together.fails[k]
+
+
+def test_what_does_not_fail_is_refused(weighted):
+    with pytest.raises(UsageError, match="does not fail"):
+        shrink(weighted(np.ones((5, 3))), np.zeros((5, 3)))
+
+
+@pytest.mark.parametrize("breaks", [{"raises": 1.0}, {"nan": 1.0}])
+def test_rollouts_that_break_down_are_no_failures(weighted, breaks):
+    weights = np.zeros((10, 3))
+    weights[4, 0] = 1.0
+    weights[6, 1] = 1.0
+    tape = np.minimum(random((10, 3), 4), 0.9)
+    tape[4, 0], tape[6, 1] = 0.9, 4.0
+    problem = weighted(weights, **breaks)
+    found = shrink(problem, tape)
+    outcome = problem.replay(found.noise[None])
+    assert outcome.violated.all()
+    assert not outcome.error.any()
+    broken = tape.copy()
+    broken[2, 0] = 1.5
+    with pytest.raises(UsageError, match="does not fail"):
+        shrink(problem, broken)
+
+
+def test_a_stack_that_fails_without_noise_is_told_what_saves_it(weighted):
+    weights = np.zeros((10, 3))
+    weights[3, 2] = 1.0
+    problem = weighted(weights, "eventually (x > 0.5)")
+    tape = random((10, 3))
+    tape[3, 2] = -1.0
+    found = shrink(problem, tape)
+    assert (found.after, found.numbers, found.ratio) == (0.0, 0, 0.0)
+    assert np.argwhere(found.rescue).tolist() == [[3, 2]]
+    assert found.rescue[3, 2] == pytest.approx(0.5, abs=0.01)
+    assert not problem.replay(found.rescue[None]).violated.any()
+
+
+def test_a_stack_that_always_fails_has_no_rescue(weighted):
+    found = shrink(weighted(np.zeros((4, 3)), "eventually (x > 0.5)"), random((4, 3)))
+    assert (found.after, found.rescue) == (0.0, None)

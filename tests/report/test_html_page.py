@@ -1,0 +1,147 @@
+"""The report as a file: whole, safe, and honest about what it cannot show."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from avrare.cli.main import main
+from avrare.plugin.registry import default_registry
+from avrare.report.html.estimates import number
+from avrare.report.html.page import report
+
+EVIL = "<script>alert('x')</script>"
+
+
+def films(html):
+    found = re.findall(r'<script type="application/json">(.*?)</script>', html, flags=re.S)
+    return [json.loads(one) for one in found]
+
+
+def test_the_report_is_one_file_that_loads_nothing(made):
+    html = report(made)
+    assert not re.findall(r"https?://|@import|url\(", html)
+    assert all(one.startswith("data:image/png;base64,") for one in re.findall(r'src="([^"]*)"', html))
+    assert not re.findall(r"<link|<iframe|<object", html)
+    assert "default-src &#x27;none&#x27;" in html
+
+
+def test_every_estimate_stands_in_the_table(made):
+    html = report(made)
+    for entry in json.loads((made / "result.json").read_text())["estimates"]:
+        row = html[html.index(f'href="#rule-{0 if entry["specification"] == "left" else 1}"') :]
+        row = row[: row.index("</tr>")]
+        assert f"<strong>{number(entry['probability'])}</strong>" in row
+        assert f"{entry['failures']:,}" in row
+        assert f"interval from {number(entry['interval'][0], 2)} to" in row
+    assert "Passes" in html
+    assert "&lt; 0.9" in html
+
+
+def test_names_that_look_like_markup_stay_text(plane, tamper):
+    result = json.loads((plane / "result.json").read_text())
+    result["estimates"][0]["warnings"] = {"odd": EVIL}
+    tamper(plane, "result.json", scenario=EVIL, estimates=result["estimates"])
+    tamper(plane, "provenance.json", command=["avrare", "run", EVIL], commit=EVIL)
+    text = (plane / "scenario.yaml").read_text()
+    (plane / "scenario.yaml").write_text(text.replace("A point that is pushed about", EVIL))
+    html = report(plane)
+    assert "<script>alert" not in html
+    assert html.count("&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt;") >= 4
+
+
+def test_the_worst_and_the_most_likely_failure_are_driven_again(made):
+    html = report(made)
+    with np.load(made / "failures.npz") as stored:
+        robustness, noise = stored["left.robustness"], stored["left.noise"]
+    least = np.sqrt(np.square(noise).sum(axis=(1, 2)).min())
+    section = html[html.index('id="rule-0"') : html.index('id="rule-1"')]
+    assert f"robustness {robustness.min():.3g} ".replace("-", "−") in section
+    assert f"noise of length {least:.3g}," in section
+    assert "Driven again it has" not in section
+    assert len(films(section)) == 2
+    assert films(section)[0] == {"dt": 0.1, "samples": 21}
+    assert "Signal x over time" in section
+
+
+def test_a_failure_that_comes_out_otherwise_is_told(plane):
+    with np.load(plane / "failures.npz") as stored:
+        arrays = dict(stored)
+    arrays["left.robustness"] = arrays["left.robustness"] - 0.5
+    np.savez(plane / "failures.npz", **arrays)
+    assert "another version, or another machine" in report(plane)
+
+
+def test_without_its_plugins_the_report_says_so(made, monkeypatch):
+    monkeypatch.setenv("AVRARE_PLUGINS", "none")
+    default_registry.cache_clear()
+    try:
+        html = report(made)
+    finally:
+        default_registry.cache_clear()
+    assert "The scenario of this folder cannot be built here" in html
+    assert "provided by avrare-linear" in html
+    assert "Histogram of the robustness of 400 simulations" in html
+    assert not films(html)
+
+
+def test_tapes_that_do_not_fit_are_no_bug(plane):
+    with np.load(plane / "failures.npz") as stored:
+        arrays = dict(stored)
+    arrays["left.noise"] = arrays["left.noise"][:, :-3]
+    np.savez(plane / "failures.npz", **arrays)
+    html = report(plane)
+    assert "could not be driven again" in html
+
+
+def test_splitting_shows_its_levels(split):
+    html = report(split)
+    runs = json.loads((split / "result.json").read_text())["estimates"][0]["diagnostics"]["levels"]
+    longest = max(map(len, runs))
+    assert f"Level of each of 4 runs over up to {longest} stages" in html
+    assert "γ, 0 at failure" in html
+    assert "Estimates of 4 independent runs" in html
+
+
+def test_a_drive_has_its_road_vehicles_and_observations(lane_change):
+    html = report(lane_change)
+    film = films(html)[0]
+    assert film["samples"] == 40
+    assert {one["name"] for one in film["others"]} == {"parked", "cut_in", "merge"}
+    assert len(film["road"]["lanes"]) == 3
+    assert film["seen"][0] is None
+    assert len(film["seen"][1]) == 3
+    assert len(film["plan"][1]) > 5
+    assert len(film["predicted"][1]) == 3
+    assert "seeing cut_in" in html
+    assert len(html) < 3_000_000
+
+
+def test_the_file_is_where_it_was_asked_for(made, tmp_path, capsys):
+    assert main(["report", str(made), "--out", str(tmp_path / "new" / "a.html")]) == 0
+    assert (tmp_path / "new" / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert "a.html" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("result.json", None, "no result.json in it"),
+        ("result.json", "{", "cannot be read"),
+        ("result.json", "[]", "no JSON object"),
+        ("result.json", "{}", "no result of avrare run"),
+        ("rollouts.npz", "no zip", "cannot be read"),
+    ],
+)
+def test_damaged_folders_are_answered_in_words(plane, capsys, name, content, message):
+    (plane / name).unlink() if content is None else (plane / name).write_text(content)
+    assert main(["report", str(plane)]) == 4
+    assert message in capsys.readouterr().err
+
+
+def test_a_folder_of_several_runs_names_them(made, capsys):
+    assert main(["report", str(made.parent)]) == 4
+    assert "it holds several runs; give one of them: run" in capsys.readouterr().err
+    assert main(["report", str(made), "--out", str(made)]) == 4
+    assert "is a folder" in capsys.readouterr().err
