@@ -86,9 +86,12 @@ class ClosedLoop:
         return np.asarray(faults(state.world), dtype=bool)
 
     def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:
-        """The controller's counters (N,), such as solver fallbacks."""
-        counts = getattr(self.controller, "counts", None)
-        return dict(counts(state.memory)) if counts is not None else {}
+        """Counters (N,) of the simulator and of the controller, such as solver fallbacks."""
+        found: dict[str, NDArray[np.int64]] = {}
+        for part, own in ((self.simulator, state.world), (self.controller, state.memory)):
+            counts = getattr(part, "counts", None)
+            found |= counts(own) if counts is not None else {}
+        return found
 
     def _act(self, state: LoopState) -> tuple[Any, Any]:
         if self.controller is None:

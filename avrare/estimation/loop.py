@@ -22,6 +22,7 @@ from avrare.execute.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
+from avrare.worlds.capabilities import require
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
@@ -56,7 +57,8 @@ def run(
 ) -> list[Result]:  # fmt: skip
     """Estimate the failure probability of every specification of ``problem``.
 
-    An estimator with ``prepare(problem) -> problem`` may put another problem in its place.
+    An estimator with ``prepare(problem) -> problem`` may put another problem in its place; one with ``needs``
+    (``avrare.worlds.capabilities``) is refused where a simulator lacks them.
 
     Args:
         problem: What to estimate.
@@ -79,6 +81,7 @@ def run(
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
         )
+    require(problem.system, estimator.name, getattr(estimator, "needs", ()))
     given, prepare = problem, getattr(estimator, "prepare", None)
     if prepare is not None:
         problem = prepare(given)

@@ -15,8 +15,14 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
     ("estimator", "ce"): "avrare-estimators",
     ("estimator", "ess"): "avrare-estimators",
     ("simulator", "linear"): "avrare-linear",
+    ("simulator", "transformed"): "avrare-flows",
     ("estimator", "ess_linear"): "avrare-linear",
+    ("simulator", "highway_env"): "avrare-highway-env",
+    ("controller", "policy"): "avrare-policy",
     ("executor", "ray"): "avrare-ray",
+    ("simulator", "gymnasium"): "avrare-gymnasium",
+    ("controller", "gym_feedback"): "avrare-gymnasium",
+    ("controller", "gym_constant"): "avrare-gymnasium",
 }
 """(kind, name) of a component -> the distribution of this project that provides it."""
 

@@ -73,9 +73,8 @@ def notes(results: Sequence[Result]) -> list[str]:
         troubles = {name: n for name, n in result.counts.items() if n and name != "solves"}
         if troubles:
             text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in troubles.items())
-            lines.setdefault(f"{text} of {result.counts.get('solves', 0)} solves", []).append(
-                result.specification
-            )
+            of = f" of {result.counts['solves']} solves" if "solves" in result.counts else ""
+            lines.setdefault(text + of, []).append(result.specification)
     everywhere = len(results)
     return [
         text if len(names) == everywhere else f"{', '.join(names)}: {text}" for text, names in lines.items()

@@ -65,6 +65,7 @@ class Sampler:
 
     name: str
     single = True
+    needs = ("noise",)
     config: IsConfig | CeConfig
     noise_size: int | None = None
     """Of the problem that the user gave, where it was replaced."""

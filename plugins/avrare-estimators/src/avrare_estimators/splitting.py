@@ -118,6 +118,7 @@ class Splitting:
 
     name = "ams"
     single = True
+    needs = ("branches",)
     rebuilds_carries = True
 
     def __init__(self, config: AmsConfig) -> None:

@@ -1,0 +1,157 @@
+"""An environment's own random numbers, made of the noise."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, Literal
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare.worlds.channel import uniform
+
+_FIXED = 0
+"""Seed where the numbers are to be the same in every rollout."""
+_INCREMENT = 0x5851F42D4C957F2D14057B7EF767814F
+"""Any odd number: PCG64's streams differ by their state."""
+
+
+def bits(noise: Floats) -> int:
+    """128 bits that the numbers decide; other numbers give other bits."""
+    digest = hashlib.blake2b(np.ascontiguousarray(noise).tobytes(), digest_size=16).digest()
+    return int.from_bytes(digest, "little")
+
+
+def reseed(generator: np.random.Generator, state: int) -> None:
+    """Put a PCG64 generator where ``state`` says, in place: others may hold it too."""
+    generator.bit_generator.state = {
+        "bit_generator": "PCG64", "state": {"state": state, "inc": _INCREMENT},
+        "has_uint32": 0, "uinteger": 0,
+    }  # fmt: skip
+
+
+class TapeGenerator(np.random.Generator):
+    """A generator that gives the numbers of a tape, each shaped as it is asked for.
+
+    Normal, uniform and integer numbers come from the tape in the order in which they are drawn; what is drawn
+    once it is used up, and draws of other laws, come from a generator that the tape seeds.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(np.random.PCG64(_FIXED))
+        self._left: list[float] = []
+
+    def __reduce__(self) -> Any:
+        return _tape_generator, (self.bit_generator.state, list(self._left))
+
+    def load(self, noise: Floats) -> None:
+        """Go on with these numbers."""
+        reseed(self, bits(noise))
+        self._left = noise[::-1].tolist()
+
+    def standard_normal(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
+        """As NumPy's."""
+        if size is None and out is None:
+            return self._left.pop() if self._left else super().standard_normal()
+        shape = np.shape(out) if size is None else size
+        count = int(np.prod(shape))
+        numbers = [self._left.pop() for _ in range(min(count, len(self._left)))]
+        rest = super().standard_normal(count - len(numbers))
+        values = np.concatenate([numbers, rest]).reshape(shape).astype(dtype)
+        if out is None:
+            return values
+        out[...] = values
+        return out
+
+    def random(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
+        """As NumPy's."""
+        normals = self.standard_normal(size if out is None else np.shape(out))
+        values = _uniforms(normals)
+        if out is None:
+            return values if size is None else np.asarray(values).astype(dtype)[()]
+        out[...] = values
+        return out
+
+    def normal(self, loc: Any = 0.0, scale: Any = 1.0, size: Any = None) -> Any:
+        """As NumPy's."""
+        return loc + scale * self.standard_normal(_shape(size, loc, scale))
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """As NumPy's."""
+        return low + (np.asarray(high) - low)[()] * self.random(_shape(size, low, high))
+
+    def integers(
+        self, low: Any, high: Any = None, size: Any = None, dtype: Any = np.int64, endpoint: bool = False
+    ) -> Any:
+        """As NumPy's."""
+        low, high = (0, low) if high is None else (low, high)
+        many = np.asarray(high) - low + bool(endpoint)
+        drawn = np.minimum(np.floor(many * self.random(_shape(size, low, high))), many - 1)
+        return (low + drawn).astype(dtype)[()]
+
+
+def _shape(size: Any, one: Any, other: Any) -> Any:
+    if size is not None or (np.ndim(one) == 0 and np.ndim(other) == 0):
+        return size
+    return np.broadcast_shapes(np.shape(one), np.shape(other))
+
+
+def _uniforms(normals: Any) -> Any:
+    if np.ndim(normals) == 0:
+        return _below_one(float(normals))
+    flat = [_below_one(float(z)) for z in np.ravel(normals)]
+    return np.array(flat).reshape(np.shape(normals))
+
+
+def _below_one(normal: float) -> float:
+    return min(uniform(normal), 1.0 - 2.0**-53)
+
+
+def _tape_generator(state: Any, left: list[float]) -> TapeGenerator:
+    generator = TapeGenerator()
+    generator.bit_generator.state = state
+    generator._left = left
+    return generator
+
+
+class Stream:
+    """How an environment's generator is driven.
+
+    Args:
+        by: "seed", "tape", "none" or "free"; see ``avrare_gymnasium.config.StreamConfig``.
+        at_steps: At every step too, not only at the reset.
+        numbers: Of a tape.
+
+    Attributes:
+        noise_size: Numbers of a reset and of a step.
+    """
+
+    def __init__(
+        self, by: Literal["seed", "tape", "none", "free"], at_steps: bool = True, numbers: int = 1
+    ) -> None:
+        self.by, self.at_steps = by, at_steps
+        self.noise_size = {"seed": 1, "tape": numbers}.get(by, 0)
+
+    def reset(self, env: Any, noise: Floats, options: dict[str, Any] | None) -> Any:
+        """Reset a Gymnasium environment by the first numbers of a row; what its ``reset`` returns."""
+        noise = noise[: self.noise_size]
+        if self.by == "tape":
+            generator = env.unwrapped.np_random
+            if not isinstance(generator, TapeGenerator):
+                env.unwrapped.np_random = generator = TapeGenerator()
+            generator.load(noise)
+        seed = {"seed": lambda: bits(noise), "none": lambda: _FIXED}.get(self.by, lambda: None)()
+        return env.reset(seed=seed, options=options)
+
+    def step(self, env: Any, noise: Floats) -> None:
+        """Before a step: go on with the first numbers of a row."""
+        if not self.at_steps or not self.noise_size:
+            return
+        noise = noise[: self.noise_size]
+        generator = env.unwrapped.np_random
+        if isinstance(generator, TapeGenerator):
+            generator.load(noise)
+        elif isinstance(generator.bit_generator, np.random.PCG64):
+            reseed(generator, bits(noise))
+        else:
+            env.unwrapped.np_random = np.random.Generator(np.random.PCG64(bits(noise)))

@@ -1,0 +1,75 @@
+"""The scenarios of this project that need no simulator of ours."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import avrare
+from avrare.cli.main import main
+
+FOLDER = Path(__file__).parents[3] / "scenarios"
+SPECIFICATION = {"cartpole": "upright", "pendulum": "upright", "lunar_lander": "upright"}
+
+
+def scenario(name, *overrides):
+    if name == "lunar_lander":
+        pytest.importorskip("Box2D")
+    path = FOLDER / f"{name}.yaml"
+    if not path.exists():
+        pytest.skip("the scenarios are in the repository")
+    return avrare.load(path, overrides).problem(SPECIFICATION[name])
+
+
+@pytest.mark.parametrize("name", SPECIFICATION)
+def test_both_estimators_run(name):
+    wild = {"pendulum": ["simulator.noise.action.scale=2.5"], "cartpole": ["simulator.noise.action.scale=2"]}
+    problem = scenario(name, *wild.get(name, []), "chunk=20")
+    brute = avrare.estimate(problem, "mc", rollouts=100)
+    assert brute.errors == 0
+    assert 0.0 < brute.probability < 0.6
+    split = avrare.estimate(problem, "ams", particles=20, discard=5, runs=2)
+    assert split.errors == 0
+    assert 0.0 < split.probability < 1.0
+    assert max(brute.interval[0], split.interval[0]) < min(brute.interval[1], split.interval[1])
+
+
+def test_a_failure_comes_out_again():
+    problem = scenario("cartpole", "simulator.noise.action.scale=2")
+    result = avrare.estimate(problem, "ams", particles=20, discard=5, runs=1)
+    again = problem.robustness(result.failures.noise[:5])
+    assert (again == result.failures.robustness[:5]).all()
+    assert (again <= 0).all()
+
+
+def test_two_workers_give_the_same_bits(tmp_path, capsys):
+    found = []
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        arguments = [
+            "run", str(FOLDER / "pendulum.yaml"), "--workers", workers, "--out", str(out), "--json",
+            "--set", "estimator={plugin: ams, particles: 16, discard: 4, runs: 2}", "--set", "chunk=8",
+            "--set", "simulator.noise.action.scale=2.5",
+        ]  # fmt: skip
+        assert main(arguments) == 0
+        (estimate,) = json.loads((out / "result.json").read_text())["estimates"]
+        found.append({name: value for name, value in estimate.items() if name != "seconds"})
+    assert found[0] == found[1]
+    assert "not_deterministic" not in found[0]["health"]
+    assert found[0]["failures"] > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "message"),
+    [
+        ("simulator.env=CartPol-v1", 4, "there is no environment 'CartPol-v1'"),
+        ("simulator.env=os:CartPole-v1", 4, "no installed plugin"),
+        ("simulator.copy=hook", 4, "snapshot, restore"),
+        ("controller.gain=[[1, 2]]", 4, "the gain has 2 columns, but there are 4 numbers"),
+    ],
+)
+def test_mistakes_are_said_in_a_sentence(change, code, message, capsys):
+    assert main(["validate", "--build", str(FOLDER / "cartpole.yaml"), "--set", change]) == code
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error

@@ -1,0 +1,255 @@
+"""Environments as worlds: stock ones, and odd ones that are registered here."""
+
+import random
+import time
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import avrare
+from avrare.build.closed_loop import ClosedLoop
+from avrare.errors import PluginError, UsageError
+from avrare.rollout.noise import NoiseSource
+from avrare.worlds import capabilities
+from avrare_gymnasium.config import GymnasiumConfig
+from avrare_gymnasium.controllers import Constant, Feedback
+from avrare_gymnasium.simulator import build
+
+POLE = {"env": "CartPole-v1", "signals": {"x": 0, "angle": 2}}
+TAPE = {"stream": {"by": "tape", "at": "reset", "numbers": 4}, "action": {"scale": 1.5}}
+LIMIT, STEPS = 2.0, 12
+
+
+class Odd(gymnasium.Env):
+    """A walk that does what its kind says where it comes beyond the limit."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (1,))
+    action_space = spaces.Box(-1.0, 1.0, (1,))
+
+    def __init__(self, kind="calm"):
+        self.kind = kind
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = 0.0
+        return np.array([self.x]), {}
+
+    def step(self, action):
+        action *= 1.0  # writes to what it is handed
+        self.x += self.np_random.normal()
+        if self.kind == "careless":
+            self.x += 1e-3 * random.random()
+        if self.x > LIMIT:
+            self.break_down()
+        return np.array([self.x]), -self.x, False, False, {}
+
+    def break_down(self):
+        if self.kind == "raising":
+            raise ValueError("beyond the limit")
+        if self.kind == "missing":
+            self.x = np.nan
+        while self.kind == "hanging":
+            time.sleep(0.01)
+
+    def snapshot(self):
+        return self.x, self.np_random.bit_generator.state
+
+    def restore(self, snapshot):
+        self.x, self.np_random.bit_generator.state = snapshot
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _registered():
+    gymnasium.register("Odd-v0", Odd, max_episode_steps=8)
+    yield
+    gymnasium.registry.pop("Odd-v0")
+
+
+def loop(controller=None, **options):
+    return ClosedLoop(build(GymnasiumConfig(**options)), controller=controller)
+
+
+def pole(**options):
+    return loop(Feedback([[-0.1, -0.2, -10.0, -2.0]]), **POLE, noise=TAPE, **options)
+
+
+def odd(kind="calm", **options):
+    settings = {"env": "Odd-v0", "options": {"kind": kind}, "signals": {"x": 0}} | options
+    return loop(Constant((0.0,)), **settings)
+
+
+def tape(system, n, steps=STEPS, seed=0):
+    return NoiseSource(seed, system.noise_size).normals(0, 0, np.arange(n)[:, None], np.arange(steps + 1))
+
+
+def course(system, noise, state=None, since=0):
+    state = system.initial(noise[:, 0]) if state is None else state
+    found = [system.signals(state)]
+    for t in range(since + 1, noise.shape[1]):
+        state = system.step(state, noise[:, t])
+        found.append(system.signals(state))
+    return {name: np.stack([one[name] for one in found], axis=1) for name in found[0]}, state
+
+
+def test_it_is_the_bare_environment():
+    system = loop(Constant(1), env="CartPole-v1", noise={"stream": {"by": "none"}})
+    found, _ = course(system, np.zeros((1, STEPS + 1, 0)))
+    env = gymnasium.make("CartPole-v1")
+    observation, _ = env.reset(seed=0)
+    for t in range(STEPS + 1):
+        assert [found[f"o{i}"][0, t] for i in range(4)] == observation.tolist()
+        observation, reward, terminated, _, _ = env.step(1)
+        if terminated:
+            break
+    assert t < STEPS
+    assert (reward, found["terminated"][0, t + 1]) == (1.0, 1.0)
+
+
+def test_it_stands_still_once_it_has_ended():
+    system = loop(Constant(1), env="CartPole-v1")
+    found, _ = course(system, tape(system, 5, 30))
+    for row in range(5):
+        end = int(np.argmax(found["terminated"][row]))
+        assert 5 < end < 15
+        for values in found.values():
+            assert (values[row, end:] == values[row, end]).all()
+    assert abs(found["o2"][:, -1]).min() > 0.2094
+
+
+def test_a_time_limit_is_seen():
+    found, _ = course(odd(), tape(odd(), 3))
+    np.testing.assert_array_equal(found["truncated"], np.repeat([np.arange(STEPS + 1) >= 8], 3, axis=0))
+
+
+def test_a_row_does_not_depend_on_its_neighbours():
+    system = pole()
+    noise = tape(system, 7)
+    together, _ = course(system, noise)
+    for row in range(7):
+        alone, _ = course(system, noise[row : row + 1])
+        for name, values in together.items():
+            np.testing.assert_array_equal(alone[name][0], values[row])
+
+
+@pytest.mark.parametrize("copy", ["replay", "deepcopy"])
+@pytest.mark.parametrize("stream", [{"by": "seed"}, {"by": "tape", "numbers": 4}])
+def test_run_on_restore_run_again(copy, stream):
+    system = loop(
+        Feedback([[0.0, 12.0, 3.0]]), env="Pendulum-v1", copy=copy,
+        noise={"stream": stream, "observation": {"scale": 0.01}, "action": {"scale": 0.5}},
+    )  # fmt: skip
+    noise = tape(system, 4)
+    whole, _ = course(system, noise)
+    _, middle = course(system, noise[:, :6])
+    for _ in range(2):
+        course(system, tape(system, 4, seed=9), middle, 5)
+        again, _ = course(system, noise, middle, 5)
+        np.testing.assert_array_equal(again["o2"], whole["o2"][:, 5:])
+
+
+def test_an_environment_may_bring_its_own_hook():
+    system, replayed = odd(copy="hook"), odd()
+    noise = tape(system, 4)
+    whole, _ = course(replayed, noise)
+    _, middle = course(system, noise[:, :6])
+    for _ in range(2):
+        course(system, tape(system, 4, seed=9), middle, 5)
+        again, _ = course(system, noise, middle, 5)
+        for name, values in again.items():  # the time limit among them
+            np.testing.assert_array_equal(values, whole[name][:, 5:])
+    with pytest.raises(UsageError, match="snapshot, restore"):
+        pole(copy="hook")
+
+
+def test_noise_on_the_start():
+    options = {"env": "Pendulum-v1", "signals": {"rate": 2}}
+    noise = {"stream": {"by": "none"}, "initial": {"scale": [0.0, 2.0]}}
+    system, still = (
+        loop(None, noise=noise, **options),
+        loop(None, noise={"stream": {"by": "none"}}, **options),
+    )
+    rows = np.array([[5.0, 0.25], [0.0, -1.0]])
+    moved = system.signals(system.initial(rows))["rate"]
+    expected = still.signals(still.initial(np.zeros((2, 0))))["rate"] + np.array([0.5, -2.0])
+    np.testing.assert_allclose(moved, expected, rtol=1e-6)
+    pole_start = loop(None, env="CartPole-v1", noise={"stream": {"by": "none"}, "initial": {"scale": 0.1}})
+    assert pole_start.noise_size == 4
+
+
+@pytest.mark.parametrize("kind", ["raising", "missing", "hanging"])
+def test_what_breaks_down_is_counted(kind):
+    def estimate(system):
+        problem = avrare.Problem(system, avrare.stl("always (x > -2)"), STEPS, chunk=10)
+        return avrare.estimate(problem, "mc", rollouts=60, seed=2)
+
+    calm = course(odd(), NoiseSource(2, 1).normals(0, 0, np.arange(60)[:, None], np.arange(STEPS + 1)))[0]
+    broken = int((calm["x"] > LIMIT).any(axis=1).sum())
+    result = estimate(odd(kind, step_timeout=0.1 if kind == "hanging" else None))
+    assert 3 < broken < 57
+    assert result.errors == broken
+    message = {"raising": "beyond the limit", "missing": "NaN", "hanging": "no end after 0.1 s"}[kind]
+    assert message in result.health["errors"]
+
+
+def test_one_that_is_not_deterministic():
+    problem = avrare.Problem(odd("careless"), avrare.stl("always (x < 3)"), 6, chunk=10)
+    assert "differs" in capabilities(problem.system).reason
+    with pytest.raises(avrare.UsageError, match="ams must start rollouts from others"):
+        avrare.estimate(problem, "ams", particles=20, discard=4, runs=1)
+
+
+def test_one_that_is_its_own_master():
+    can = capabilities(odd(noise={"stream": {"by": "free"}}))
+    assert (can.branches, can.noise) == (False, False)
+    assert "by: free" in can.reason
+    assert capabilities(odd()).noise
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"env": "CartPole-v9"}, "there is no environment 'CartPole-v9'"),
+        ({"env": "CartPole-v1", "options": {"wheels": 4}}, "wheels"),
+        ({"env": "CartPole-v1", "signals": {"z": 7}}, "signals.z: the observation has entries 0..3"),
+        ({"env": "CartPole-v1", "noise": {"observation": {"scale": [1, 2]}}}, "2 scales for 4 numbers"),
+        (
+            {"env": "CartPole-v1", "noise": {"initial": {"attribute": "wheel", "scale": 1}}},
+            "wheel is no state",
+        ),
+    ],
+)
+def test_what_cannot_be_built(options, message):
+    with pytest.raises(UsageError, match=message):
+        build(GymnasiumConfig(**options))
+
+
+def test_a_missing_package(monkeypatch):
+    def make(*_, **__):
+        raise gymnasium.error.DependencyNotInstalled("Box2D is not installed")
+
+    monkeypatch.setattr(gymnasium, "make", make)
+    with pytest.raises(PluginError) as caught:
+        build(GymnasiumConfig(env="LunarLander-v3"))
+    assert caught.value.hint == 'pip install "avrare-gymnasium[box2d]"'
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"env": "os:CartPole-v1"}, "would run the code of module 'os'"),
+        ({"env": "tests.toys:Mine-v0"}, "no installed plugin"),
+        ({"env": "CartPole-v1", "signals": {"reward": 1}}, "cannot name a signal"),
+        ({"env": "CartPole-v1", "signals": {"a b": 1}}, "cannot name a signal"),
+        ({"env": "CartPole-v1", "signals": {"x": -1}}, "count from 0"),
+        ({"env": "CartPole-v1", "copy": "clone"}, "copy"),
+    ],
+)
+def test_what_a_scenario_may_not_say(options, message):
+    with pytest.raises(ValueError, match=message):
+        GymnasiumConfig(**options)
+
+
+def test_installed_plugins_may_be_named():
+    assert GymnasiumConfig(env="avrare_gymnasium:CartPole-v1").env == "avrare_gymnasium:CartPole-v1"

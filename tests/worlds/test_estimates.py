@@ -1,0 +1,116 @@
+"""Estimators on worlds: the same bits for any way of copying and any number of workers."""
+
+import json
+
+import pytest
+
+import avrare
+from avrare.errors import UsageError
+from avrare.worlds import NotDeterministic, as_system, capabilities, require
+
+FORMULA = "always (x < 0.9)"
+AMS = {"particles": 20, "discard": 4, "runs": 2}
+
+
+def estimate(system, estimator="ams", workers=1, steps=20, **options):
+    problem = avrare.Problem(system, avrare.stl(FORMULA), steps, chunk=8)
+    return avrare.estimate(problem, estimator, seed=3, workers=workers, **options)
+
+
+def plain(result):
+    content = json.loads(result.to_json())
+    return {name: value for name, value in content.items() if name not in ("seconds", "counts")}
+
+
+@pytest.mark.parametrize("copy", ["replay", "deepcopy", "hook"])
+@pytest.mark.parametrize("estimator", ["mc", "ams"])
+def test_it_is_the_estimate_of_the_batched_system(toys, copy, estimator):
+    options = AMS if estimator == "ams" else {"rollouts": 200}
+    found = estimate(as_system(toys.Hooked, copy=copy), estimator, **options)
+    expected = estimate(toys.BatchWalk(), estimator, **options)
+    assert plain(found) == plain(expected)
+    assert found.simulated_steps == expected.simulated_steps
+    if estimator == "ams":
+        assert 0.0 < found.probability < 0.2
+        assert (found.counts.get("replayed_steps", 0) > 0) == (copy == "replay")
+
+
+@pytest.mark.parametrize("copy", ["replay", "deepcopy"])
+def test_two_workers_give_the_same_bits(toys, copy):
+    system = as_system(toys.Hooked, toys.Push(), copy=copy)
+    one, two = estimate(system, **AMS), estimate(system, workers=2, **AMS)
+    assert plain(one) == plain(two)
+    assert one.counts == two.counts
+    assert (one.failures.noise == two.failures.noise).all()
+
+
+def test_little_memory_gives_the_same_estimate(toys):
+    system = as_system(toys.Walk)
+    few = estimate(system, memory=1e-3, **AMS)
+    assert few.probability == estimate(system, **AMS).probability
+
+
+def test_other_estimators_take_it_too(toys):
+    result = estimate(as_system(toys.Walk), "ess", chains=20, runs=2)
+    assert 0.0 < result.probability < 0.2
+
+
+def test_a_careless_world_is_refused_by_splitting_before_anything_runs(toys):
+    with pytest.raises(UsageError, match=r"ams must start rollouts from others.*signal 'x' differs at step"):
+        estimate(as_system(toys.Careless), **AMS)
+    assert estimate(as_system(toys.Careless), "mc", rollouts=20).errors == 0
+
+
+def test_one_that_is_careless_later_is_refused_at_the_first_branch(toys):
+    with pytest.raises(NotDeterministic, match=r"signal 'x' was .* no rollout can branch"):
+        estimate(as_system(toys.LateCareless), **AMS)
+
+
+def test_a_leaky_world_is_refused_unless_it_is_made_anew(toys):
+    with pytest.raises(UsageError, match="start rollouts from others"):
+        estimate(as_system(toys.Leaky), **AMS)
+    assert plain(estimate(as_system(toys.Leaky, reuse=False), **AMS)) == plain(
+        estimate(as_system(toys.Walk), **AMS)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("Entangled", "signal 'x' differs"), ("Brittle", "it raises AssertionError")]
+)
+def test_copies_that_are_none(toys, name, reason):
+    with pytest.raises(UsageError, match=f"a copy of the world by deepcopy does not go on.*{reason}"):
+        estimate(as_system(getattr(toys, name), copy="deepcopy"), **AMS)
+    found = plain(estimate(as_system(getattr(toys, name)), **AMS))
+    assert found == plain(estimate(as_system(toys.Walk), **AMS))
+
+
+def test_what_cannot_be_copied(toys):
+    class Locked(toys.Walk):
+        def __deepcopy__(self, memo):
+            raise TypeError("no")
+
+    with pytest.raises(UsageError, match="cannot be copied by deepcopy: TypeError: no"):
+        estimate(as_system(Locked, copy="deepcopy"), **AMS)
+
+
+def test_capabilities(toys):
+    can = capabilities(as_system(toys.Walk))
+    assert (can.branches, can.noise, can.reason) == (True, True, "")
+    can = capabilities(as_system(toys.Careless))
+    assert (can.branches, can.noise) == (False, False)
+    assert "signal 'x' differs at step 1" in can.reason
+    assert capabilities(toys.BatchWalk()).branches
+
+
+def test_an_estimator_says_what_it_misses_before_anything_runs(toys):
+    class Sealed(toys.Walk):
+        lacks = {"branches": "its maker says so"}  # noqa: RUF012
+
+    system = as_system(Sealed)
+    require(system, "mc", ())
+    require(system, "is", ("noise",))
+    with pytest.raises(UsageError, match=r"ams must start rollouts from others.*its maker says so"):
+        require(system, "ams", ("branches",))
+    with pytest.raises(UsageError, match="ess must choose the noise"):
+        require(as_system(toys.Careless), "ess", ("noise",))
+    require(toys.BatchWalk(), "ess", ("noise", "branches"))

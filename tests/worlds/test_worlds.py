@@ -1,0 +1,190 @@
+"""Worlds one at a time are one system of values."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare import batch
+from avrare.build.closed_loop import ClosedLoop
+from avrare.errors import UsageError
+from avrare.rollout.noise import NoiseSource
+from avrare.worlds import Worlds, as_system
+
+STEPS = 12
+COPIES = ("replay", "deepcopy", "hook")
+
+
+def tape(n, steps=STEPS, size=1, seed=0):
+    return NoiseSource(seed, size).normals(0, 0, np.arange(n)[:, None], np.arange(steps + 1))
+
+
+def course(system, noise, state=None, since=0):
+    """Signals at every step from ``since`` on, and the last state."""
+    state = system.initial(noise[:, 0]) if state is None else state
+    found = [system.signals(state)["x"]]
+    for t in range(since + 1, noise.shape[1]):
+        state = system.step(state, noise[:, t])
+        found.append(system.signals(state)["x"])
+    return np.stack(found, axis=1), state
+
+
+def test_it_is_the_same_as_a_batched_system(toys):
+    noise = tape(20)
+    one, _ = course(as_system(toys.Walk), noise)
+    other, _ = course(toys.BatchWalk(), noise)
+    np.testing.assert_array_equal(one, other)
+
+
+def test_a_row_does_not_depend_on_its_neighbours(toys):
+    noise, system = tape(9), as_system(toys.Vector, toys.Push())
+    together, _ = course(system, noise)
+    for row in range(9):
+        alone, _ = course(system, noise[row : row + 1])
+        np.testing.assert_array_equal(alone[0], together[row])
+
+
+@pytest.mark.parametrize("copy", COPIES)
+def test_a_state_is_a_value(toys, copy):
+    """Snapshot, run on, restore, run again: the same; another noise: another course, whoever is first."""
+    system, noise, other = as_system(toys.Hooked, toys.Push(), copy=copy), tape(6), tape(6, seed=1)
+    _, middle = course(system, noise[:, :6])
+    first, _ = course(system, noise, middle, 5)
+    elsewhere, _ = course(system, other, middle, 5)
+    again, _ = course(system, noise, middle, 5)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first[:, 1:], elsewhere[:, 1:])
+    whole, _ = course(as_system(toys.Hooked, toys.Push()), noise)
+    np.testing.assert_array_equal(whole[:, 5:], first)
+
+
+@pytest.mark.parametrize("copy", COPIES)
+def test_rows_are_taken_and_joined(toys, copy):
+    system, noise = as_system(toys.Hooked, copy=copy), tape(6)
+    whole, _ = course(system, noise)
+    _, middle = course(system, noise[:, :6])
+    index = np.array([4, 4, 0, 2, 4])
+    joined = batch.concatenate([batch.take(middle, index), batch.take(middle, slice(1, 3))])
+    rows = np.concatenate([index, [1, 2]])
+    found, _ = course(system, noise[rows], joined, 5)
+    np.testing.assert_array_equal(found, whole[rows, 5:])
+
+
+def test_a_state_travels_as_its_inputs(toys):
+    system, noise = as_system(toys.Hooked, toys.Push(), copy="hook"), tape(4)
+    whole, _ = course(system, noise)
+    _, middle = course(system, noise[:, :6])
+    content = pickle.dumps(middle)
+    assert b"Hooked" not in content
+    travelled = pickle.loads(content)
+    elsewhere = pickle.loads(pickle.dumps(system))
+    found, _ = course(elsewhere, noise, travelled, 5)
+    np.testing.assert_array_equal(found, whole[:, 5:])
+
+
+def test_a_state_without_actions_travels_too(toys):
+    system, noise = as_system(toys.Walk), tape(3)
+    _, middle = course(system, noise[:, :6])
+    found, _ = course(system, noise, pickle.loads(pickle.dumps(middle)), 5)
+    np.testing.assert_array_equal(found, course(system, noise)[0][:, 5:])
+
+
+def test_worlds_are_lent_again(toys):
+    made = []
+
+    def make():
+        made.append(toys.Walk())
+        return made[-1]
+
+    system = as_system(make)
+    for seed in range(3):
+        course(system, tape(8, seed=seed))
+    assert len(made) == 8
+    _, states = course(system, tape(8, seed=9))
+    course(system, tape(8, seed=10))  # takes their worlds away
+    course(system, tape(8, STEPS + 2, seed=9), states, STEPS)
+    assert len(made) == 8
+
+
+def test_new_worlds_for_those_that_do_not_forget(toys):
+    noise = tape(5)
+    expected, _ = course(as_system(toys.Walk), noise)
+    leaky = as_system(toys.Leaky, reuse=False)
+    for _ in range(2):
+        np.testing.assert_array_equal(course(leaky, noise)[0], expected)
+    reused = as_system(toys.Leaky)
+    course(reused, noise)
+    assert not np.array_equal(course(reused, noise)[0], expected)
+
+
+def test_signals_of_any_shape_and_the_observation(toys):
+    state = Worlds(toys.Vector).reset(tape(3)[:, 0])
+    assert state.signals["both"].shape == (3, 2)
+    np.testing.assert_array_equal(state.seen[:, 0], state.signals["x"])
+    np.testing.assert_array_equal(state.seen[:, 1], 1.0)
+    np.testing.assert_array_equal(Worlds(toys.Walk).reset(tape(3)[:, 0]).ego, state.seen[:, :1])
+
+
+def test_in_a_closed_loop_it_is_the_same(toys):
+    noise = tape(4)
+    loop = ClosedLoop(Worlds(toys.Walk, dt=0.1), controller=toys.Push())
+    np.testing.assert_array_equal(course(loop, noise)[0], course(as_system(toys.Walk, toys.Push()), noise)[0])
+
+
+def test_counts(toys):
+    system, noise = as_system(toys.Hooked, toys.Push()), tape(2)
+    _, middle = course(system, noise[:, :6])
+    _, on = course(system, noise, middle, 5)
+    assert system.counts(on)["replayed_steps"].tolist() == [0, 0]
+    _, branched = course(system, noise, middle, 5)
+    assert system.counts(branched)["replayed_steps"].tolist() == [5, 5]
+    assert system.counts(branched)["acted"].tolist() == [STEPS, STEPS]
+    assert "replayed_steps" not in as_system(toys.Hooked, copy="hook").counts(branched)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"copy": "clone"}, "clone"),
+        ({"step_timeout": 0.0}, "positive"),
+        ({"copy": "hook"}, "snapshot, restore"),
+    ],
+)
+def test_wrong_arguments(toys, arguments, message):
+    with pytest.raises(UsageError, match=message):
+        Worlds(toys.Walk, **arguments)
+
+
+def test_no_world():
+    with pytest.raises(UsageError, match="lacks noise_size, reset, step, signals"):
+        as_system(dict)
+
+
+def test_signals_that_change(toys):
+    class Odd(toys.Walk):
+        def signals(self):
+            return {"x": self.x} if self.x < 0 else {"x": self.x, "y": 0.0}
+
+    with pytest.raises(UsageError, match="same signals"):
+        course(as_system(Odd), tape(9))
+
+
+def test_an_action_that_is_no_array(toys):
+    class Sentence(toys.Push):
+        def act(self, memory, seen, prediction):
+            return "left", memory
+
+    with pytest.raises(UsageError, match="gave str"):
+        course(as_system(toys.Walk, Sentence()), tape(3))
+
+
+def test_what_a_world_is_handed_stays_what_it_was(toys):
+    class Scribbling(toys.Walk):
+        def step(self, action, noise):
+            action[:] = 0.0
+
+    problem = avrare.Problem(as_system(Scribbling, toys.Push()), avrare.stl("always (x < 1)"), 3, chunk=5)
+    result = avrare.estimate(problem, "mc", rollouts=10)
+    assert result.errors == 10
+    assert "read-only" in result.health["errors"]
