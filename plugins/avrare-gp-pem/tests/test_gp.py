@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from avrare_gp_pem.data import off_axis
+from avrare_gp_pem.diagonal_gp import diagonal_gp
 from avrare_gp_pem.gp import sparse_gp
 from avrare_gp_pem.store import FOLDER, load, locate, save
 
@@ -62,7 +63,7 @@ def test_small_process_agrees_with_pyro():
 
 @pytest.mark.parametrize("name", ["detection", "error"])
 def test_shipped_process_agrees_with_pyro(pointpillars, name):
-    process = getattr(pointpillars, name)
+    process = getattr(pointpillars.clean.latents, name)
     x = np.random.default_rng(2).normal(0, 1.2, (300, 10))
     mean, variance = process.predict(x)
     expected_mean, expected_variance = pyro_prediction({key: getattr(process, key) for key in small()}, x)
@@ -86,16 +87,27 @@ def test_frozen_prediction():
     np.testing.assert_allclose(variance[:, 0], [0.6598492051988964, 1.4921879463848937], atol=1e-9)
 
 
+def test_diagonal_factors_are_triangular_ones_without_the_rest():
+    parameters = small(points=19)
+    diagonals = np.diagonal(parameters["factor"], axis1=1, axis2=2).copy()
+    full = sparse_gp(**(parameters | {"factor": np.stack([np.diag(d) for d in diagonals])}))
+    quick = diagonal_gp(**(parameters | {"factor": diagonals}))
+    x = np.random.default_rng(5).normal(size=(70, 3))
+    for expected, got in zip(full.predict(x), quick.predict(x), strict=True):
+        np.testing.assert_allclose(got, expected, atol=2e-4)
+
+
 def test_variance_far_away_is_that_of_the_prior():
     mean, variance = sparse_gp(**small()).predict(np.full((1, 3), 1e3))
     np.testing.assert_allclose(variance, 1.7)
     np.testing.assert_allclose(mean[0], small()["prior"] @ [1, 1e3])
 
 
+@pytest.mark.parametrize("model", ["pointpillars", "paper"])
 @pytest.mark.parametrize("name", ["detection", "error"])
-def test_rows_are_the_same_in_any_batch_and_place(pointpillars, name):
-    process = getattr(pointpillars, name)
-    x = np.random.default_rng(3).normal(size=(257, 10))
+def test_rows_are_the_same_in_any_batch_and_place(model, name):
+    process = getattr(load(locate(model)).clean.latents, name)
+    x = np.random.default_rng(3).normal(size=(257, process.inducing.shape[1]))
     whole = process.predict(x)
     for count in (1, 2, 3, 47, 48, 49, 200):
         for all_rows, last in zip(whole, process.predict(x[-count:]), strict=True):
@@ -113,31 +125,36 @@ def test_file_survives_a_round_trip(pointpillars, tmp_path):
     save(tmp_path / "copy.npz", pointpillars)
     again = load(locate(str(tmp_path / "copy.npz")))
     x = np.random.default_rng(4).normal(size=(10, 10))
-    np.testing.assert_array_equal(again.detection.predict(x), pointpillars.detection.predict(x))
+    np.testing.assert_array_equal(again.clean.latents.predict(x), pointpillars.clean.latents.predict(x))
     assert again.provenance == pointpillars.provenance
     save(tmp_path / "twice.npz", again)
     assert (tmp_path / "twice.npz").read_bytes() == (tmp_path / "copy.npz").read_bytes()
 
 
-def test_shipped_file_is_small_and_says_where_it_comes_from(pointpillars):
-    assert (FOLDER / "pointpillars.npz").stat().st_size < 1_000_000
-    assert "CC BY-NC-SA 4.0" in pointpillars.provenance["licence"]
-    assert "nuScenes" in pointpillars.provenance["data"]
-    with np.load(FOLDER / "pointpillars.npz", allow_pickle=False) as file:
+@pytest.mark.parametrize("name", ["pointpillars", "paper", "best"])
+def test_shipped_file_is_small_and_says_where_it_comes_from(name):
+    model = load(locate(name))
+    assert (FOLDER / f"{name}.npz").stat().st_size < 1_000_000
+    assert "CC BY-NC-SA 4.0" in model.provenance["licence"]
+    assert "nuScenes" in model.provenance["data"]
+    assert "CC BY-NC-SA 4.0" in (FOLDER / f"{name}.md").read_text()
+    with np.load(FOLDER / f"{name}.npz", allow_pickle=False) as file:
         assert all(file[name].dtype != object for name in file.files)
 
 
-def test_inducing_points_are_no_rows_of_the_data(pointpillars):
+@pytest.mark.parametrize("name", ["pointpillars", "paper"])
+def test_inducing_points_are_no_rows_of_the_data(name):
     if not DATA.is_dir():
         pytest.skip("the training data is not here")
-    from avrare_gp_pem.data import read
+    from avrare_gp_pem.convert import convert
+    from avrare_gp_pem.features import features
 
-    train, test = read(DATA / "nuscenes_inputs.txt", DATA / "nuscenes_labels.txt", 0.0)
-    rows = np.concatenate([train.inputs, test.inputs])
-    rows = (rows - pointpillars.input_mean) / pointpillars.input_sd
-    for process in (pointpillars.detection, pointpillars.error):
-        nearest = min(np.abs(rows - point).max(axis=1).min() for point in process.inducing)
-        assert nearest > 1e-3
+    rows, model = convert(DATA / "nuscenes_inputs.txt", DATA / "nuscenes_labels.txt"), load(locate(name))
+    for variant in (one for one in (model.clean, model.delivered) if one is not None):
+        columns = variant.normalised(features(rows.box, variant.inputs))
+        for process in (variant.latents.detection, variant.latents.error):
+            nearest = min(np.abs(columns - point).max(axis=1).min() for point in process.inducing)
+            assert nearest > 1e-3
 
 
 def test_angle_to_the_nearest_axis():

@@ -1,4 +1,4 @@
-"""Perception error models: Gaussian processes fitted to a lidar detector, and a parametric one."""
+"""Perception error models: fitted to a detector (Gaussian processes, networks), and a parametric one."""
 
 from avrare.plugin import Component, hookimpl
 
@@ -12,7 +12,7 @@ def avrare_components() -> list[Component]:
             name="gp_pem",
             config="avrare_gp_pem.config:GpPemConfig",
             factory="avrare_gp_pem.model:build_gp",
-            summary="Gaussian processes fitted to a lidar detector (shipped model: non-commercial licence)",
+            summary="fitted to a lidar detector, or to your own (shipped models: non-commercial licence)",
             driving=True,
         ),
         Component(

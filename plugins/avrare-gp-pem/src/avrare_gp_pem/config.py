@@ -10,7 +10,7 @@ _Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
 
 
 class _PemConfig(BaseModel):
-    """What both models share."""
+    """What the models of a detector share."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -21,9 +21,14 @@ class _PemConfig(BaseModel):
 
 
 class GpPemConfig(_PemConfig):
-    """Gaussian-process model learnt from a real detector."""
+    """Model learnt from a real detector."""
 
-    model: str = Field("pointpillars", description="name of a shipped model, or path of an .npz file")
+    model: str = Field(
+        "pointpillars", description="a shipped model (best, paper, pointpillars), or the path of an .npz file"
+    )
+    artefact: bool = Field(
+        False, description="imitate the matching of the training labels too: to be scored on such labels"
+    )
     height: float = Field(1.7, gt=0, description="height of every other vehicle, an input of the model [m]")
 
 

@@ -1,4 +1,4 @@
-"""Training data: annotated vehicles and what the detector made of them.
+"""Training data of the first model (``train.py``): annotated vehicles and what the detector made of them.
 
 Two text files with one row per vehicle. Inputs: x (right), y (forward), yaw, length, width, height,
 visibility category. Labels: detected, error in x, y and yaw (truth minus estimate), -1000 where undetected.
@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare_gp_pem.clean import off_axis
 from avrare_gp_pem.features import Box, features
 
 Floats = NDArray[np.float64]
@@ -66,11 +67,6 @@ def read(inputs: Path, labels: Path, oblique: float) -> tuple[Rows, Rows]:
     keep = off_axis(x[:, 2]) >= oblique
     rows = to_rows(x, y)
     return rows.take(keep & (np.arange(len(x)) < split)), rows.take(keep & (np.arange(len(x)) >= split))
-
-
-def off_axis(yaw: Floats) -> Floats:
-    """Angle between a vehicle and the nearest axis of the ego, 0 to 45 [degrees]."""
-    return np.abs((np.degrees(yaw) + 45) % 90 - 45)  # type: ignore[no-any-return]
 
 
 def to_rows(x: Floats, y: Floats) -> Rows:

@@ -1,8 +1,9 @@
-"""The law of one observation, shared by both models: how it is drawn from noise and how likely it is.
+"""The law of one observation, shared by all models: how it is drawn from noise and how likely it is.
 
 Per vehicle: seen or missed, then an error along and across its body (that is where a detector's errors are
-independent), each Student-t with its own location and scale, then a normal error of its speed. Errors are
-truth minus estimate, as in the training data, so an observation is truth minus error.
+independent; a law of labels as delivered has them to the right of the ego and forward), each Student-t with
+its own location and scale, then a normal error of its speed. Errors are truth minus estimate, as in the
+training data, so an observation is truth minus error.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class ErrorLaw:
         dof: Degrees of freedom along and across.
         limit: Errors end this far from their centre [m].
         speed_sd: Standard deviation of the observed speed [m/s].
+        in_ego_frame: The two errors are to the right of the ego and forward, not along and across the
+            vehicle.
     """
 
     detect: Floats
@@ -44,6 +47,7 @@ class ErrorLaw:
     dof: tuple[float, float]
     limit: float
     speed_sd: float
+    in_ego_frame: bool = False
 
     def draw(self, world: World, noise: Floats) -> Observation:
         """The observation that standard normal numbers (N, 4 V) stand for.
@@ -57,22 +61,22 @@ class ErrorLaw:
         detected = normal.cdf(parts[..., 0]) < self.detect
         along, across = (self._error(axis, parts[..., 1 + axis]) for axis in (0, 1))
         others = world.others
-        cos, sin = np.cos(others.heading), np.sin(others.heading)
+        heading_cos, (cos, sin) = np.cos(others.heading), self._first_axis(world)
         missing = np.where(detected, 0.0, np.nan)
         return Observation(
             detected=detected,
             x=others.x - (cos * along - sin * across) + missing,
             y=others.y - (sin * along + cos * across) + missing,
-            speed_x=others.speed * cos + self.speed_sd * parts[..., 3] + missing,
+            speed_x=others.speed * heading_cos + self.speed_sd * parts[..., 3] + missing,
         )
 
     def log_prob(self, world: World, observation: Observation) -> Floats:
         """(N,) log density of an observation: of detected, x, y and speed_x of all vehicles together."""
         others = world.others
-        cos, sin = np.cos(others.heading), np.sin(others.heading)
+        heading_cos, (cos, sin) = np.cos(others.heading), self._first_axis(world)
         dx = np.where(observation.detected, others.x - observation.x, 0.0)
         dy = np.where(observation.detected, others.y - observation.y, 0.0)
-        speed = np.where(observation.detected, observation.speed_x - others.speed * cos, 0.0)
+        speed = np.where(observation.detected, observation.speed_x - others.speed * heading_cos, 0.0)
         with np.errstate(divide="ignore"):  # an impossible outcome has log probability -inf
             seen = np.log(self.detect) + self._speed_log_density(speed)
             missed = np.log(self.miss)
@@ -80,6 +84,13 @@ class ErrorLaw:
         for axis, error in enumerate(errors):
             seen = seen + self._error_log_density(axis, error)
         return np.where(observation.detected, seen, missed).sum(axis=-1)  # type: ignore[no-any-return]
+
+    def _first_axis(self, world: World) -> tuple[Floats, Floats]:
+        """Cosine and sine of the direction of the first error; the second is a quarter turn further."""
+        if self.in_ego_frame:  # to the right, then forward
+            cos, sin = np.cos(world.ego.heading)[:, None], np.sin(world.ego.heading)[:, None]
+            return sin, -cos
+        return np.cos(world.others.heading), np.sin(world.others.heading)
 
     def _error(self, axis: int, noise: Floats) -> Floats:
         scale = self.scale[..., axis]

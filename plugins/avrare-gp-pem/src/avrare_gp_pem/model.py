@@ -1,79 +1,58 @@
-"""A perception error model learnt from a real detector: two sparse variational Gaussian processes."""
+"""A perception error model learnt from a real detector: Gaussian processes or networks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from avrare.driving import Scene, World
-from avrare_gp_pem import normal
+from avrare.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig
-from avrare_gp_pem.features import Box, box_of, features
+from avrare_gp_pem.features import box_of
 from avrare_gp_pem.law import ErrorLaw, LawPem
 from avrare_gp_pem.relative import relative
 from avrare_gp_pem.store import FittedPem, load, locate
+from avrare_gp_pem.variant import Variant
 from avrare_gp_pem.visibility import category, visibility
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class GpPem(LawPem):
-    """Detections and position errors as a Gaussian-process fit to a detector predicts them.
+    """Detections and position errors as a fit to a detector predicts them.
 
     Attributes:
         config: Options.
         scene: Sizes of the other vehicles.
-        fitted: The fitted processes.
+        variant: The fitted law.
     """
 
     config: GpPemConfig
     scene: Scene
-    fitted: FittedPem
+    variant: Variant
 
     def law(self, world: World) -> ErrorLaw:
         """The distribution of the observation of ``world``."""
         levels = category(visibility(world, self.scene, self.config.rays))
         box = box_of(relative(world), self.scene.lengths, self.scene.widths, self.config.height, levels)
-        return predict(self.fitted, box, self.config.speed_sd)
-
-
-def predict(fitted: FittedPem, box: Box, speed_sd: float) -> ErrorLaw:
-    """The law of observing ``box`` (fields (N, V)), with the uncertainty of the fit integrated out.
-
-    Detection is exact: if f ~ N(m, v) then E Phi(f) = Phi(m / sqrt(1 + v)). A Student-t tail is proportional
-    to scale^dof, whose mean over a log scale ~ N(m, v) is that of the scale exp(m + dof v / 2); the variance
-    of the location is added to the square of the scale.
-    """
-    return predict_features(fitted, features(box), speed_sd)
-
-
-def predict_features(fitted: FittedPem, inputs: Floats, speed_sd: float) -> ErrorLaw:
-    """The same from features (..., 10)."""
-    flat = (inputs.reshape(-1, inputs.shape[-1]) - fitted.input_mean) / fitted.input_sd
-    shape = inputs.shape[:-1]
-    mean, variance = (part.reshape(shape) for part in fitted.detection.predict(flat))
-    argument = mean / np.sqrt(1 + variance)
-    means, variances = (part.reshape(*shape, 2, 2) for part in fitted.error.predict(flat))
-    base = fitted.base_scale[:, 0] + fitted.base_scale[:, 1] * inputs[..., :1]
-    widened = np.exp(2 * means[..., 1, :] + fitted.dof * variances[..., 1, :]) + variances[..., 0, :]
-    return ErrorLaw(
-        detect=normal.cdf(argument),
-        miss=normal.cdf(-argument),
-        location=base * means[..., 0, :],
-        scale=base * np.sqrt(widened),
-        dof=(float(fitted.dof[0]), float(fitted.dof[1])),
-        limit=fitted.limit,
-        speed_sd=speed_sd,
-    )
+        return self.variant.law(box, self.config.speed_sd)
 
 
 def build_gp(config: GpPemConfig, scene: Scene) -> GpPem:
-    """The Gaussian-process model for a scene.
+    """The fitted model for a scene.
 
     Raises:
-        UsageError: The model is unknown or its file cannot be read.
+        UsageError: The model is unknown, its file cannot be read, or it knows no artefact that is asked for.
     """
-    return GpPem(config, scene, load(locate(config.model)))
+    return GpPem(config, scene, choose(load(locate(config.model)), config.artefact, config.model))
+
+
+def choose(fitted: FittedPem, artefact: bool, name: str) -> Variant:
+    """The detector, or with ``artefact`` its labels as delivered.
+
+    Raises:
+        UsageError: The model called ``name`` was fitted to labels without an artefact.
+    """
+    if not artefact:
+        return fitted.clean
+    if fitted.delivered is None:
+        raise UsageError(f"perception model {name!r} knows no artefact of matching", "leave artefact: false")
+    return fitted.delivered

@@ -58,7 +58,9 @@ _DEPTH = 30
 def cdf(z: Floats) -> Floats:
     """P(Z < z) of a standard normal Z, elementwise."""
     size = np.minimum(np.abs(z), _LARGEST)
-    tail = np.where(size < _MIDDLE, _middle(np.minimum(size, _MIDDLE)), _outer(np.maximum(size, _MIDDLE)))
+    tail, far = np.asarray(_middle(np.minimum(size, _MIDDLE))), size >= _MIDDLE
+    if far.any():  # seldom, and the fraction takes longer than all the rest
+        tail = np.where(far, _outer(np.maximum(size, _MIDDLE)), tail)
     outside = np.where(z < 0, tail, 1.0 - tail)
     return np.where(size < _INNER, _inner(np.clip(z, -_INNER, _INNER)), outside)
 

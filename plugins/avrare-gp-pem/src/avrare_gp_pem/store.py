@@ -6,17 +6,26 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.errors import UsageError, did_you_mean
+from avrare_gp_pem.diagonal_gp import DiagonalGp, GpPair, diagonal_gp
+from avrare_gp_pem.features import COLUMNS, NAMES
 from avrare_gp_pem.gp import SparseGp, sparse_gp
+from avrare_gp_pem.networks import Networks, networks
+from avrare_gp_pem.variant import Variant
+from avrare_gp_pem.yaw import YawLaw
 
-Floats = NDArray[np.float64]
-FORMAT = 1
+Arrays = dict[str, NDArray[Any]]
+FORMAT = 2
 FOLDER = Path(__file__).parent / "models"
 _GP_ARRAYS = ("inducing", "lengthscale", "variance", "location", "factor", "prior", "jitter")
+_NUMBERS = ("input_mean", "input_sd", "base_scale", "dof", "limit", "bounds", "line", "stretch")
+_YAW_ARRAYS = ("flip", "scale", "dof")
+_NO_MODEL = (ValueError, OSError, EOFError, zipfile.BadZipFile, np.linalg.LinAlgError, IndexError, TypeError)
 
 
 @dataclass(frozen=True)
@@ -24,24 +33,16 @@ class FittedPem:
     """A fitted perception error model.
 
     Attributes:
-        detection: One latent function f; detection has probability Phi(f).
-        error: Four latent functions: standardised location along and across the vehicle, log scale likewise.
-        input_mean: (10,) subtracted from the features.
-        input_sd: (10,) they are divided by.
-        base_scale: (2, 2) rows along and across: what errors are divided by is [0] + [1] x range [m].
-        dof: (2,) degrees of freedom of the Student-t errors.
-        limit: Errors end this far from their centre [m].
+        clean: The detector, free of what the matching of labels added; what a simulation should use.
+        delivered: The labels as they are, artefact included; None where the file has no such part.
         provenance: Where it comes from and under which licence, by keyword.
+        yaw: Errors of yaw; None where the data had none.
     """
 
-    detection: SparseGp
-    error: SparseGp
-    input_mean: Floats
-    input_sd: Floats
-    base_scale: Floats
-    dof: Floats
-    limit: float
+    clean: Variant
+    delivered: Variant | None
     provenance: Mapping[str, str]
+    yaw: YawLaw | None = None
 
 
 def locate(model: str) -> Path:
@@ -63,49 +64,115 @@ def locate(model: str) -> Path:
 
 
 def load(path: Path) -> FittedPem:
-    """Read a fitted model.
+    """Read a fitted model, of this format or the first one.
 
     Raises:
         UsageError: The file is not one that ``save`` wrote.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        if int(arrays["format"]) != FORMAT:
-            raise UsageError(f"{path}: model format {arrays['format']}, this version reads {FORMAT}")
-        return _assemble(arrays)
+            arrays: Arrays = {name: file[name] for name in file.files}
+        version = int(arrays["format"])
+        if version not in (1, FORMAT):
+            raise UsageError(f"{path}: model format {version}, this version reads 1 and {FORMAT}")
+        return _first_format(arrays) if version == 1 else _assemble(arrays)
     except KeyError as error:
         raise UsageError(f"{path}: no perception model: {error.args[0]!r} is missing") from None
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, np.linalg.LinAlgError) as error:
+    except _NO_MODEL as error:
         raise UsageError(f"{path}: no perception model: {error}") from None
 
 
 def save(path: Path, model: FittedPem) -> None:
     """Write a fitted model; the same model gives the same bytes."""
-    arrays: dict[str, NDArray[np.generic]] = {"format": np.array(FORMAT)}
-    for prefix in ("detection", "error"):
-        arrays |= {f"{prefix}_{name}": getattr(getattr(model, prefix), name) for name in _GP_ARRAYS}
-    arrays |= {name: np.asarray(getattr(model, name)) for name in _OTHER_ARRAYS}
+    arrays: Arrays = {"format": np.array(FORMAT)}
+    for name in ("clean", "delivered"):
+        variant = getattr(model, name)
+        if variant is not None:
+            arrays |= {f"{name}_{key}": value for key, value in _variant_arrays(variant).items()}
+    if model.yaw is not None:
+        arrays |= {f"yaw_{name}": getattr(model.yaw, name) for name in _YAW_ARRAYS}
     arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
     arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
 
-_OTHER_ARRAYS = ("input_mean", "input_sd", "base_scale", "dof", "limit")
+def _variant_arrays(variant: Variant) -> Arrays:
+    arrays: Arrays = {name: np.asarray(getattr(variant, name)) for name in _NUMBERS}
+    arrays["inputs"] = np.array(variant.inputs, dtype=np.str_)
+    arrays |= {name: np.array(getattr(variant, name)) for name in ("link", "frame")}
+    if isinstance(variant.latents, GpPair):
+        return arrays | _gp_arrays(variant.latents)
+    if isinstance(variant.latents, Networks):
+        for i, (weight, bias) in enumerate(zip(variant.latents.weights, variant.latents.biases, strict=True)):
+            arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
+        return arrays
+    raise TypeError(f"{type(variant.latents).__name__} has no form in a file")
 
 
-def _assemble(arrays: Mapping[str, NDArray[np.generic]]) -> FittedPem:
-    def process(prefix: str) -> SparseGp:
-        return sparse_gp(**{name: np.asarray(arrays[f"{prefix}_{name}"], float) for name in _GP_ARRAYS})
+def _gp_arrays(pair: GpPair) -> Arrays:
+    return {
+        f"{prefix}_{name}": getattr(getattr(pair, prefix), name)
+        for prefix in ("detection", "error")
+        for name in _GP_ARRAYS
+    }
 
-    keys, values = arrays["provenance_keys"], arrays["provenance_values"]
-    return FittedPem(
-        detection=process("detection"),
-        error=process("error"),
-        input_mean=np.asarray(arrays["input_mean"], float),
-        input_sd=np.asarray(arrays["input_sd"], float),
-        base_scale=np.asarray(arrays["base_scale"], float),
-        dof=np.asarray(arrays["dof"], float),
-        limit=float(np.asarray(arrays["limit"], float)),
-        provenance={str(key): str(value) for key, value in zip(keys, values, strict=True)},
+
+def _assemble(arrays: Mapping[str, NDArray[Any]]) -> FittedPem:
+    parts: dict[str, Variant | None] = {"clean": None, "delivered": None}
+    for name in parts:
+        own = {key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")}
+        parts[name] = _variant(own) if own else None
+    if parts["clean"] is None:
+        raise KeyError("clean")
+    yaw = YawLaw(*(arrays[f"yaw_{name}"] for name in _YAW_ARRAYS)) if "yaw_flip" in arrays else None
+    return FittedPem(parts["clean"], parts["delivered"], _provenance(arrays), yaw)
+
+
+def _variant(arrays: Arrays) -> Variant:
+    names = tuple(str(name) for name in arrays["inputs"])
+    unknown = set(names) - set(COLUMNS)
+    if unknown:
+        raise ValueError(f"it reads {', '.join(sorted(unknown))}, which this version does not know")
+    return Variant(
+        latents=_gp_pair(arrays) if "detection_inducing" in arrays else _networks(arrays),
+        inputs=names,
+        link=str(arrays["link"]),
+        frame=str(arrays["frame"]),
+        **{name: np.asarray(arrays[name], float) for name in _NUMBERS},
     )
+
+
+def _networks(arrays: Arrays) -> Networks:
+    layers = range(sum(key.startswith("weight_") for key in arrays))
+    weights = tuple(np.asarray(arrays[f"weight_{i}"], float) for i in layers)
+    return networks(weights, tuple(np.asarray(arrays[f"bias_{i}"], float) for i in layers))
+
+
+def _gp_pair(arrays: Mapping[str, NDArray[Any]]) -> GpPair:
+    detection, error = (
+        _process({name: np.asarray(arrays[f"{prefix}_{name}"], float) for name in _GP_ARRAYS})
+        for prefix in ("detection", "error")
+    )
+    return GpPair(detection, error)
+
+
+def _process(parameters: dict[str, NDArray[np.float64]]) -> SparseGp | DiagonalGp:
+    return (diagonal_gp if parameters["factor"].ndim == 2 else sparse_gp)(**parameters)
+
+
+def _first_format(arrays: Arrays) -> FittedPem:
+    """A file of two processes and ten inputs, without an artefact or a calibration."""
+    plain = ("input_mean", "input_sd", "base_scale", "dof", "limit")
+    variant = Variant(
+        latents=_gp_pair(arrays),
+        inputs=NAMES,
+        link="probit",
+        frame="vehicle",
+        **{name: np.asarray(arrays[name], float) for name in plain},
+    )
+    return FittedPem(variant, None, _provenance(arrays))
+
+
+def _provenance(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+    keys, values = arrays["provenance_keys"], arrays["provenance_values"]
+    return {str(key): str(value) for key, value in zip(keys, values, strict=True)}

@@ -1,7 +1,8 @@
-"""Fits the perception error model: ``python -m avrare_gp_pem.train --inputs ... --labels ... --out DIR``.
+"""Fits the first model: ``python -m avrare_gp_pem.train --inputs ... --labels ... --out DIR``.
 
-Needs the ``train`` extra (torch, pyro, scipy). Writes DIR/NAME.npz, and DIR/NAME.json with its metrics on the
-rows that were held out.
+This is how ``models/pointpillars.npz`` was made, kept so that it can be made again; for your own data use
+``avrare pem fit``, which reads, checks, calibrates and reports more. Needs the ``train`` extra (torch, pyro,
+scipy). Writes DIR/NAME.npz, and DIR/NAME.json with its metrics on the rows that were held out.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ import numpy as np
 import torch
 
 from avrare_gp_pem.data import Rows, read
+from avrare_gp_pem.diagonal_gp import GpPair
+from avrare_gp_pem.features import NAMES
 from avrare_gp_pem.fit import Schedule, export, fit_base_scale, fit_process
 from avrare_gp_pem.likelihoods import ProbitDetection, StudentErrors
 from avrare_gp_pem.metrics import detection_metrics, error_metrics
-from avrare_gp_pem.model import predict_features
 from avrare_gp_pem.store import FittedPem, save
+from avrare_gp_pem.variant import Variant
 
 
 @dataclass(frozen=True)
@@ -55,22 +58,25 @@ def train(rows: Rows, schedule: Schedule, limit: float, provenance: dict[str, st
     standard = errors / (base[:, 0] + base[:, 1] * distance[:, None])
     likelihood = StudentErrors()
     error, error_bounds = fit_process(x[rows.detected], standard.T, likelihood, 4, schedule, _say("error"))
-    model = FittedPem(
-        detection=detection_gp,
-        error=export(error),
+    variant = Variant(
+        latents=GpPair(detection_gp, export(error)),
+        inputs=NAMES,
         input_mean=mean,
         input_sd=sd,
         base_scale=base,
         dof=likelihood.degrees(),
-        limit=limit,
-        provenance=provenance,
+        limit=np.array(limit),
+        link="probit",
+        frame="vehicle",
     )
-    return Training(model, {"detection": detection_bounds, "error": error_bounds})
+    return Training(
+        FittedPem(variant, None, provenance), {"detection": detection_bounds, "error": error_bounds}
+    )
 
 
 def evaluate(model: FittedPem, rows: Rows, base_rate: float) -> dict[str, float]:
     """Metrics on ``rows``; see ``metrics``."""
-    law = predict_features(model, rows.inputs, speed_sd=0.0)
+    law = model.clean.law_of(rows.inputs, rows.inputs[:, 0], speed_sd=0.0)
     return detection_metrics(law.detect, rows.detected, base_rate) | error_metrics(law, rows)
 
 
@@ -89,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start = time.process_time()
     result = train(train_rows, schedule, options.limit, provenance)
     report: dict[str, object] = dict(evaluate(result.model, test_rows, float(train_rows.detected.mean())))
-    report |= {"dof": result.model.dof.tolist(), "bounds": result.bounds}
+    report |= {"dof": result.model.clean.dof.tolist(), "bounds": result.bounds}
     options.out.mkdir(parents=True, exist_ok=True)
     save(options.out / f"{options.name}.npz", result.model)
     (options.out / f"{options.name}.json").write_text(json.dumps(report, indent=1) + "\n")

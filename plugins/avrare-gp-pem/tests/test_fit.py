@@ -1,0 +1,171 @@
+"""Fits of every kind on made-up drives whose law is known, and the commands."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from avrare.cli.main import main
+from avrare_gp_pem.features import Box
+from avrare_gp_pem.store import load
+from avrare_gp_pem.table import write
+
+pytest.importorskip("torch")
+pytest.importorskip("scipy")
+
+RANGES = np.array([10.0, 25.0, 40.0, 50.0, 70.0])
+
+
+def quick(model):
+    """A plan that takes a second or two."""
+    from avrare_gp_pem.fit import Schedule
+    from avrare_gp_pem.fitting import RECIPES, Plan
+
+    if model == "gp":
+        pytest.importorskip("pyro")
+        schedule = Schedule(inducing=15, steps=200, batch=128, checks=1, weight=1.0, diagonal=True)
+        return Plan("gp", schedule=schedule)
+    recipe = RECIPES[model][0]
+    return Plan(model, recipe=replace(recipe, members=3, epochs=8, least_steps=250, batch=256))
+
+
+def cars(distance, yaw=None):
+    """(len(distance), 60) cars all around the ego, of any yaw or of one."""
+    rng = np.random.default_rng(0)
+    bearing, turned = rng.uniform(-np.pi, np.pi, (2, 60))
+    one = np.ones((len(distance), 60))
+    sizes = (size * one for size in (4.6, 1.9, 1.7, 3.0))
+    place = (distance[:, None] * part(bearing) for part in (np.cos, np.sin))
+    return Box(*place, (turned if yaw is None else yaw) * one, *sizes)
+
+
+@pytest.mark.parametrize("model", ["logistic", "student", "mlp", "gp"])
+def test_the_true_law_is_recovered(drive, model):
+    from avrare_gp_pem.clean import clean
+    from avrare_gp_pem.evaluate import evaluate
+    from avrare_gp_pem.fitting import fit_model
+
+    data = clean(drive(5000))
+    lines = []
+    fitted = fit_model(data, quick(model), {"model": model}, lines.append)
+    assert lines
+    assert fitted.delivered is None
+    law = fitted.clean.law(cars(RANGES), 0.0)
+    np.testing.assert_allclose(law.detect.mean(axis=1), drive.detection(RANGES), atol=0.1)
+    near = RANGES < 60  # too few detections beyond
+    truth = drive.scales(RANGES[near]).T
+    ratio = np.exp(np.log(law.scale[near]).mean(axis=1)) / truth
+    assert (np.abs(np.log(ratio)) < np.log(1.3)).all()
+    assert (np.abs(law.location[near].mean(axis=1)) < 0.3 * truth).all()
+    assert 2.0 < min(law.dof) <= max(law.dof) < 5.0
+    scores = evaluate(fitted, data)["delivered"].scores
+    truth = drive.detection(data.test.box.range)
+    entropy = -np.where(data.test.detected, np.log(truth), np.log(1 - truth)).mean()
+    assert scores["detection_nll"] < entropy + 0.05
+    assert scores["along_z4"] / scores["along_z4_own"] == pytest.approx(1.0, abs=0.5)
+
+
+def test_the_artefact_is_kept_apart(drive):
+    from avrare_gp_pem.clean import clean
+    from avrare_gp_pem.evaluate import evaluate, yaw_scores
+    from avrare_gp_pem.fitting import fit_model
+
+    data = clean(drive(6000, artefact=True))
+    fitted = fit_model(data, quick("mlp"), {}, lambda line: None)
+    aligned, truth = cars(RANGES[:3], yaw=np.pi / 2), drive.detection(RANGES[:3])
+    np.testing.assert_allclose(fitted.clean.law(aligned, 0.0).detect.mean(axis=1), truth, atol=0.12)
+    np.testing.assert_allclose(fitted.delivered.law(aligned, 0.0).detect.mean(axis=1), 0.4 * truth, atol=0.12)
+    scored = evaluate(fitted, data)
+    assert scored["delivered"].frame == "ego"
+    losses = {name: one.scores["detection_nll"] for name, one in scored.items()}
+    assert losses["delivered"] < losses["clean_on_delivered"] - 0.1
+    yaw = yaw_scores(fitted, data)
+    assert yaw["yaw_flips_own"] == pytest.approx(0.1, abs=0.03)
+    assert yaw["yaw_flips"] == pytest.approx(yaw["yaw_flips_own"], abs=0.03)
+
+
+def test_own_tails_are_those_of_draws(drive):
+    """Shares beyond z and beyond standard deviations, against a sample of the law itself."""
+    from avrare_gp_pem.scores import ErrorFit
+    from avrare_gp_pem.student import student
+
+    bound = np.repeat([5.0, 20.0, 60.0], 100_000)
+    z = student(2.5).truncated(np.random.default_rng(0).standard_normal(len(bound)), bound)
+    fit = ErrorFit(z, np.zeros_like(z), bound, np.ones_like(z), 2.5)
+    for seen, own in [*(fit.beyond(size) for size in (1.0, 4.0, 8.0)), fit.beyond_sd(4.0)]:
+        assert seen == pytest.approx(own, rel=0.05)
+    uniform = fit.normal_tail()
+    assert uniform.mean() == pytest.approx(0.5, abs=0.01)
+
+
+def run(*words):
+    return main([str(word) for word in words])
+
+
+def test_fit_writes_everything_and_repeats_itself(drive, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    write(tmp_path / "data.csv", drive(2000, artefact=True))
+    for folder in ("a", "b"):
+        code = run(
+            "pem", "fit", tmp_path / "data.csv", "--model", "student", "--out", tmp_path / folder, "--name",
+            "mine", "--licence", "CC0", "--source", "made up", "--seed", "3",
+        )  # fmt: skip
+        assert code == 0
+    for ending in ("npz", "md", "json", "png"):
+        assert (tmp_path / f"a/mine.{ending}").read_bytes() == (tmp_path / f"b/mine.{ending}").read_bytes()
+    assert (tmp_path / "a/mine.png").read_bytes()[:4] == b"\x89PNG"
+    card = (tmp_path / "a/mine.md").read_text()
+    assert "| licence | CC0 |" in card
+    assert "artefact of matching by axis-aligned boxes" in card
+    scores = json.loads((tmp_path / "a/mine.json").read_text())
+    assert f"{scores['delivered']['detection_nll']:.4f}" in card
+    out = capsys.readouterr()
+    assert "artefact of matching found" in out.err
+    assert "labels, as delivered: detection NLL" in out.out
+    assert load(tmp_path / "a/mine.npz").provenance["model"] == "student"
+    assert run("pem", "score", tmp_path / "a/mine.npz", tmp_path / "data.csv", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["delivered"] == scores["delivered"]
+
+
+def test_convert_then_too_few_rows(tmp_path, capsys):
+    (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n")
+    (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n")
+    assert (
+        run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path / "new/x.csv") == 0
+    )
+    assert run("pem", "fit", tmp_path / "new/x.csv", "--model", "mlp", "--out", tmp_path / "out") == 4
+    error = capsys.readouterr().err
+    assert "x.csv: too few rows" in error
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["fit", "none.csv", "--out", "x"], "none.csv: no such file"),
+        (["fit", "none.csv", "--model", "forest", "--out", "x"], "invalid choice: 'forest'"),
+        (["fit", "none.csv", "--name", "a/b", "--out", "x"], "no name of a file"),
+        (["convert", "none.txt", "none.txt", "--out", "x.csv"], "none.txt: no such file"),
+        (["score", "pointpillarz", "none.csv"], "none.csv: no such file"),
+        ([], "required"),
+    ],
+)
+def test_wrong_words_are_no_traceback(words, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("pem", *words) == 4
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+
+
+def test_the_command_starts_light():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, argparse, avrare_gp_pem.command as c\n"
+        "c.add_arguments(argparse.ArgumentParser())\n"
+        "assert not {'torch', 'pyro', 'scipy', 'matplotlib', 'numpy'} & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

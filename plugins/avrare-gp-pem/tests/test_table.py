@@ -1,0 +1,154 @@
+"""Reading and cleaning tables: what is understood, and what is said of a broken one."""
+
+import numpy as np
+import pytest
+
+from avrare.errors import UsageError
+from avrare_gp_pem.clean import artefact_of, clean
+from avrare_gp_pem.convert import convert
+from avrare_gp_pem.table import read, write
+
+HEADER = "right,forward,yaw,length,width,height,visibility,detected,error_right,error_forward,error_yaw"
+GOOD = "1.5,20,1.5,4.5,1.8,1.6,4,1,0.1,-0.2,0.01"
+MISSED = "1.5,30,1.5,4.5,1.8,1.6,4,0,,,"
+
+
+def file(tmp_path, *lines):
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_good_file(tmp_path):
+    rows = read(file(tmp_path, HEADER, GOOD, "", MISSED))
+    np.testing.assert_array_equal(rows.detected, [True, False])
+    np.testing.assert_array_equal(rows.forward, [20, 30])
+    np.testing.assert_array_equal(rows.error_forward, [-0.2, np.nan])
+
+
+def test_optional_columns_and_detected_boxes(tmp_path):
+    header = "detected,width,length,yaw,forward,right,detected_right,detected_forward,detected_yaw,note"
+    rows = read(file(tmp_path, header, "1,1.8,4.5,3.1,20,1,0.75,20.5,-3.1,hello", "0,1.8,4.5,3.1,20,1,,,,"))
+    np.testing.assert_allclose([rows.error_right[0], rows.error_forward[0]], [0.25, -0.5])
+    np.testing.assert_allclose(rows.error_yaw[0], 6.2 - 2 * np.pi)
+    np.testing.assert_array_equal([rows.height[0], rows.visibility[0]], [1.7, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([], "the file is empty"),
+        ([HEADER], "a header and no rows"),
+        ([HEADER.replace("yaw,l", "yow,l"), GOOD], "data.csv:1: missing column 'yaw'"),
+        ([HEADER.replace("detected", "seen"), GOOD], "data.csv:1: missing column 'detected'"),
+        ([HEADER.replace("width", "length"), GOOD], "data.csv:1: column 'length' occurs twice"),
+        ([HEADER, GOOD, GOOD + ",1"], "data.csv:3: 12 values in a table of 11 columns"),
+        ([HEADER, GOOD, "", GOOD.replace("20", "far")], "data.csv:4: forward: 'far' is not a number"),
+        ([HEADER, GOOD, GOOD.replace("20", "nan")], "data.csv:3: forward: is missing or not a number"),
+        ([HEADER, GOOD, GOOD.replace("4.5", "")], "data.csv:3: length: is missing"),
+        ([HEADER, GOOD.replace("4.5", "4500")], "data.csv:2: length: 4500 cannot be: metres?"),
+        ([HEADER, GOOD.replace(",1.5", ",88")], "data.csv:2: yaw: 88 cannot be: radians"),
+        ([HEADER, GOOD.replace("20", "2000")], "data.csv:2: forward: 2000 cannot be"),
+        ([HEADER, GOOD.replace("4,1", "7,1")], "data.csv:2: visibility: 7 cannot be"),
+        ([HEADER, GOOD.replace("4,1", "4,0.5")], "data.csv:2: detected: 0.5 cannot be: 0 or 1?"),
+        ([HEADER, MISSED, GOOD.replace("0.1", "-1000")], "data.csv:3: error_right: -1000 cannot be"),
+        ([HEADER, GOOD.replace("-0.2", "")], "data.csv:2: error_forward: is missing"),
+    ],
+)  # fmt: skip
+def test_a_broken_file_says_where(tmp_path, lines, message):
+    path = file(tmp_path, *lines) if lines else tmp_path / "data.csv"
+    if not lines:
+        path.write_text("")
+    with pytest.raises(UsageError) as caught:
+        read(path)
+    assert message in caught.value.message
+
+
+def test_no_file_and_no_text(tmp_path):
+    with pytest.raises(UsageError, match="no such file"):
+        read(tmp_path / "none.csv")
+    (tmp_path / "binary.csv").write_bytes(bytes(range(128, 256)))
+    with pytest.raises(UsageError, match="not a readable CSV"):
+        read(tmp_path / "binary.csv")
+    with pytest.raises(UsageError, match="not a readable CSV"):
+        read(tmp_path)
+
+
+def test_writing_and_reading_back_changes_nothing(tmp_path, drive):
+    rows = drive(300)
+    write(tmp_path / "a.csv", rows)
+    again = read(tmp_path / "a.csv")
+    for name in ("right", "yaw", "visibility", "detected", "error_right", "error_yaw"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(rows, name))
+
+
+def pair(tmp_path, inputs, labels):
+    (tmp_path / "in.txt").write_text(inputs)
+    (tmp_path / "out.txt").write_text(labels)
+    return tmp_path / "in.txt", tmp_path / "out.txt"
+
+
+def test_two_files_without_and_with_names(tmp_path):
+    rows = convert(*pair(tmp_path, "1 20 0.5 4.5 1.8 1.6 3\n", "1 0.1 0.2 0.3\n"))
+    assert (rows.right[0], rows.forward[0], rows.visibility[0], rows.error_forward[0]) == (1, 20, 3, 0.2)
+    named = "# Format: <loc_x> <loc_z> <rot> <dim_l> <dim_w> <occluded>\n"
+    labels = "# Format: <detected> <err_loc_x> <err_loc_z> <err_rot>\n"
+    rows = convert(
+        *pair(
+            tmp_path, named + "1 20 0.5 4.5 1.8 0\n2 9 0 4 2 2\n", labels + "1 0.1 0.2 0\n0 -1000 -1000 -1000"
+        )
+    )
+    np.testing.assert_array_equal(rows.visibility, [4, 1])
+    np.testing.assert_array_equal(rows.error_right, [0.1, np.nan])
+    np.testing.assert_array_equal(rows.height, [1.7, 1.7])
+    rows = convert(*pair(tmp_path, "1 20 0.5 4.5 1.8 1\n", "1 0.1 0.2 0.3\n"))
+    assert (rows.forward[0], rows.visibility[0]) == (20, 2)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "labels", "message"),
+    [
+        ("1 20 0.5 4.5 1.8 1.6 3\n", "1 0 0 0\n1 0 0 0\n", "are not a pair"),
+        ("1 20 0.5\n", "1 0 0 0\n", "in.txt:1: 3 numbers, expected 7"),
+        ("1 20 0.5 4.5 1.8 1.6 3\n", "1 0 x 0\n", "out.txt:1: could not convert"),
+        ("# Format: <moon>\n1\n", "1 0 0 0\n", "in.txt: no column gives right, forward, yaw, length, width"),
+        ("\n", "1 0 0 0\n", "no rows"),
+        ("# <loc_x> <loc_y>\n1 2\n", "1 0 0 0\n", "no column gives yaw"),
+    ],
+)
+def test_broken_pairs_say_where(tmp_path, inputs, labels, message):
+    with pytest.raises(UsageError) as caught:
+        convert(*pair(tmp_path, inputs, labels))
+    assert message in caught.value.message
+
+
+def test_duplicates_go_and_none_is_on_both_sides(drive):
+    rows = drive(1000)
+    index = np.concatenate([np.arange(900), np.arange(20), [950], np.arange(900, 1000)])
+    twice = rows.take(index)
+    data = clean(twice, artefact=False)
+    assert len(data.test) == len(twice) - int(0.8 * len(twice))
+    assert data.dropped == 20  # those that come again among the held-out rows
+    assert not set(data.train.right) & set(data.test.right)
+    assert data.test_oblique.sum() == len(set(data.test.right))
+    assert data.oblique.all()
+
+
+def test_the_artefact_is_found_where_it_is(drive):
+    assert not artefact_of(drive(4000)).present
+    found = artefact_of(drive(4000, artefact=True))
+    assert found.present
+    assert found.aligned < 0.6 * found.oblique
+    data = clean(drive(4000, artefact=True))
+    assert data.has_artefact
+    angle = np.abs((np.degrees(data.train.yaw) + 45) % 90 - 45)
+    np.testing.assert_array_equal(data.oblique, angle >= 10)
+    assert not clean(drive(4000, artefact=True), artefact=False).has_artefact
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0])
+def test_all_or_none_detected_is_no_data(drive, rate):
+    with pytest.raises(UsageError, match=r"(all|none) of the"):
+        clean(drive(2000, rate=rate))
+    with pytest.raises(UsageError, match="too few rows"):
+        clean(drive(100))
