@@ -9,7 +9,7 @@ The truth is 100,000 Monte Carlo rollouts, kept in docs/ground-truth by
     python benchmarks/ground_truth.py SCENARIO SETTINGS
 
 with the settings printed by --truth-command. Cells are files in the results folder, named after the
-scenario's fingerprint; what is there is not run again. Writes docs/table2.md and its pictures from
+truth's fingerprint; what is there is not run again. Writes docs/table2.md and its pictures from
 what there is.
 """
 
@@ -30,7 +30,6 @@ from studies import table2_figures, table2_page
 import avrare
 from avrare.build.scenario import BuildableScenario
 from avrare.estimation.result import Result
-from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -120,11 +119,11 @@ def main() -> None:
         settings = " ".join(f"--set {setting}" for setting in SETTINGS)
         print(f"python benchmarks/ground_truth.py {args.scenario} {settings}")
         return
-    digest = fingerprint(load(args.scenario, SETTINGS))
+    truth = table2_page.ground_truth(ROOT / "docs" / "ground-truth", load(args.scenario, SETTINGS))
     args.results.mkdir(parents=True, exist_ok=True)
     todo = [
         cell
-        for cell in cells(args.scenario, digest)
+        for cell in cells(args.scenario, truth["fingerprint"])
         if args.only in cell.file and not (args.results / cell.file).exists()
     ]
     if todo and not args.report_only:
@@ -132,8 +131,7 @@ def main() -> None:
         with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
             for done, line in enumerate(pool.imap_unordered(run, tasks), 1):
                 print(f"{done}/{len(tasks)}  {line}", flush=True)
-    truths = ROOT / "docs" / "ground-truth"
-    study = table2_page.read(args.results, digest, truths, load(args.scenario, SETTINGS))
+    study = table2_page.read(args.results, truth)
     table2_figures.draw(study, ROOT / "docs" / "table2")
     (ROOT / "docs" / "table2.md").write_text(table2_page.page(study), encoding="utf-8")
 

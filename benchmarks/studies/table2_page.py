@@ -45,26 +45,38 @@ class Study:
     outcomes: dict[tuple[str, str], list[dict[str, Any]]]
 
 
-def read(results: Path, digest: str, truths: Path, scenario: Scenario) -> Study:
-    """Read the cells and the ground truth of the same scenario.
+def ground_truth(truths: Path, scenario: Scenario) -> dict[str, Any]:
+    """What is kept of the many rollouts of the same system.
 
     Raises:
         SystemExit: There is no ground truth of these settings.
     """
-    resolved = {key: value for key, value in scenario.resolved.items() if key not in ("estimator", "seed")}
     for file in sorted(truths.glob(f"{scenario.name}-*.json")):
         kept = json.loads(file.read_text(encoding="utf-8"))
-        if kept.get("system") == resolved:
-            break
-    else:
-        raise SystemExit("no ground truth of this scenario: see --truth-command")
+        if "system" in kept and _part_of(kept["system"], scenario.resolved):
+            return dict(kept)
+    raise SystemExit("no ground truth of this scenario: see --truth-command")
+
+
+def _part_of(known: Any, whole: Any) -> bool:
+    """Whether every setting that was known is the same; an option that is new has a default that was so."""
+    if isinstance(known, dict) and isinstance(whole, dict):
+        return all(name in whole and _part_of(value, whole[name]) for name, value in known.items())
+    if isinstance(known, list) and isinstance(whole, list):
+        return len(known) == len(whole) and all(map(_part_of, known, whole))
+    return bool(known == whole)
+
+
+def read(results: Path, kept: dict[str, Any]) -> Study:
+    """Read the cells that belong to a ground truth."""
+    digest = kept["fingerprint"]
     outcomes: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for file in sorted(results.glob(f"{digest[:8]}-*.json")):
         rule, method = file.stem.split("-", 1)[1].rsplit("-", 1)[0].split("-", 1)
         key = (rule, method.replace("_", " "))
         outcomes.setdefault(key, []).append(json.loads(file.read_text(encoding="utf-8")))
     truth = {entry["specification"]: entry for entry in kept["estimates"]}
-    return Study(scenario.name, digest, truth, outcomes)
+    return Study(kept["scenario"], digest, truth, outcomes)
 
 
 def page(study: Study) -> str:

@@ -1,0 +1,198 @@
+"""What a flow's weights do to an estimate: none, those of stl-ess (Eq. 20), and P/q.
+
+    OMP_NUM_THREADS=1 nice python benchmarks/flows.py run OUT.jsonl [RUNS] [PROBLEM...]
+    OMP_NUM_THREADS=1 python benchmarks/flows.py report OUT.jsonl
+    OMP_NUM_THREADS=1 nice python benchmarks/flows.py learned [SAMPLES]
+
+``run`` makes estimates of ten runs each, one a seed, and writes a line for each; none is made twice, so it
+may be stopped and go on. ``learned`` fits flows to samples of the noise and estimates with them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import avrare
+from avrare.protocols import Floats
+from avrare.testing import normal
+from avrare.testing.static import Static, Values, row_sum
+from avrare_flows.laws import Joint
+from avrare_flows.marginals import Exponential, LogNormal
+from avrare_flows.system import transformed
+from avrare_flows.weights import WarpedLaw, weighted
+
+RUNS = 10
+
+
+class Total(Static):
+    """The physical numbers added up."""
+
+    def signals(self, state: Values) -> dict[str, Floats]:
+        """``total`` (N,)."""
+        return {"total": row_sum(state.values)}
+
+
+class Product(Static):
+    """The physical numbers multiplied."""
+
+    def signals(self, state: Values) -> dict[str, Floats]:
+        """``total`` (N,), of their logarithms."""
+        with np.errstate(divide="ignore"):
+            return {"total": row_sum(np.log(state.values))}
+
+
+@dataclass(frozen=True, eq=False)
+class Stretched:
+    """A law whose normal numbers are stretched first: a flow that has the scale a little wrong."""
+
+    law: Joint
+    factor: float
+    note: str = "stretched"
+
+    @property
+    def noise_size(self) -> int:
+        """Numbers of a row."""
+        return self.law.noise_size
+
+    def physical(self, z: Floats) -> Floats:
+        """Physical rows."""
+        return self.law.physical(self.factor * z)
+
+    def warp(self, z: Floats) -> tuple[Floats, Floats]:
+        """Physical rows and log |det|."""
+        x, log_det = self.law.warp(self.factor * z)
+        return x, log_det + self.noise_size * math.log(self.factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A problem over physical noise, a flow for it, and the truth."""
+
+    system: Static
+    level: float
+    meant: Joint
+    flow: WarpedLaw
+    truth: float
+
+    def problem(self, weights: str) -> avrare.Problem:
+        """With no weights, those of the paper, or P/q."""
+        system: Any
+        if weights == "none":
+            system = transformed(self.system, self.flow)
+        elif weights == "paper":
+            system = weighted(self.system, self.flow, weights="paper")
+        else:
+            system = weighted(self.system, self.flow, self.meant.log_density)
+        return avrare.Problem(system, avrare.stl(f"total < {self.level!r}"), steps=0)
+
+
+def erlang(c: float, dim: int) -> float:
+    return math.fsum(math.exp(j * math.log(c) - c - math.lgamma(j + 1)) for j in range(dim))
+
+
+def cases() -> dict[str, Case]:
+    exponential = Joint([Exponential()] * 10)
+    one, five = Joint([LogNormal(0.0, 0.5)]), Joint([LogNormal(0.0, 0.5)] * 5)
+    far, farther = 3.7190164854556804, 4.753424308822899
+    # A lognormal law that has the mean and the variance of Exp(1).
+    alike = Joint([LogNormal(-0.5 * math.log(2.0), math.sqrt(math.log(2.0)))] * 10)
+    single = Joint([Exponential()])
+    return {
+        "lognormal, exact flow": Case(Product(1), 0.5 * far, one, one, normal.probability(-far)),
+        "Exp(1), exact flow": Case(Total(1), math.log(1e4), single, single, 1e-4),
+        "product of 5 lognormals, exact": Case(
+            Product(5), 0.5 * math.sqrt(5.0) * farther, five, five, normal.probability(-farther)
+        ),
+        "sum of 10 Exp(1) >= 30, exact": Case(Total(10), 30.0, exponential, exponential, erlang(30.0, 10)),
+        "sum >= 30, scale 10 % too large": Case(
+            Total(10), 30.0, exponential, Stretched(exponential, 1.1), erlang(30.0, 10)
+        ),
+        "sum >= 30, scale 10 % too small": Case(
+            Total(10), 30.0, exponential, Stretched(exponential, 0.9), erlang(30.0, 10)
+        ),
+        "sum >= 30, lognormal for Exp": Case(Total(10), 30.0, exponential, alike, erlang(30.0, 10)),
+    }
+
+
+def run(path: Path, many: int, names: list[str]) -> None:
+    done = {(line["case"], line["weights"], line["seed"]) for line in lines_of(path)}
+    for seed in range(many):
+        for name, case in cases().items():
+            for weights in ("none", "paper", "importance"):
+                if (name, weights, seed) in done or (names and not any(part in name for part in names)):
+                    continue
+                began = time.process_time()
+                found = avrare.estimate(case.problem(weights), "ess", seed=seed, runs=RUNS, chains=100)
+                line = {
+                    "case": name, "weights": weights, "seed": seed, "probability": found.probability,
+                    "interval": found.interval, "rollouts": found.rollouts, "health": sorted(found.health),
+                    "seconds": time.process_time() - began,
+                }  # fmt: skip
+                with path.open("a") as file:
+                    print(json.dumps(line), file=file)
+
+
+def lines_of(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def report(path: Path) -> None:
+    print("| noise and flow | weights | estimates | mean / truth | z | cover | health |")
+    print("|---|---|---|---|---|---|---|")
+    lines = lines_of(path)
+    for name, case in cases().items():
+        for weights in ("none", "paper", "importance"):
+            some = [line for line in lines if (line["case"], line["weights"]) == (name, weights)]
+            if len(some) < 2:
+                continue
+            ratio = np.array([line["probability"] for line in some]) / case.truth
+            error = ratio.std(ddof=1) / math.sqrt(len(ratio))
+            cover = np.mean([line["interval"][0] <= case.truth <= line["interval"][1] for line in some])
+            health = sorted({word for line in some for word in line["health"]})
+            print(
+                f"| {name} | {weights} | {len(some)} | {ratio.mean():.3f} ± {error:.3f} | "
+                f"{(ratio.mean() - 1.0) / error:+.1f} | {cover:.2f} | {', '.join(health)} |"
+            )
+
+
+def learned(samples: int) -> None:
+    from avrare_flows.train import fit
+
+    kinds = (("affine_coupling", 2, 10.0, 3000), ("spline_autoregressive", 2, 10.0, 1000))
+    print("| noise | flow | held out, exact, normal [nat] | CPU | none | P/q | health |")
+    print("|---" * 7 + "|")
+    for kind, size, level, steps in (*kinds, ("affine_coupling", 10, 30.0, 3000)):
+        rows = np.random.default_rng(0).exponential(size=(samples, size))
+        began = time.process_time()
+        found = fit(rows, kind, steps=steps)
+        spent = time.process_time() - began
+        case = Case(Total(size), level, Joint([Exponential()] * size), found.flow, erlang(level, size))
+        cells, health = [], set()
+        for weights in ("none", "importance"):
+            result = avrare.estimate(case.problem(weights), "ess", seed=1, runs=RUNS, chains=100)
+            low, high = (end / case.truth for end in result.interval)
+            cells.append(f"{result.probability / case.truth:.2f} [{low:.2f}, {high:.2f}]")
+            health |= set(result.health)
+        fitted = f"{found.held_out:.2f}, {-size:.2f}, {found.normal:.2f}"
+        print(
+            f"| {size} Exp(1), sum >= {level:g}, {case.truth:.2e} | {kind} | {fitted} | {spent:.0f} s", end=""
+        )
+        print(f" | {cells[0]} | {cells[1]} | {', '.join(sorted(health))} |", flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "learned":
+        learned(int(sys.argv[2]) if len(sys.argv) > 2 else 20_000)
+    elif sys.argv[1] == "report":
+        report(Path(sys.argv[2]))
+    else:
+        run(Path(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 20, sys.argv[4:])
+        report(Path(sys.argv[2]))
