@@ -29,6 +29,8 @@ COMMANDS = {
     "history": ("avrare.cli.history", "estimates over commits"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
+    "new": ("avrare.cli.new", "make a plugin package to begin with"),
+    "check-plugin": ("avrare.cli.check_plugin", "does a plugin keep to what avrare relies on?"),
 }
 """Name -> module with ``add_arguments(parser)`` and ``execute(args) -> int``, and what it does."""
 
@@ -107,7 +109,7 @@ def _command(name: str) -> tuple[Any, str]:
 
 
 def _top_parser() -> Parser:
-    listing = "\n".join(f"  {name:<12}{summary}" for name, (_, summary) in (COMMANDS | PROVIDED).items())
+    listing = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in (COMMANDS | PROVIDED).items())
     parser = Parser(
         prog="avrare",
         usage="avrare [-h] [--version] [--traceback] COMMAND ...",

@@ -21,7 +21,7 @@ _MOST_FALLBACKS = 0.01
 def examined(
     problem: Problem, result: Result, column: int, *, replay: bool, suppress: Collection[str]
 ) -> Result:
-    """The result with what its problem tells added to its health.
+    """The result with what its problem tells added to its health, a simulator's own ``notes`` among it.
 
     Args:
         problem: What was estimated.
@@ -30,7 +30,8 @@ def examined(
         replay: Whether to drive the least robust rollout once more and compare.
         suppress: Names of warnings to leave out.
     """
-    found = {**result.health, **_horizon(problem, column), **_solver(result.counts)}
+    told: Mapping[str, str] = getattr(getattr(problem.system, "simulator", problem.system), "notes", {})
+    found = {**result.health, **told, **_horizon(problem, column), **_solver(result.counts)}
     if replay:
         found |= _determinism(problem, result, column)
     return replace(result, health={name: text for name, text in found.items() if name not in suppress})

@@ -36,6 +36,9 @@ MESSAGES = {
     "unchecked": "the second look did not come to failure: nothing vouches that the proposal misses none; "
     "use more rollouts, or compare with splitting",
     "heuristic_kernel": "{note}",
+    "model_error": "{note}",
+    "flow_tails": "{note}",
+    "paper_weights": "{note}",
     "unreached": "after {stages} stages the elite still lies short of failure: the proposal is unfit; use "
     "more stages or more rollouts",
 }

@@ -34,6 +34,7 @@ class Points:
         violated: (M,) it fails; False where it broke down.
         robustness: (M,).
         root: (M,) index of the first tape that the chain descends from.
+        log_weight: (M,) log of what a sample counts, up to a constant; 0 where the system reports no weights.
     """
 
     tape: Floats
@@ -41,12 +42,14 @@ class Points:
     violated: Bools
     robustness: Floats
     root: Integers
+    log_weight: Floats
 
     @staticmethod
     def of(tape: Floats, rollouts: Rollouts, root: Integers) -> Points:
         """The outcome of rollouts of ``tape``, one row each."""
         score = np.where(rollouts.error, -np.inf, rollouts.scores[:, -1])
-        return Points(tape, score, rollouts.violated[:, 0], rollouts.robustness[:, 0], root)
+        violated, robustness = rollouts.violated[:, 0], rollouts.robustness[:, 0]
+        return Points(tape, score, violated, robustness, root, rollouts.log_weight)
 
     @property
     def key(self) -> Floats:
@@ -59,7 +62,7 @@ class Points:
 
     def updated(self, rows: Integers, new: Points) -> Points:
         """With ``rows`` replaced by the points ``new``; roots stay."""
-        names = ("tape", "score", "violated", "robustness")
+        names = ("tape", "score", "violated", "robustness", "log_weight")
         values = {name: getattr(self, name).copy() for name in names}
         for name in names:
             values[name][rows] = getattr(new, name)

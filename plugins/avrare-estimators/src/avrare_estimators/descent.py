@@ -4,6 +4,10 @@ A run's first N = C P tapes are fresh. At each level C of the survivors seed cha
 P - 1 samples of each chain are the N samples of the next level (subset simulation, Au and Beck 2001;
 waste-free SMC, Dau and Chopin 2022). With levels and kernels that were fixed beforehand the product of the
 shares is unbiased; a pilot, which sets its own, is off by about levels x (1 - p0) / (p0 N).
+
+Where the system reports weights (noise drawn from q where P is meant) chains follow q, and each share, the
+first too, is that of the weights P/q. Weights may be known up to a constant; a share is then a ratio of two
+means, off by about (1 + variance of the weights) / N.
 """
 
 from __future__ import annotations
@@ -18,7 +22,12 @@ from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.chains import Draw, Info, Kernel, Move, Points
-from avrare_estimators.nested_levels import choose_seeds, effective_size, next_levels
+from avrare_estimators.nested_levels import (
+    choose_seeds,
+    effective_size,
+    next_levels,
+    relative_weights,
+)
 
 _STAGE_OF_LEVEL = 2**17
 """Stages set aside for the steps of a level."""
@@ -62,6 +71,8 @@ class Step:
         share: (R,) of the samples that lay above.
         effective: (R,) independent samples that the share is worth.
         known: What the kernel had learnt when the level was done.
+        weights: (R,) independent samples that the samples' weights are worth; N where all are the same.
+        largest: (R,) share of the largest weight.
     """
 
     level: Floats
@@ -69,6 +80,8 @@ class Step:
     share: Floats
     effective: Floats
     known: Any
+    weights: Floats
+    largest: Floats
 
 
 @dataclass(frozen=True)
@@ -135,7 +148,25 @@ class Descent:
     def probabilities(self) -> Floats:
         """(R,) of the levels so far; with a schedule, unbiased."""
         assert self.population is not None
-        return np.asarray(self.weight * self.population.violated.reshape(self.shape.runs, -1).mean(axis=1))
+        violated = self.population.violated.reshape(self.shape.runs, -1)
+        return np.asarray(self.weight * (self.weights * violated).mean(axis=1))
+
+    @property
+    def weights(self) -> Floats:
+        """(R, N) weights of the samples of each run's newest level, of mean 1."""
+        assert self.population is not None
+        return relative_weights(self.population.log_weight.reshape(self.shape.runs, -1))
+
+    def effective(self, hit: Bools) -> Floats:
+        """(R,) independent samples that the share of hits (R, N) in the newest level is worth."""
+        assert self.population is not None
+        if not self.population.log_weight.any():
+            if not self.steps:
+                return np.full(self.shape.runs, float(self.shape.samples))
+            return effective_size(self.samples(hit))
+        if not self.steps:  # fresh tapes: each is a chain of its own
+            return effective_size(hit[:, None], self.weights[:, None])
+        return effective_size(self.samples(hit), self.samples(self.weights))
 
     def tell(self, rollouts: Rollouts) -> Descent:
         """Go on with what the rollouts have told."""
@@ -213,12 +244,15 @@ class Descent:
         undecided = self.undecided + self.weight * self.broken / np.maximum(self.tried, 1)
         level, going = self._level(population)
         above = population.above(np.repeat(level, shape.samples)).reshape(shape.runs, -1)
-        share = above.mean(axis=1)
+        weights = self.weights
+        share = (weights * above).mean(axis=1)
         weight = np.where(going, self.weight * share, self.weight)
         weight[weight < shape.floor] = 0.0
         step = Step(
             np.where(going, level, np.nan), going, np.where(going, share, np.nan),
-            self._effective(above), self.known,
+            self.effective(above), self.known,
+            weights.sum(axis=1) ** 2 / np.maximum((weights**2).sum(axis=1), 1e-300),
+            weights.max(axis=1) / shape.samples,
         )  # fmt: skip
         active = going & (weight > 0.0)
         zeros = np.zeros_like(self.tried)
@@ -239,11 +273,6 @@ class Descent:
             return np.full(self.shape.runs, np.nan), np.zeros(self.shape.runs, dtype=bool)
         step = self.schedule[done]
         return step.level, step.going & self.active
-
-    def _effective(self, above: Bools) -> Floats:
-        if not self.steps:
-            return np.full(self.shape.runs, float(self.shape.samples))
-        return effective_size(self.samples(above))
 
     def _seed(self, level: Floats, above: Bools) -> Descent:
         """Seeds of the active runs, each the first sample of its chain."""

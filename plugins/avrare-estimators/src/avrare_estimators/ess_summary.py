@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +16,17 @@ from avrare.protocols import Floats
 from avrare_estimators.chains import Kernel
 from avrare_estimators.descent import Descent
 from avrare_estimators.ess_config import EssConfig
-from avrare_estimators.nested_levels import effective_size, r_hat
+from avrare_estimators.nested_levels import r_hat
+from avrare_estimators.weights import effective_size
 
 if TYPE_CHECKING:
     from avrare_estimators.nested import EssState
 
 
-def summarise(name: str, config: EssConfig, kernel: Kernel, state: EssState) -> Result:
-    """The result of runs that have all ended."""
+def summarise(
+    name: str, config: EssConfig, kernel: Kernel, state: EssState, notes: Mapping[str, str]
+) -> Result:
+    """The result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
     plan, descent, tally = state.plan, state.descent, state.tally
     values = descent.probabilities
     probability = float(values.mean())
@@ -35,6 +38,7 @@ def summarise(name: str, config: EssConfig, kernel: Kernel, state: EssState) -> 
         warnings |= health.warn("all_failed")
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
+    warnings |= {**_of_weights(descent), **notes}
     return Result(
         specification=plan.names[0],
         estimator=name,
@@ -91,10 +95,44 @@ def _of_levels(descent: Descent) -> Floats:
 def _last_share(descent: Descent) -> tuple[Floats, Floats]:
     """Share of failures in the final populations, and what it is worth."""
     assert descent.population is not None
-    failed = descent.samples(descent.population.violated)
+    failed = descent.population.violated.reshape(descent.shape.runs, -1)
+    share, effective = (descent.weights * failed).mean(axis=1), descent.effective(failed)
     levels = np.sum([step.going for step in descent.steps], axis=0) if descent.steps else 0
-    fresh = np.broadcast_to(np.equal(levels, 0), (descent.shape.runs,))
-    return failed.mean(axis=(1, 2)), np.where(fresh, float(descent.shape.samples), effective_size(failed))
+    fresh = np.equal(levels, 0) & ~_weighted(descent)
+    return share, np.where(fresh, float(descent.shape.samples), effective)
+
+
+def _weighted(descent: Descent) -> bool:
+    """Whether the system reports weights."""
+    assert descent.population is not None
+    return bool(descent.population.log_weight.any())
+
+
+def _of_weights(descent: Descent) -> dict[str, str]:
+    """Warns where, in half of the runs, a level or the failures rest on a few samples of large weight."""
+    assert descent.population is not None
+    if not _weighted(descent):
+        return {}
+    failing = descent.weights * descent.population.violated.reshape(descent.shape.runs, -1)
+    sizes, shares = [], []
+    for run, row in enumerate(failing):
+        if row.any():
+            steps = [step for step in descent.steps if step.going[run]]
+            sizes.append(min(effective_size(row), *(float(step.weights[run]) for step in steps), np.inf))
+            shares.append(
+                max(float(row.max() / row.sum()), *(float(step.largest[run]) for step in steps), 0.0)
+            )
+    if not sizes:
+        return {}
+    size, share = float(np.median(sizes)), float(np.median(shares))
+    if size >= health.LEAST_EFFECTIVE and share <= health.LARGEST_SHARE:
+        return {}
+    text = (
+        f"in half of the runs the weights of a level are worth {size:.1f} samples, or the largest has "
+        f"{share:.0%} of them: the noise drawn is far from the one that is meant; fit it better, or use more "
+        "chains"
+    )
+    return {"weight_degenerate": text}
 
 
 def _bounds(state: EssState, values: Floats, relative_variance: float) -> Callable[[float], Interval]:
@@ -103,7 +141,7 @@ def _bounds(state: EssState, values: Floats, relative_variance: float) -> Callab
     assert descent.population is not None
     if not values.any():
         return intervals.unknown
-    if not descent.steps:  # no level was needed: plain Monte Carlo
+    if not descent.steps and not _weighted(descent):  # no level was needed: plain Monte Carlo
         failed, trials = int(descent.population.violated.sum()), len(descent.population.score)
         broken = round(float(descent.undecided.mean()) * trials)
         return partial(intervals.clopper_pearson, failed, trials, undecided=broken)
@@ -128,7 +166,7 @@ def _failures(descent: Descent, count: int) -> Failures:
 
 def _diagnostics(config: EssConfig, state: EssState, extinct: int) -> dict[str, Any]:
     descent = state.descent
-    assert descent.population is not None
+    weights = {"weight_sizes": "weights", "largest_weights": "largest"} if _weighted(descent) else {}
     return {
         "kernel": config.kernel,
         "levels": _per_run(descent, "level"),
@@ -140,6 +178,7 @@ def _diagnostics(config: EssConfig, state: EssState, extinct: int) -> dict[str, 
         "roots": _roots(descent),
         "r_hat": r_hat(_ranks(descent)).tolist(),
         "chain_variance": (_of_levels(descent) * descent.probabilities**2).tolist(),
+        **{name: _per_run(descent, attribute) for name, attribute in weights.items()},
     }
 
 

@@ -8,7 +8,9 @@ nothing that it draws. All runs advance as one batch, each at its own levels.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -66,13 +68,17 @@ class NestedLevels:
 
     name = "ess"
     single = True
+    needs = ("noise",)
+    notes: Mapping[str, str] = {}
+    """Health warnings that the system wants on every result."""
 
     def __init__(self, config: EssConfig) -> None:
         self.config = config
         self.kernel: Kernel = kernel_of(config)
 
     def prepare(self, problem: Problem) -> Problem:
-        """The problem as it is; a kernel that must know the system is told."""
+        """The problem, with its weights if it has any; a kernel that must know the system is told."""
+        self.notes, problem = _notes(problem), _weighing(problem)
         tell = getattr(self.kernel, "of", None)
         if tell is not None:
             self.kernel = tell(problem)
@@ -104,7 +110,7 @@ class NestedLevels:
 
     def estimate(self, state: EssState) -> list[Result]:
         """The mean of the runs and its interval."""
-        return [summarise(self.name, self.config, self.kernel, state)]
+        return [summarise(self.name, self.config, self.kernel, state, self.notes)]
 
     def _second(self, state: EssState) -> EssState:
         """The pass that counts, whatever the pilot has come to."""
@@ -131,6 +137,23 @@ class NestedLevels:
         moves = sum(shape.chains * (shape.length - 1) * (shape.skip + 1) for shape in shapes)
         fresh = sum(shape.samples for shape in shapes)
         return fresh + math.ceil((shares - 1) * moves * self.kernel.rollouts)
+
+
+def _notes(problem: Problem) -> Mapping[str, str]:
+    """What the system, or the simulator of a closed loop, has to say of every result."""
+    system = problem.system
+    found: Mapping[str, str] = getattr(getattr(system, "simulator", system), "notes", {})
+    return found
+
+
+def _weighing(problem: Problem) -> Problem:
+    """The problem with its system asked for weights, where it has any."""
+    ask = getattr(problem.system, "weighing", None)
+    if ask is None:
+        return problem
+    monitors = dict(zip(problem.names, problem.monitors, strict=True))
+    score: Any = problem.score
+    return Problem(ask(), monitors, problem.steps, chunk=problem.chunk).rescored(score)
 
 
 def _worst(state: EssState, rollouts: Rollouts) -> Worst:

@@ -52,17 +52,31 @@ def choose_seeds(alive: Bools, many: int, uniforms: Floats) -> Integers:
     return np.asarray(np.take_along_axis(first, pick, axis=1))
 
 
-def effective_size(hit: Bools) -> Floats:
+def relative_weights(log_weight: Floats) -> Floats:
+    """Weights (A, N) of mean 1, of their logs (A, N) up to a constant for each row; 0 where all are 0."""
+    largest = log_weight.max(axis=1, keepdims=True)
+    weights = np.exp(log_weight - np.where(np.isfinite(largest), largest, 0.0))
+    mean = weights.mean(axis=1, keepdims=True)
+    return np.asarray(weights / np.where(mean > 0.0, mean, 1.0))
+
+
+def effective_size(hit: Bools, weights: Floats | None = None) -> Floats:
     """Independent samples (A,) worth as much as the chains' for the share of hits.
 
     From the scatter of the chains' means; chains that share ancestors are worth less than it says.
 
     Args:
         hit: (A, P, C) whether sample p of chain c is one.
+        weights: (A, P, C) of mean 1; None: all the same.
     """
     samples, chains = hit.shape[1] * hit.shape[2], hit.shape[2]
-    share = hit.mean(axis=(1, 2))
-    scatter = hit.mean(axis=1).var(axis=1, ddof=1) / chains
+    if weights is None:
+        share = hit.mean(axis=(1, 2))
+        scatter = hit.mean(axis=1).var(axis=1, ddof=1) / chains
+    else:  # a ratio of means, to first order
+        share = (weights * hit).mean(axis=(1, 2))
+        off = (weights * (hit - share[:, None, None])).mean(axis=1)
+        scatter = off.var(axis=1, ddof=1) / chains
     size = share * (1.0 - share) / np.where(scatter > 0.0, scatter, 1.0)
     return np.asarray(np.where(scatter > 0.0, np.minimum(size, samples), samples))
 

@@ -152,41 +152,52 @@ def _changed(system: LinearSystem, parameter: str, value: Any) -> LinearSystem:
 
 
 def descend(
-    evaluate: Callable[[Floats, int], Step], start: Floats, *, rate: float, iterations: int,
-    target: float = 0.0, tolerance: float = 0.0,
+    evaluate: Callable[[Floats, int], Step], start: Floats, *, rate: float | None, iterations: int,
+    target: float = 0.0, tolerance: float = 0.0, least: float = 0.0,
+    told: Callable[[Step], object] | None = None,
 ) -> list[Step]:  # fmt: skip
     """Steps of size ``rate`` against the gradient of log p.
 
-    Stops at the first iteration whose probability is at most ``target``, or whose step would move no entry by
-    more than ``tolerance``; the last step's parameter is the result.
+    Stops at the first iteration whose probability is at most ``target``, or whose step is not worth
+    ``least`` or would move no entry by more than ``tolerance``; the last step's parameter is the result.
 
     Args:
         evaluate: The step of a parameter and the number of the iteration.
         start: First parameter.
-        rate: Of the steps, in the parameter's units squared.
+        rate: Of the steps, in the parameter's units squared; None: the one at which the first step would
+            lower log p by 1 if p fell on as it begins to.
         iterations: At most.
         target: Probability that is good enough.
         tolerance: In the parameter's units.
+        least: Fall of log p, to first order, that is worth a step; the gradient is a sample's, and this is
+            what tells it from noise.
+        told: Called with each step.
 
     Raises:
         UsageError: The rate is not positive or there is no iteration.
     """
-    if not rate > 0.0 or iterations < 1:
+    if (rate is not None and not rate > 0.0) or iterations < 1:
         raise UsageError("gradient descent needs a positive rate and at least one iteration")
     done: list[Step] = []
     value = start
     for iteration in range(iterations):
         done.append(evaluate(value, iteration))
+        if told is not None:
+            told(done[-1])
+        slope = float((done[-1].gradient ** 2).sum())
+        rate = 1.0 / max(slope, 1e-300) if rate is None else rate
         move = rate * done[-1].gradient
-        if done[-1].probability <= target or np.abs(move).max(initial=0.0) <= tolerance:
+        still = np.abs(move).max(initial=0.0) <= tolerance or rate * slope < least
+        if done[-1].probability <= target or still:
             break
         value = value - move
     return done
 
 
 def synthesise(
-    system: LinearSystem, formula: Formula, steps: int, parameter: str, *, rate: float, iterations: int,
-    target: float = 0.0, tolerance: float = 0.0, effort: Effort | None = None, seed: int = 0,
+    system: LinearSystem, formula: Formula, steps: int, parameter: str, *, rate: float | None,
+    iterations: int, target: float = 0.0, tolerance: float = 0.0, least: float = 0.0,
+    effort: Effort | None = None, seed: int = 0, told: Callable[[Step], object] | None = None,
 ) -> list[Step]:  # fmt: skip
     """Lower a linear system's failure probability by gradient descent in one of ``PARAMETERS``.
 
@@ -199,8 +210,10 @@ def synthesise(
         iterations: See ``descend``.
         target: See ``descend``.
         tolerance: See ``descend``.
+        least: See ``descend``.
         effort: Of an iteration.
         seed: Iteration i uses ``seed + i``.
+        told: See ``descend``.
 
     Raises:
         UsageError: See ``parameter_gradient`` and ``descend``.
@@ -210,11 +223,8 @@ def synthesise(
         moved = _changed(system, parameter, value)
         return parameter_gradient(moved, formula, steps, parameter, effort or Effort(), seed + iteration)
 
+    start: Floats = getattr(system, parameter)
     return descend(
-        evaluate,
-        getattr(system, parameter),
-        rate=rate,
-        iterations=iterations,
-        target=target,
-        tolerance=tolerance,
-    )
+        evaluate, start, rate=rate, iterations=iterations, target=target, tolerance=tolerance, least=least,
+        told=told,
+    )  # fmt: skip

@@ -1,0 +1,35 @@
+"""Noise that is not normal: isoprobabilistic transforms, copulas and normalizing flows."""
+
+from typing import TYPE_CHECKING, Any
+
+from avrare.plugin import Component, hookimpl
+
+if TYPE_CHECKING:
+    from avrare_flows.system import transformed as transformed
+    from avrare_flows.weights import weighted as weighted
+
+_PUBLIC = {"transformed": "avrare_flows.system", "weighted": "avrare_flows.weights"}
+
+
+@hookimpl
+def avrare_components() -> list[Component]:
+    """The simulator of this distribution."""
+    return [
+        Component(
+            kind="simulator",
+            name="transformed",
+            config="avrare_flows.config:TransformedConfig",
+            factory="avrare_flows.simulator:build",
+            summary="any other simulator, with noise that is not normal",
+            needs=("scipy",),
+        ),
+    ]
+
+
+def __getattr__(name: str) -> Any:
+    """``transformed`` and ``weighted``, which need SciPy, once they are asked for."""
+    import importlib
+
+    if name not in _PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_PUBLIC[name]), name)

@@ -1,0 +1,80 @@
+"""``avrare flow fit``: a flow from samples of noise."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from avrare.errors import ExitCode, PluginError, UsageError
+from avrare.protocols import Floats
+
+_KINDS = ("affine_coupling", "spline_autoregressive")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("action", choices=("fit",), help="what to do")
+    parser.add_argument("samples", metavar="SAMPLES", help=".npy file, or .csv with a line of names or none")
+    parser.add_argument("--out", required=True, metavar="FILE", help="where to write the flow (.npz)")
+    parser.add_argument("--kind", choices=_KINDS, help="kind of flow; affine_coupling needs two columns")
+    parser.add_argument("--steps", type=int, default=2000, metavar="N", help="steps of the descent (2000)")
+    parser.add_argument("--blocks", type=int, metavar="N", help="blocks of the flow (6 couplings, 2 splines)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the fit (0)")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Fit, write the flow, and say how good it is on samples held out."""
+    if not Path(args.out).parent.is_dir():
+        raise UsageError(f"{args.out}: there is no folder {Path(args.out).parent}")
+    samples = read_samples(Path(args.samples))
+    try:
+        from avrare_flows.train import fit
+    except ImportError as error:
+        reason = f"fitting a flow needs torch and pyro-ppl: {error}"
+        raise PluginError(reason, "pip install torch pyro-ppl") from error
+    kind = args.kind or ("affine_coupling" if samples.shape[1] > 1 else "spline_autoregressive")
+    found = fit(samples, kind, steps=args.steps, seed=args.seed, blocks=args.blocks)
+    found.flow.save(args.out)
+    print(f"{args.out}: {kind}, {samples.shape[1]} numbers a row, {len(samples)} samples")
+    print(f"log density of samples held out: {found.held_out:.4f} nat a row (step {found.step})")
+    print(f"that of a normal law:            {found.normal:.4f}")
+    if found.held_out < found.normal:
+        print("the flow is no better than a normal law: more steps, another kind, or no flow at all")
+    return int(ExitCode.PASS)
+
+
+def read_samples(path: Path) -> Floats:
+    """Rows (M, n) from a file.
+
+    Raises:
+        UsageError: It cannot be read, or holds no table of numbers.
+    """
+    try:
+        if path.suffix == ".npy":
+            table = np.load(path, allow_pickle=False)
+        else:
+            with path.open() as file:
+                names = any(not _number(word) for word in file.readline().split(","))
+            with warnings.catch_warnings():  # an empty file is told below
+                warnings.simplefilter("ignore", UserWarning)
+                table = np.loadtxt(path, delimiter=",", skiprows=int(names), ndmin=2)
+        rows = np.asarray(table, dtype=np.float64)
+    except OSError as error:
+        raise UsageError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+    except (ValueError, TypeError, EOFError) as error:
+        raise UsageError(f"{path}: is no table of numbers: {error}", "one row of noise a line") from error
+    rows = rows[:, None] if rows.ndim == 1 else rows
+    if rows.ndim != 2 or not rows.size:
+        raise UsageError(f"{path}: has shape {rows.shape}, not rows of noise (M, n)")
+    return rows
+
+
+def _number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,132 @@
+"""Any simulator with noise that is not normal, as a simulator of scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from avrare.errors import PluginError, UsageError
+from avrare.estimation.loop import checked_options
+from avrare.plugin.registry import default_registry
+from avrare.protocols import Floats, Signals, Simulator
+from avrare_flows import compound, marginals
+from avrare_flows.config import LawConfig, TransformedConfig
+from avrare_flows.laws import Joint, Law
+from avrare_flows.marginals import Marginal
+from avrare_flows.system import check_size, notes_of
+
+_NAMES: dict[str, Callable[..., Marginal]] = {
+    "normal": marginals.Normal,
+    "lognormal": marginals.LogNormal,
+    "exponential": marginals.Exponential,
+    "weibull": marginals.Weibull,
+    "gamma": marginals.Gamma,
+    "gumbel": marginals.Gumbel,
+    "student_t": marginals.StudentT,
+    "uniform": marginals.Uniform,
+    "point": compound.Point,
+    "beam": compound.beam,
+}
+
+
+def build(config: TransformedConfig, scene: object | None = None) -> TransformedSimulator:
+    """The simulator of a scenario.
+
+    Raises:
+        PluginError: Nobody provides the other simulator, or it cannot be loaded.
+        UsageError: Its options, a law or the number of laws do not fit.
+    """
+    inner = _inner(config.simulator)
+    law: Law
+    if config.flow is not None:
+        from avrare_flows.flow import Flow
+
+        law = Flow.load(config.flow)
+    else:
+        law = _joint(config.noise or (), inner.noise_size, config.correlation)
+    first = law if config.initial is None else _joint(config.initial, inner.noise_size)
+    for one in (law, first):
+        check_size(one, inner.noise_size)
+    return TransformedSimulator(inner, law, first)
+
+
+class TransformedSimulator:
+    """An ``avrare.protocols.Simulator`` that hands physical noise to another one.
+
+    Attributes:
+        simulator: The other one.
+        dt: Its step [s].
+        noise_size: Its.
+        notes: Health warnings that every result of it must carry.
+    """
+
+    def __init__(self, simulator: Simulator, law: Law, first: Law) -> None:
+        self.simulator, self.law, self.first = simulator, law, first
+        self.dt, self.noise_size = simulator.dt, simulator.noise_size
+        self.notes = notes_of(law, first)
+        for name in ("scene", "faults"):
+            if hasattr(simulator, name):
+                setattr(self, name, getattr(simulator, name))
+
+    def reset(self, noise: Floats) -> Any:
+        """World at t = 0."""
+        return self.simulator.reset(self.first.physical(noise))
+
+    def step(self, world: Any, action: Any, noise: Floats) -> Any:
+        """World one step later."""
+        return self.simulator.step(world, action, self.law.physical(noise))
+
+    def signals(self, world: Any) -> Signals:
+        """The other simulator's."""
+        return self.simulator.signals(world)
+
+
+def _inner(block: dict[str, Any]) -> Any:
+    name = str(block["plugin"])
+    component = default_registry().require("simulator", name)
+    options = {key: value for key, value in block.items() if key != "plugin"}
+    config = checked_options(component.load_config(), name, options, "simulator")
+    try:
+        return component.load_factory()(config, None)
+    except ImportError as error:
+        raise PluginError(f"simulator {name!r} cannot be loaded: {error}") from error
+
+
+def _joint(configs: tuple[LawConfig, ...], size: int, correlation: Any = None) -> Joint:
+    laws = [law_of(config) for config in configs]
+    return Joint(laws * size if len(laws) == 1 else laws, correlation)
+
+
+def law_of(config: LawConfig) -> Marginal:
+    """The law that a scenario describes.
+
+    Raises:
+        UsageError: SciPy has no such distribution, or nothing of a law lies between its ends.
+    """
+    if config.law == "scipy":
+        law: Marginal = _of_scipy(config.name, config.options)
+    elif config.law == "mixture":
+        law = compound.Mixture(config.weights, tuple(law_of(part) for part in config.laws))
+    else:
+        cut = () if config.law == "uniform" else ("low", "high")
+        law = _NAMES[config.law](**config.model_dump(exclude={"law", *cut}))
+    low, high = getattr(config, "low", None), getattr(config, "high", None)
+    if config.law == "uniform" or (low is None and high is None):
+        return law
+    ends = {name: value for name, value in (("low", low), ("high", high)) if value is not None}
+    return compound.Truncated(law, **ends)
+
+
+def _of_scipy(name: str, options: dict[str, float]) -> compound.Scipy:
+    from scipy import stats
+
+    family = getattr(stats, name, None)
+    if not isinstance(family, stats.rv_continuous):
+        raise UsageError(f"scipy.stats has no continuous distribution {name!r}")
+    try:
+        frozen = family(**options)
+    except TypeError as error:
+        raise UsageError(f"scipy.stats.{name}: {error}") from error
+    if not frozen.ppf(0.5) == frozen.ppf(0.5):
+        raise UsageError(f"scipy.stats.{name}: there is no such distribution with {options}")
+    return compound.Scipy(frozen)

@@ -1,0 +1,164 @@
+"""Fits a flow to samples with Pyro, by maximum likelihood; needs torch and pyro-ppl (the extra ``train``)."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from pyro import distributions
+from pyro.distributions import transforms
+from pyro.nn import AutoRegressiveNN, DenseNN
+
+from avrare.errors import UsageError, did_you_mean
+from avrare.protocols import Floats
+from avrare_flows.blocks import AffineCoupling, Block, Network, SplineAutoregressive
+from avrare_flows.flow import KINDS, Flow
+
+_BATCH, _HELD_OUT, _LOOK = 512, 0.1, 50
+_BINS, _LEAST_BOUND, _ROOM = 12, 5.0, 1.25
+"""Bins of a spline; it bends up to so many standard deviations, or so far beyond the farthest sample."""
+_FEWEST = 50
+_BLOCKS = {"affine_coupling": 6, "spline_autoregressive": 2}
+_pyro: Any = distributions  # has no types of its own
+_transforms: Any = transforms
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted flow and how well it does.
+
+    Attributes:
+        flow: The one that did best on samples held out.
+        held_out: Its mean log density there, per row [nat].
+        normal: That of a normal law with independent numbers, for comparison [nat].
+        step: Step at which it was found.
+    """
+
+    flow: Flow
+    held_out: float
+    normal: float
+    step: int
+
+
+def fit(
+    samples: Floats, kind: str = "affine_coupling", *, steps: int = 2000, seed: int = 0,
+    blocks: int | None = None, hidden: int = 32, rate: float = 2e-3,
+) -> Fit:  # fmt: skip
+    """Fit a flow to rows of physical noise.
+
+    Args:
+        samples: (M, n), independent of each other.
+        kind: One of ``avrare_flows.flow.KINDS``; one number a row needs ``spline_autoregressive``.
+        steps: Of Adam, on 512 rows each.
+        seed: Of the first weights and of the order of the rows.
+        blocks: How many; None: 6 couplings, or 2 splines.
+        hidden: Units of each of the two hidden layers of a block's network.
+        rate: First learning rate; it falls to 0 along a cosine.
+
+    Raises:
+        UsageError: The samples or an option do not fit.
+    """
+    data = _checked(samples, kind, steps, blocks)
+    many = blocks or _BLOCKS[kind]
+    size = data.shape[1]
+    order = np.random.default_rng(seed).permutation(len(data))
+    held, kept = np.split(data[order], [max(10, round(_HELD_OUT * len(data)))])
+    shift, scale = kept.mean(axis=0), kept.std(axis=0)
+    bound = max(_LEAST_BOUND, _ROOM * float(np.abs((kept - shift) / scale).max()))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        parts = [_block(kind, size, max(hidden, 2 * size), bound) for _ in range(many)]
+        found, loss, step = _descend(parts, size, (kept - shift) / scale, (held - shift) / scale, steps, rate)
+    extent = float(np.log(scale).sum())
+    square = (((held - shift) / scale) ** 2).sum(axis=1).mean()
+    normal = -0.5 * float(square) - 0.5 * size * math.log(2.0 * math.pi) - extent
+    return Fit(Flow(kind, found, shift, scale, len(data)), -loss - extent, normal, step)
+
+
+def _checked(samples: Floats, kind: str, steps: int, blocks: int | None) -> Floats:
+    data = np.asarray(samples, dtype=np.float64)
+    data = data[:, None] if data.ndim == 1 else data
+    if kind not in KINDS:
+        raise UsageError(f"there is no kind of flow {kind!r}", did_you_mean(kind, KINDS))
+    if data.ndim != 2 or len(data) < _FEWEST or not np.isfinite(data).all():
+        raise UsageError(
+            f"samples have shape {data.shape}, or numbers that are not finite",
+            f"give at least {_FEWEST} rows of noise, (M, n)",
+        )
+    if (data.std(axis=0) == 0.0).any():
+        raise UsageError("a column of the samples is constant", "leave it out: it needs no flow")
+    if kind == "affine_coupling" and data.shape[1] < 2:
+        raise UsageError("affine_coupling needs two numbers a row", "use --kind spline_autoregressive")
+    if steps < 1 or (blocks is not None and blocks < 1):
+        raise UsageError("a fit needs at least one step and one block")
+    return data
+
+
+def _block(kind: str, size: int, hidden: int, bound: float = _LEAST_BOUND) -> list[Any]:
+    """Pyro's transforms of one block; each ends with the row turned round, or begins at another number."""
+    if kind == "affine_coupling":
+        kept = size // 2
+        network: Any = DenseNN(kept, [hidden, hidden], [size - kept, size - kept]).double()
+        with torch.no_grad():  # begin near the identity
+            network.layers[-1].weight.mul_(0.01)
+        return [_transforms.AffineCoupling(kept, network), _transforms.Permute(torch.arange(size).flip(0))]
+    counts, order = [_BINS, _BINS, _BINS - 1], torch.arange(size)
+    with warnings.catch_warnings():  # one number a row: a single spline, which is what is wanted
+        warnings.simplefilter("ignore")
+        masked = AutoRegressiveNN(size, [hidden, hidden], counts, permutation=order).double()  # type: ignore[arg-type]
+    spline = _transforms.SplineAutoregressive
+    return [spline(size, masked, count_bins=_BINS, bound=bound, order="quadratic")]
+
+
+def _networks(parts: list[list[Any]]) -> Iterator[Any]:
+    for part in parts:
+        yield part[0].nn if isinstance(part[0], _transforms.AffineCoupling) else part[0].arn
+
+
+def _descend(
+    parts: list[list[Any]], size: int, kept: Floats, held: Floats, steps: int, rate: float
+) -> tuple[tuple[Block, ...], float, int]:
+    """The best blocks on ``held``, their mean negative log density there, and the step."""
+    rows, test = torch.from_numpy(kept), torch.from_numpy(held)
+    weights = [weight for network in _networks(parts) for weight in network.parameters()]
+    optimiser = torch.optim.Adam(weights, lr=rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    zero = torch.zeros(size, dtype=torch.float64)
+    base = _pyro.Normal(zero, torch.ones_like(zero)).to_event(1)
+    law = _pyro.TransformedDistribution(base, [transform for part in parts for transform in part])
+    best: tuple[tuple[Block, ...], float, int] = (), math.inf, 0
+    for step in range(1, steps + 1):
+        optimiser.zero_grad()
+        loss = -law.log_prob(rows[torch.randint(len(rows), (_BATCH,))]).mean()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(weights, 10.0)
+        optimiser.step()
+        schedule.step()
+        if step % _LOOK == 0 or step == steps:
+            with torch.no_grad():
+                found = float(-law.log_prob(test).mean())
+            if found < best[1]:
+                best = _exported(parts), found, step
+    if not best[0]:
+        raise UsageError("the fit has come to no finite density", "look for outliers, or lower the rate")
+    return best
+
+
+def _exported(parts: list[list[Any]]) -> tuple[Block, ...]:
+    """The blocks as arrays."""
+    found: list[Block] = []
+    for part, network in zip(parts, _networks(parts), strict=True):
+        coupling = isinstance(part[0], _transforms.AffineCoupling)
+        weights = tuple(
+            (layer.weight if coupling else layer.weight * layer.mask).detach().numpy().copy()
+            for layer in network.layers
+        )
+        biases = tuple(layer.bias.detach().numpy().copy() for layer in network.layers)
+        both = Network(weights, biases)
+        found.append(AffineCoupling(both) if coupling else SplineAutoregressive(both, part[0].spline.bound))
+    return tuple(found)

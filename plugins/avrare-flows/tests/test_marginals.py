@@ -1,0 +1,140 @@
+"""Laws of one number: against SciPy, in both tails, and undone by their own distribution function."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from avrare.errors import UsageError
+from avrare_flows import marginals as m
+from avrare_flows.compound import Mixture, Point, Scipy, Truncated, beam
+
+LAWS = {
+    "normal": (m.Normal(1.0, 2.0), stats.norm(1.0, 2.0)),
+    "lognormal": (m.LogNormal(0.3, 0.5), stats.lognorm(0.5, scale=np.exp(0.3))),
+    "exponential": (m.Exponential(2.0), stats.expon(scale=2.0)),
+    "weibull": (m.Weibull(1.7, 3.0), stats.weibull_min(1.7, scale=3.0)),
+    "gamma": (m.Gamma(2.5, 0.4), stats.gamma(2.5, scale=0.4)),
+    "gumbel": (m.Gumbel(-1.0, 0.7), stats.gumbel_r(-1.0, 0.7)),
+    "student": (m.StudentT(4.0, 1.0, 2.0), stats.t(4.0, 1.0, 2.0)),
+    "uniform": (m.Uniform(-1.0, 3.0), stats.uniform(-1.0, 4.0)),
+}
+Z = np.concatenate([np.linspace(-8.0, 8.0, 161), [-1e-9, 1e-9]])
+MIXED = Mixture((1.0, 3.0), (m.Normal(-2.0, 0.1), m.Exponential()))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_is_scipys_in_both_tails(name):
+    law, peer = LAWS[name]
+    expected = np.where(Z <= 0.0, peer.ppf(stats.norm.cdf(Z)), peer.isf(stats.norm.sf(Z)))
+    np.testing.assert_allclose(m.of_normal(law, Z), expected, rtol=1e-9, atol=1e-12)
+    x = m.of_normal(law, np.linspace(-5.0, 5.0, 41))
+    lower, upper = law.tails(x)
+    np.testing.assert_allclose(lower, peer.cdf(x), rtol=1e-9)
+    np.testing.assert_allclose(upper, peer.sf(x), rtol=1e-9)
+    np.testing.assert_allclose(law.log_density(x), peer.logpdf(x), rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", [*(law for law, _ in LAWS.values()), MIXED, Truncated(m.Normal(), -1.0, 6.0)])
+def test_the_distribution_function_undoes_the_transform(law):
+    z = np.linspace(-6.0, 6.0, 121)
+    if isinstance(law, m.Uniform | Truncated):
+        z = z[np.abs(z) < 3.0]  # near a finite end x has no digits left to tell z by
+    np.testing.assert_allclose(m.to_normal(law, m.of_normal(law, z)), z, rtol=1e-7, atol=1e-7)
+
+
+def test_the_far_tail_of_an_exponential_is_exact():
+    z = 20.0  # upper tail 2.75e-89, far below what 1 - F can hold
+    expected = -stats.norm.logsf(z)
+    assert m.of_normal(m.Exponential(), np.array([z]))[0] == pytest.approx(expected, rel=1e-12)
+    assert m.of_normal(m.Exponential(), np.array([-20.0]))[0] == pytest.approx(
+        stats.norm.cdf(-20.0), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize(("low", "high"), [(-1.0, 2.0), (5.0, np.inf), (-np.inf, -7.0), (8.0, 9.0)])
+def test_a_truncated_normal_is_scipys_even_in_a_tail(low, high):
+    z = np.linspace(-4.0, 4.0, 33)
+    law, peer = Truncated(m.Normal(), low, high), stats.truncnorm(low, high)
+    expected = np.where(z <= 0.0, peer.ppf(stats.norm.cdf(z)), peer.isf(stats.norm.sf(z)))
+    found = m.of_normal(law, z)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(law.log_density(found), peer.logpdf(found), rtol=1e-7)
+    assert law.log_density(np.array([low - 1.0, high + 1.0])).tolist() == [-np.inf, -np.inf]
+
+
+def test_nothing_is_left_between_ends_that_hold_nothing():
+    with pytest.raises(UsageError, match="nothing of Weibull"):
+        Truncated(m.Exponential(), -3.0, -1.0)
+    with pytest.raises(UsageError, match="nothing of Normal"):
+        Truncated(m.Normal(), 50.0)
+
+
+def test_a_mixture_has_the_distribution_function_of_its_parts():
+    z = np.linspace(-7.0, 7.0, 71)
+    x = m.of_normal(MIXED, z)
+    assert (np.diff(x) >= 0.0).all()
+    lower, upper = MIXED.tails(x)
+    np.testing.assert_allclose(np.where(z <= 0.0, lower, upper), stats.norm.sf(np.abs(z)), rtol=1e-10)
+
+
+def test_a_mixture_needs_a_weight_for_each_law():
+    for weights in ((1.0,), (1.0, -1.0), (0.0, 0.0)):
+        with pytest.raises(UsageError, match="one weight for each law"):
+            Mixture(weights, (m.Normal(), m.Normal()))
+
+
+def test_the_beam_model_reads_what_thrun_says():
+    law = beam(4.0, 10.0, std=0.1, decay=2.0, hit=0.7, short=0.2, nothing=0.06, anything=0.04)
+    z = np.random.default_rng(0).standard_normal(200_000)
+    x = m.of_normal(law, z)
+    assert x.min() >= 0.0
+    assert x.max() == 10.0
+    share = np.array([(x == 10.0).mean(), (np.abs(x - 4.0) < 0.4).mean(), (x < 3.0).mean()])
+    between = stats.truncexpon(2.0, scale=2.0)  # kept to 4 m, two means
+    expected = [
+        0.06,
+        0.7 * (1.0 - 2.0 * stats.norm.sf(4.0)) + 0.2 * (1.0 - between.cdf(3.6)) + 0.04 * 0.08,
+        0.2 * between.cdf(3.0) + 0.04 * 0.3,
+    ]
+    assert np.abs(share - expected).max() < 4.0 * 0.5 / np.sqrt(len(x))
+
+
+def test_a_beam_may_have_a_distance_for_each_particle():
+    distance, z = np.array([2.0, 5.0, 9.5]), np.array([-1.0, 0.3, 1.2])
+    options = {"std": 0.1, "decay": 2.0, "hit": 0.8, "short": 0.1, "nothing": 0.05, "anything": 0.05}
+    together = m.of_normal(beam(distance, 10.0, **options), z)
+    alone = [
+        m.of_normal(beam(d, 10.0, **options), np.array([u]))[0] for d, u in zip(distance, z, strict=True)
+    ]
+    assert together.tolist() == alone
+
+
+def test_an_atom_has_no_density():
+    assert m.of_normal(Point(3.0), Z).tolist() == [3.0] * len(Z)
+    with pytest.raises(UsageError, match="atoms"):
+        Point(3.0).log_density(Z)
+
+
+def test_any_distribution_of_scipy_will_do():
+    law, peer = Scipy(stats.skewnorm(4.0)), stats.skewnorm(4.0)
+    z = np.array([-3.0, 0.0, 2.0, 6.0])
+    x = m.of_normal(law, z)
+    np.testing.assert_allclose(peer.cdf(x[:3]), stats.norm.cdf(z[:3]), rtol=1e-6)
+    assert peer.sf(x[3]) == pytest.approx(stats.norm.sf(6.0), rel=1e-6)
+    np.testing.assert_allclose(law.log_density(x), peer.logpdf(x))
+
+
+@pytest.mark.parametrize("law", [*(law for law, _ in LAWS.values()), MIXED, Scipy(stats.gamma(2.0))])
+def test_a_number_does_not_depend_on_its_neighbours(law):
+    z = np.random.default_rng(1).standard_normal(64)
+    together = m.of_normal(law, z)
+    assert together.tolist() == [m.of_normal(law, z[i : i + 1])[0] for i in range(len(z))]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: m.Normal(0.0, 0.0), lambda: m.Gamma(-1.0), lambda: m.StudentT(0.0), lambda: m.Uniform(1, 1)],
+)
+def test_parameters_that_make_no_law_are_refused(make):
+    with pytest.raises(UsageError, match="must"):
+        make()

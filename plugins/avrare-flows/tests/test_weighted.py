@@ -1,0 +1,174 @@
+"""Weights: P/q gives the truth, the paper's weights do not, and nobody else runs on weighted noise."""
+
+import math
+import pickle
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.errors import UsageError
+from avrare.testing.static import Static, Values, row_sum
+from avrare_flows import transformed, weighted
+from avrare_flows.flow import Flow
+from avrare_flows.laws import Joint
+from avrare_flows.marginals import Exponential, LogNormal, Normal
+
+FORMULA = avrare.stl("total < 10")
+THREE = Joint([Exponential()] * 3)
+EXACT = math.exp(-10.0) * 61.0
+"""The sum of three Exp(1) reaches 10."""
+WIDE = Flow("by hand", (), np.zeros(1), np.full(1, 1.2), samples=100)
+"""N(0, 1.2^2)."""
+
+
+class Total(Static):
+    def signals(self, state: Values):
+        return {"total": row_sum(state.values)}
+
+
+@dataclass(frozen=True)
+class Place:
+    x: np.ndarray
+
+
+class Walk:
+    noise_size = 1
+
+    def initial(self, noise):
+        return Place(noise[:, 0])
+
+    def step(self, state, noise):
+        return Place(state.x + noise[:, 0])
+
+    def signals(self, state):
+        return {"x": state.x}
+
+
+@dataclass(frozen=True, eq=False)
+class Stretched:
+    """A flow that has the scale a tenth too large."""
+
+    law: Joint
+    note = "stretched"
+
+    @property
+    def noise_size(self):
+        return self.law.noise_size
+
+    def physical(self, z):
+        return self.law.physical(1.1 * z)
+
+    def warp(self, z):
+        x, log_det = self.law.warp(1.1 * z)
+        return x, log_det + self.noise_size * math.log(1.1)
+
+
+def estimate(system, **options):
+    return avrare.estimate(avrare.Problem(system, FORMULA, 0), "ess", seed=2, **{"runs": 20} | options)
+
+
+def test_with_the_density_known_a_flawed_flow_gives_the_truth():
+    flawed, right = Stretched(THREE), estimate(weighted(Total(3), Stretched(THREE), THREE.log_density))
+    error = right.relative_error * right.probability
+    assert abs(right.probability - EXACT) < 3.0 * error
+    assert error < 0.1 * EXACT
+    assert list(right.health) == ["flow_tails"]
+    assert len(right.diagnostics["weight_sizes"][0]) == len(right.diagnostics["levels"][0])
+    wrong = estimate(transformed(Total(3), flawed))
+    assert wrong.probability > 1.8 * EXACT
+    assert wrong.health == {"model_error": "stretched"}
+
+
+def test_a_density_up_to_a_constant_will_do():
+    known = estimate(weighted(Total(3), Stretched(THREE), THREE.log_density), runs=3)
+    scaled = estimate(weighted(Total(3), Stretched(THREE), lambda x: THREE.log_density(x) + 40.0), runs=3)
+    assert scaled.probability == pytest.approx(known.probability, rel=1e-9)
+
+
+def test_the_papers_weights_lead_an_exact_flow_astray_and_say_so():
+    """Lognormal, sigma = 1/2: E[|det|, failure] / E[|det|] moves the normal number by sigma."""
+    law, far = Joint([LogNormal(0.0, 0.5)]), 3.0
+    problem = avrare.Problem(
+        weighted(Static(1), law, weights="paper"), avrare.stl(f"u0 < {math.exp(0.5 * far)!r}"), 0
+    )
+    found = avrare.estimate(problem, "ess", seed=1, runs=20, chains=100)
+    tilted = 0.5 * math.erfc((far - 0.5) / math.sqrt(2.0))
+    error = found.relative_error * found.probability
+    assert abs(found.probability - tilted) < 4.0 * error
+    assert tilted > 4.0 * 0.5 * math.erfc(far / math.sqrt(2.0))
+    assert "paper_weights" in found.health
+
+
+def test_an_exact_flow_has_weights_of_one():
+    plain, corrected = (
+        estimate(system, runs=2)
+        for system in (transformed(Total(3), THREE), weighted(Total(3), THREE, THREE.log_density))
+    )
+    assert corrected.probability == pytest.approx(plain.probability, rel=1e-9)
+    assert corrected.health.keys() == plain.health.keys()
+
+
+def test_weights_are_those_of_all_rows():
+    """A walk of five N(0, 1) steps drawn from N(0, 1.2^2); P(max >= 6) from the same walk under mc."""
+    walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
+    result = avrare.estimate(avrare.Problem(walk, avrare.stl("always (x < 6)"), 4), "ess", seed=3, runs=20)
+    plain = avrare.Problem(transformed(Walk(), Joint([Normal()])), avrare.stl("always (x < 6)"), 4)
+    truth = avrare.estimate(plain, "ess", seed=4, runs=20)
+    spread = math.hypot(result.relative_error, truth.relative_error)
+    assert abs(math.log(result.probability / truth.probability)) < 3.0 * spread
+    assert spread < 0.2
+    unweighted = avrare.estimate(
+        avrare.Problem(transformed(Walk(), WIDE), avrare.stl("always (x < 6)"), 4), "ess", seed=3
+    )
+    assert unweighted.probability > 2.0 * truth.probability
+
+
+def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
+    walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)])).weighing()
+    z = np.random.default_rng(0).standard_normal((6, 3, 1))
+    state = walk.initial(z[:, 0])
+    assert walk.log_weights(state).tolist() == [0.0] * 6
+    for t in (1, 2):
+        state = walk.step(state, z[:, t])
+    x = 1.2 * z[:, 1:, 0]
+    expected = (-0.5 * x**2 + 0.5 * z[:, 1:, 0] ** 2 + math.log(1.2)).sum(axis=1)
+    np.testing.assert_allclose(walk.log_weights(state), expected, rtol=1e-12, atol=1e-12)
+    alone = walk.step(walk.step(walk.initial(z[2:3, 0]), z[2:3, 1]), z[2:3, 2])
+    assert walk.log_weights(alone)[0] == walk.log_weights(state)[2]
+
+
+def test_a_weight_that_is_no_number_is_a_fault():
+    system = weighted(Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)).weighing()
+    assert system.faults(system.initial(np.array([[1.0], [-1.0]]))).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("estimator", ["mc", "ams", "is", "ce"])
+def test_estimators_that_know_no_weights_are_refused(estimator):
+    options = {"proposal": {"gaussian": {"std": 2.0}}} if estimator == "is" else {}
+    problem = avrare.Problem(weighted(Total(3), THREE, THREE.log_density), FORMULA, 0)
+    with pytest.raises(UsageError, match="comes with weights"):
+        avrare.estimate(problem, estimator, **options)
+
+
+def test_weights_are_the_same_for_two_workers():
+    system = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
+    problem = avrare.Problem(pickle.loads(pickle.dumps(system)), avrare.stl("always (x < 5)"), 4, chunk=100)
+    one, two = (avrare.estimate(problem, "ess", seed=1, runs=2, chains=20, workers=n) for n in (1, 2))
+    assert one.probability == two.probability
+    assert one.interval == two.interval
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"weights": "papers"}, "no weights 'papers'"),
+        ({}, "need log_density"),
+        ({"weights": "paper", "log_density": THREE.log_density}, "take none"),
+        ({"weights": "paper", "initial": Joint([Normal()])}, "1 numbers a row"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options, text):
+    with pytest.raises(UsageError, match=text):
+        weighted(Total(3), THREE, **options)

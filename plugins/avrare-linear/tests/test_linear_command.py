@@ -1,0 +1,145 @@
+"""``avrare synthesize`` and the scenarios that it writes."""
+
+from pathlib import Path
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+import yaml
+
+import avrare
+from avrare.cli.main import main
+from avrare_linear.command import _PARAMETERS
+from avrare_linear.rewrite import ATTRIBUTES, has, rewritten
+from avrare_linear.simulator import system_of
+from avrare_linear.synthesis import Step, descend
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+SQUARES = SCENARIOS / "four_squares.yaml"
+QUICK = ["--chains", "20", "--runs", "2", "--moves", "5"]
+LOOP = """
+name: loop
+steps: 4
+simulator:
+  plugin: linear
+  states: [x, v]
+  inputs: [a]
+  outputs: [seen]
+  A: [[1, 0.1], [0, 1]]
+  B: [[0], [0.1]]
+  C: [[1, 0]]
+  process_noise: [0.01, 0.02]
+  measurement_noise: [0.04]
+  initial: {mean: [0, 1], covariance: [[0.02, 0.01], [0.01, 0.03]]}
+  feedback: {state_cost: [1, 1], input_cost: [1]}
+  observer: {}
+  reference: [[0, 1], [0.1, 1]]
+  feedforward: [0.5]
+specifications:
+  low: {stl: "always (x < 2)"}
+  high: {stl: "always (x > -2)"}
+estimator: {plugin: ess_linear}
+"""
+
+
+@pytest.fixture
+def loop(tmp_path):
+    path = tmp_path / "loop.yaml"
+    path.write_text(LOOP)
+    return path
+
+
+def test_the_four_squares_come_to_the_origin(tmp_path, capsys):
+    out = tmp_path / "better.yaml"
+    arguments = ["synthesize", str(SQUARES), "--parameter", "mean", "--rate", "0.1", "--out", str(out)]
+    assert main([*arguments, *QUICK]) == 0
+    text = capsys.readouterr().out
+    assert "fresh estimates" in text
+    mean = yaml.safe_load(out.read_text())["simulator"]["initial"]["mean"]
+    assert np.abs(mean).max() < 0.2
+    changed = avrare.load(out).problem("clear")
+    found = avrare.estimate(changed, "ess_linear", seed=9)
+    exact = (2.0 * NormalDist().cdf(-3.0)) ** 2
+    assert 0.7 * exact < found.probability < 1.8 * exact
+
+
+def test_a_rate_is_found_where_none_is_given(tmp_path, capsys):
+    assert main(["synthesize", str(SQUARES), "--parameter", "mean", "--steps", "2", *QUICK]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    first, second = (float(line.split()[1]) for line in lines[1:3])
+    assert second < 0.7 * first
+
+
+def test_both_names_of_the_parameters_agree():
+    assert tuple(ATTRIBUTES) == _PARAMETERS
+
+
+@pytest.mark.parametrize("parameter", ATTRIBUTES)
+def test_a_rewritten_scenario_has_the_new_value(parameter, loop, tmp_path):
+    scenario = avrare.load(loop)
+    system = system_of(scenario.problem("low"))
+    assert has(system, parameter)
+    value = 1.1 * getattr(system, ATTRIBUTES[parameter]) + 0.01
+    path = tmp_path / "changed.yaml"
+    path.write_text(yaml.safe_dump(rewritten(scenario.definition.resolved, parameter, value)))
+    changed = system_of(avrare.load(path).problem("low"))
+    for name in ATTRIBUTES.values():
+        found, given = (
+            getattr(changed, name),
+            getattr(system, name) if name != ATTRIBUTES[parameter] else value,
+        )
+        if name in ("spread", "process", "measurement"):
+            found, given = (factor @ factor.swapaxes(1, 2) for factor in (found, given))
+        if (parameter, name) in (("process_noise", "observer"), ("measurement_noise", "observer")):
+            continue  # the Kalman gain follows the noise
+        np.testing.assert_allclose(found, given, rtol=1e-8, atol=1e-12)
+    assert scenario.definition.resolved["simulator"]["initial"]["mean"] == [0.0, 1.0]
+
+
+def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
+    out = tmp_path / "out.yaml"
+    arguments = ["synthesize", str(loop), "--parameter", "gain", "--specification", "low", "--steps", "1"]
+    assert main([*arguments, *QUICK, "--set", "simulator.feedforward=[0.25]", "--out", str(out)]) == 0
+    simulator = yaml.safe_load(out.read_text())["simulator"]
+    assert simulator["feedforward"] == [[0.25]]
+    assert list(simulator["feedback"]) == ["gain"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--parameter", "gain"], "the system has no gain"),
+        (["--parameter", "observer"], "the system has no observer"),
+        (["--parameter", "gian"], "invalid choice: 'gian'"),
+        (["--parameter", "mean", "--specification", "cleer"], "no specification 'cleer'"),
+        (["--parameter", "mean", "--rate", "-1"], "positive rate"),
+        (["--parameter", "mean", "--steps", "0"], "at least one iteration"),
+        (["--parameter", "mean", "--out", "nowhere/x.yaml"], "there is no folder nowhere"),
+    ],
+)
+def test_mistakes_are_told(arguments, text, capsys):
+    assert main(["synthesize", str(SQUARES), *arguments, *QUICK]) == 4
+    assert text in capsys.readouterr().err
+
+
+def test_one_of_several_specifications_must_be_named(loop, capsys):
+    assert main(["synthesize", str(loop), "--parameter", "gain"]) == 4
+    assert "--specification low" in capsys.readouterr().err
+
+
+def test_a_descent_stops_where_a_step_is_not_worth_while():
+    seen = []
+    steps = descend(
+        lambda value, i: Step(value, float(value[0] ** 2), 2.0 * value), np.array([1.0]), rate=0.25,
+        iterations=50, least=0.01, told=seen.append,
+    )  # fmt: skip
+    assert steps == seen
+    assert 0.25 * steps[-1].gradient[0] ** 2 < 0.01 <= 0.25 * steps[-2].gradient[0] ** 2
+
+
+def test_the_first_step_without_a_rate_lowers_the_logarithm_by_one():
+    steps = descend(
+        lambda value, i: Step(value, float(np.exp(3.0 * value[0])), np.array([3.0])), np.array([0.0]),
+        rate=None, iterations=2,
+    )  # fmt: skip
+    assert steps[1].probability == pytest.approx(steps[0].probability / np.e)
