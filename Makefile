@@ -52,5 +52,6 @@ clean:  ## remove .venv and what the tools left
 	@echo "installing what the tests need (torch among it: this takes a few minutes) ..."
 	$(PIP) 'torch==2.13.0'
 	$(PIP) --no-build-isolation --editable '.[plot,test,lint,commonroad,history]' --editable './plugins/avrare-gp-pem[train]' \
-		--editable './plugins/avrare-imm[test]' --editable './plugins/avrare-gymnasium[box2d]'
+		--editable './plugins/avrare-imm[test]' --editable './plugins/avrare-gymnasium[box2d]' \
+		--editable './plugins/avrare-highway-env[render]'
 	@touch $@

@@ -23,6 +23,8 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
     ("simulator", "gymnasium"): "avrare-gymnasium",
     ("controller", "gym_feedback"): "avrare-gymnasium",
     ("controller", "gym_constant"): "avrare-gymnasium",
+    ("simulator", "tank"): "avrare-example",
+    ("specification", "spillage"): "avrare-example",
 }
 """(kind, name) of a component -> the distribution of this project that provides it."""
 

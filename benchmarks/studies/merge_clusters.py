@@ -25,8 +25,8 @@ SECOND = 10
 """Steps."""
 COMPONENTS, MOST, SHOWN = 4, 4, 5
 """Principal components, clusters tried at most, top views of a picture."""
-EACH, ORDINARY = 40, 40
-"""Failing tapes of an estimator, and tapes of ordinary runs to compare them with."""
+EACH, ORDINARY = 40, 24
+"""Failing tapes at most, and tapes of ordinary runs to compare them with."""
 GRACE, THRESHOLD = 30, 19.8
 """Of the scenario's formula [steps, m/s]."""
 
@@ -140,17 +140,14 @@ def _fastest_of_five(runs: Runs) -> Floats:
 
 
 def draw(scenario: Path, results: Path, folder: Path) -> None:
-    """Cluster the failing tapes of all estimators and draw one picture of each cluster."""
+    """Cluster the failing tapes of Monte Carlo (those of splitting are cousins) and draw each cluster."""
     problem = avrare.load(scenario).problem("keeps_up")
     loop = problem.system
-    found = {name: results / f"{name}.npz" for name in ("mc", "ams", "ess")}
-    tapes = {name: np.load(path)["noise"][:EACH] for name, path in found.items() if path.exists()}
-    noise = np.concatenate(list(tapes.values()))
-    origin = np.concatenate([[name] * len(tape) for name, tape in tapes.items()])
+    noise = np.load(results / "mc.npz")["noise"][:EACH].astype(float)
     ordinary = np.random.default_rng(0).standard_normal((ORDINARY, problem.steps + 1, problem.noise_size))
     usual, runs = drive(loop, ordinary), drive(loop, noise)
     failing = fails(runs)
-    noise, origin, runs = noise[failing], origin[failing], batch.take(runs, failing)
+    noise, runs = noise[failing], batch.take(runs, failing)
     print(f"{failing.sum()} of {len(failing)} kept tapes fail when driven again, {fails(usual).sum()} others")
     scale = np.maximum(features(usual).std(axis=0), 1e-4)
     points, shares = components((features(runs) - features(usual).mean(axis=0)) / scale)
@@ -158,10 +155,10 @@ def draw(scenario: Path, results: Path, folder: Path) -> None:
     raw, _ = components(noise.reshape(len(noise), -1))
     print("silhouettes", worth, "of the raw noise", best_labels(raw)[1], "shares", shares.round(3))
     folder.mkdir(parents=True, exist_ok=True)
-    _chart(folder / "clusters.png", points, labels, runs, usual, origin)
+    _chart(folder / "clusters.png", points, labels, runs, usual)
     for kind in range(int(labels.max()) + 1):
         members = np.flatnonzero(labels == kind)
-        _describe(kind, members, runs, usual, origin)
+        _describe(kind, members, runs, usual)
         inner = ((points[members] - points[members].mean(axis=0)) ** 2).sum(axis=1)
         middle = int(members[inner.argmin()])
         _top_views(folder / f"cluster_{kind + 1}.png", loop, noise[middle], int(slowest(runs)[middle]))
@@ -169,13 +166,12 @@ def draw(scenario: Path, results: Path, folder: Path) -> None:
     save_gif(folder / "failing.gif", frames(loop.simulator, worlds)[::3], 3 * loop.simulator.dt)
 
 
-def _describe(kind: int, members: Any, runs: Runs, usual: Runs, origin: Any) -> None:
+def _describe(kind: int, members: Any, runs: Runs, usual: Runs) -> None:
     when = slowest(batch.take(runs, members))
     excess = features(batch.take(runs, members)).mean(axis=0) - features(usual).mean(axis=0)
     z = excess / np.maximum(features(usual).std(axis=0), 1e-4)
     throttle, steering = z.reshape(-1, 2).T
-    top = {name: int((origin[members] == name).sum()) for name in np.unique(origin)}
-    print(f"cluster {kind + 1}: {len(members)} runs {top}, crashed {int(runs.crashed[members].sum())}")
+    print(f"cluster {kind + 1}: {len(members)} runs, crashed {int(runs.crashed[members].sum())}")
     print(
         f"  slowest at step {np.quantile(when, [0.1, 0.5, 0.9])}, x {np.median(runs.x[members, when]):.0f} m"
     )
@@ -183,7 +179,7 @@ def _describe(kind: int, members: Any, runs: Runs, usual: Runs, origin: Any) -> 
     print("  steering z by second", steering.round(1).tolist())
 
 
-def _chart(path: Path, points: Floats, labels: Any, runs: Runs, usual: Runs, origin: Any) -> None:
+def _chart(path: Path, points: Floats, labels: Any, runs: Runs, usual: Runs) -> None:
     """Components, speeds and pushes, one colour a cluster."""
     import matplotlib as mpl
 
@@ -196,10 +192,7 @@ def _chart(path: Path, points: Floats, labels: Any, runs: Runs, usual: Runs, ori
     middle.plot(time, np.where(usual.over, np.nan, usual.speed)[:40].T, color="0.8", lw=0.5)
     for kind in range(int(labels.max()) + 1):
         mine, colour = labels == kind, colours[kind]
-        for name, marker in (("mc", "o"), ("ams", "^"), ("ess", "s")):
-            which = mine & (origin == name)
-            label = f"cluster {kind + 1}, {name}" if which.any() else None
-            left.scatter(*points[which, :2].T, s=18, color=colour, marker=marker, label=label, alpha=0.7)
+        left.scatter(*points[mine, :2].T, s=18, color=colour, label=f"cluster {kind + 1}")
         speed = np.where(runs.over[mine], np.nan, runs.speed[mine])
         middle.plot(time, speed.T, color=colour, lw=0.6, alpha=0.6)
         push = runs.pushes[mine, :, 0].mean(axis=0) - usual.pushes[:, :, 0].mean(axis=0)

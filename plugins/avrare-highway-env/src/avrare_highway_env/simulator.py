@@ -1,0 +1,210 @@
+"""highway-env as a simulator: one environment, and the worlds of all particles as snapshots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare import batch
+from avrare.driving import Scene, Vehicles
+from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.protocols import Bools, Floats, Signals
+from avrare_highway_env.actions import native_action
+from avrare_highway_env.config import HighwayEnvConfig
+from avrare_highway_env.drivers import MoodyDriver
+from avrare_highway_env.readings import EGO, gap_ahead, others_of, read
+from avrare_highway_env.scenes import scene_of, setting_of
+from avrare_highway_env.sensing import Ego, Sensors
+from avrare_highway_env.tape import TapeRandom
+from avrare_highway_env.worlds import capture, restore
+
+
+def build(config: HighwayEnvConfig, scene: object | None = None) -> HighwayEnvSimulator:
+    """The simulator of a scenario."""
+    return HighwayEnvSimulator(config)
+
+
+@dataclass(frozen=True)
+class HighwayWorld:
+    """Worlds of N particles.
+
+    Attributes:
+        snapshot: (N,) objects, ``worlds.Snapshot``.
+        ego: Fields (N,), with what it observes.
+        others: Fields (N, V); absent vehicles a thousand kilometres away.
+        crashed: (N,) the ego has collided.
+        arrived: (N,) the ego has reached its goal, on the road.
+        on_road: (N,) the ego's centre is on a lane.
+        over: (N,) crashed, or past the goal: the world stands still from then on.
+    """
+
+    snapshot: NDArray[np.object_]
+    ego: Ego
+    others: Vehicles
+    crashed: Bools
+    arrived: Bools
+    on_road: Bools
+    over: Bools
+
+
+class HighwayEnvSimulator:
+    """A batch of worlds that share one road.
+
+    A row of noise holds the numbers of the start (used at t = 0 alone), of the environment's own draws, of
+    the drivers' moods, and of the rays.
+
+    Attributes:
+        dt: Step [s].
+        noise_size: Of these, as many as the options ask for.
+        scene: Road, sizes and names where the lanes are straight, else None.
+        environment: highway-env's, in the world of whichever particle came last.
+    """
+
+    def __init__(self, config: HighwayEnvConfig) -> None:
+        self.config, self.dt = config, config.dt
+        self.setting = setting_of(config)
+        self.environment = self.setting.environment(self.setting.options)
+        self.sensors = Sensors(config.lidar)
+        capacity = self.setting.capacity
+        start = TapeRandom(np.zeros(0))
+        self._place(start)
+        sizes = (
+            0 if config.start_seed is not None else start.used,
+            self.setting.draws,
+            capacity if config.traffic.acceleration_sd else 0,
+            self.sensors.noise_size,
+        )
+        ends = np.cumsum((0, *sizes)).tolist()
+        self._start, self._draws, self._moods, self._rays = (slice(*pair) for pair in pairwise(ends))
+        self.noise_size = int(ends[-1])
+        ego = self.environment.vehicle
+        self._ego_size = float(ego.LENGTH), float(ego.WIDTH)
+        self._lengths, self._widths = (np.full(capacity, size) for size in self._ego_size)
+        self.scene: Scene | None = None
+        if self.setting.road is not None:
+            objects = [*self.environment.road.vehicles, *self.environment.road.objects]
+            self.scene = scene_of(self.setting.road, config.dt, objects)
+            self._lengths, self._widths = self.scene.lengths, self.scene.widths
+
+    def reset(self, noise: Floats) -> HighwayWorld:
+        """Worlds at t = 0."""
+        seed = self.config.start_seed
+
+        def place(row: int) -> None:
+            own = TapeRandom(noise[row, self._start])
+            self._place(own if seed is None else np.random.default_rng(seed))
+
+        return self._worlds(place, noise)
+
+    def step(self, world: HighwayWorld, action: Any, noise: Floats) -> HighwayWorld:
+        """Worlds one ``dt`` later; those that are over stay as they are.
+
+        Args:
+            world: Worlds now.
+            action: ``avrare.driving.Action``, or (N, 2) throttle and steering in [-1, 1], left is positive.
+            noise: (N, noise_size).
+
+        Raises:
+            UsageError: There is no controller, or its action has another shape.
+        """
+        running = np.flatnonzero(~world.over)
+        if not running.size:
+            return world
+        wanted = native_action(action, world.ego, self._ego_size[0])[running]
+        snapshots, numbers = world.snapshot[running], noise[running]
+
+        def drive(row: int) -> None:
+            restore(self.environment, snapshots[row])
+            self._advance(wanted[row], numbers[row])
+
+        after = self._worlds(drive, numbers)
+        return after if len(running) == len(world.over) else _replaced(world, running, after)
+
+    def signals(self, world: HighwayWorld) -> Signals:
+        """Named arrays.
+
+        ``ego_*`` (N,) and ``others_*`` (N, V) as of every driving simulator, ``distance`` (N, V) to each and
+        ``gap`` (N,) the least; ``x``, ``y``, ``heading``, ``speed``, ``acceleration`` of the ego once more;
+        ``gap_ahead`` [m], and ``crashed``, ``arrived``, ``on_road``, ``over`` as 0 or 1.
+        """
+        fields = ("x", "y", "heading", "speed", "acceleration")
+        named = {f"{prefix}{name}": getattr(world.ego, name) for name in fields for prefix in ("ego_", "")}
+        named |= {f"others_{name}": getattr(world.others, name) for name in fields}
+        named |= {
+            name: getattr(world, name).astype(np.float64)
+            for name in ("crashed", "arrived", "on_road", "over")
+        }
+        ego, others, sizes = world.ego, world.others, (self._lengths, self._widths)
+        distance = signed_distance(
+            Rectangle(ego.x[:, None], ego.y[:, None], ego.heading[:, None], *map(np.asarray, self._ego_size)),
+            Rectangle(others.x, others.y, others.heading, *sizes),
+        )
+        named["gap_ahead"] = gap_ahead(ego, self._ego_size, others, *sizes)
+        return {**named, "distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
+
+    def faults(self, world: HighwayWorld) -> Bools:
+        """(N,) rows whose ego state is not finite."""
+        ego = world.ego
+        return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
+
+    def _place(self, random: Any) -> None:
+        """A new start of the one environment, every draw of which comes from ``random``."""
+        self.environment._np_random = random
+        self.environment._reset()
+
+    def _advance(self, action: Floats, noise: Floats) -> None:
+        environment = self.environment
+        environment._np_random = environment.road.np_random = TapeRandom(noise[self._draws])
+        self._set_moods(noise[self._moods])
+        for vehicle in environment.road.vehicles:
+            vehicle.speed_before, vehicle.pushed = vehicle.speed, None
+        environment.action_type.act(action)
+        for _ in range(self.config.substeps):
+            for vehicle in environment.road.vehicles:
+                vehicle.pushed = vehicle.pushed if vehicle.impact is None else vehicle.impact
+            environment.road.act()
+            environment.road.step(self.dt / self.config.substeps)
+        if hasattr(environment, "renew"):
+            environment.renew()
+
+    def _set_moods(self, noise: Floats) -> None:
+        """The exact transition of an Ornstein-Uhlenbeck process, which starts at 0."""
+        traffic = self.config.traffic
+        kept = np.exp(-self.dt / traffic.correlation_time)
+        fresh = traffic.acceleration_sd * np.sqrt(1.0 - kept**2)
+        drivers = [one for one in self.environment.road.vehicles if isinstance(one, MoodyDriver)]
+        for driver, number in zip(drivers, noise, strict=False):
+            driver.mood = float(kept * driver.mood + fresh * number)
+
+    def _worlds(self, move: Callable[[int], None], noise: Floats) -> HighwayWorld:
+        """What becomes of the environment by ``move(row)``, for every row of noise."""
+        snapshots, readings = np.empty(len(noise), dtype=object), []
+        for row in range(len(noise)):
+            move(row)
+            snapshots[row] = capture(self.environment)
+            readings.append(read(self.environment, self.setting.capacity, self.setting.goal, self.dt))
+        table = np.array(readings, dtype=np.float64)
+        others = others_of(table)
+        x, y, heading, speed, acceleration, steering = (column.copy() for column in table.T[:6])
+        ego = self.sensors.observe(
+            Vehicles(x, y, heading, speed, acceleration), steering, others,
+            self._lengths, self._widths, noise[:, self._rays],
+        )  # fmt: skip
+        flags = (column.astype(bool) for column in table.T[6 : len(EGO)])
+        return HighwayWorld(snapshots, ego, others, *flags)
+
+
+def _replaced(world: HighwayWorld, rows: NDArray[np.intp], news: HighwayWorld) -> HighwayWorld:
+    """The worlds with those of ``rows`` replaced."""
+
+    def put(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
+        leaf = old.copy()
+        leaf[rows] = new
+        return leaf
+
+    return batch.map_leaves(put, world, news)  # type: ignore[no-any-return]

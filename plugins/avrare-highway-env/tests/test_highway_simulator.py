@@ -1,0 +1,134 @@
+"""The simulator as a whole: what its worlds do, and that they depend on their noise alone."""
+
+import pickle
+
+import highway_runs as runs
+import numpy as np
+import pytest
+from highway_runs import numbers, run, same, simulator, steering, tape
+
+from avrare.batch import concatenate, take
+from avrare.driving import Action
+from avrare.errors import UsageError
+from avrare_highway_env.readings import ABSENT
+
+
+@pytest.fixture(scope="module", params=list(runs.OPTIONS))
+def sim(request):
+    return simulator(**runs.OPTIONS[request.param])
+
+
+def test_a_row_does_not_depend_on_its_neighbours(sim):
+    noise = tape(sim, 6, 40)
+    whole = run(sim, noise)[-1]
+    for rows in ([0], [4, 5], [3, 1, 0]):
+        alone = run(sim, noise[rows], lambda t, n, rows=rows: steering(t, 6)[rows])[-1]
+        assert same(take(whole, np.array(rows)), alone)
+
+
+def test_run_on_go_back_and_run_again(sim):
+    noise = tape(sim, 3, 40)
+    worlds = run(sim, noise)
+    before = [leaf.copy() for leaf in numbers(worlds[15])]
+    again = run(sim, noise, world=worlds[15], start=15)
+    assert all(np.array_equal(a, b) for a, b in zip(before, numbers(worlds[15]), strict=True))
+    assert all(same(a, b) for a, b in zip(worlds[15:], again, strict=True))
+
+
+def test_a_world_goes_on_in_another_process(sim):
+    """A simulator that never saw the run, and a world that has been through a pickle."""
+    noise = tape(sim, 2, 30)
+    worlds = run(sim, noise)
+    other = type(sim)(sim.config)
+    run(other, tape(sim, 1, 3, seed=9))
+    assert same(run(other, noise, world=pickle.loads(pickle.dumps(worlds[10])), start=10)[-1], worlds[-1])
+
+
+def test_copies_diverge_only_by_their_noise(sim):
+    noise = tape(sim, 1, 30)
+    worlds = run(sim, noise)
+    twins = concatenate([worlds[10], worlds[10]])
+    fresh = np.concatenate([noise, tape(sim, 1, 30, seed=5)])
+    late = run(sim, fresh, lambda t, n: np.repeat(steering(t, 1), n, axis=0), twins, 10)[-1]
+    assert same(take(late, slice(0, 1)), worlds[-1])
+
+
+def test_other_noise_is_another_run(sim):
+    one, other = (run(sim, tape(sim, 1, 20, seed))[-1] for seed in (1, 2))
+    assert not same(one, other)
+
+
+def test_worlds_that_are_over_stand_still():
+    sim = simulator(scene="merge", goal=60.0, traffic={"acceleration_sd": 1.0}, lidar=runs.LIDAR)
+    noise = tape(sim, 3, 20)
+    full = np.array([[1.0, 0.0], [-1.0, 0.0], [-1.0, 0.0]])
+    worlds = run(sim, noise, lambda t, n: full)
+    arrival = [int(np.argmax([world.over[row] for world in worlds])) for row in range(3)]
+    assert 0 < arrival[0] < arrival[1]
+    assert worlds[-1].arrived.all()
+    assert (worlds[-1].ego.x > 60.0).all()
+    for world in worlds[arrival[0] :]:
+        assert same(take(world, np.array([0])), take(worlds[arrival[0]], np.array([0])))
+    assert run(sim, noise, lambda t, n: full, worlds[-1], 19)[-1] is worlds[-1]
+
+
+def test_off_the_road_is_no_arrival():
+    sim = simulator(scene="merge", goal=60.0, start_seed=1)
+    world = run(sim, tape(sim, 1, 20), lambda t, n: np.array([[0.0, 0.3 if t < 4 else 0.0]]))[-1]
+    signals = sim.signals(world)
+    assert signals["over"] == 1.0
+    assert signals["on_road"] == 0.0
+    assert signals["arrived"] == 0.0
+
+
+def test_a_crash():
+    sim = simulator(scene="merge", start_seed=1)
+    worlds = run(sim, tape(sim, 1, 80), lambda t, n: np.array([[1.0, 0.0]]))
+    signals = [sim.signals(world) for world in worlds]
+    first = int(np.argmax([s["crashed"][0] for s in signals]))
+    assert first > 0
+    assert signals[first - 1]["gap"] < 2.0
+    assert signals[-1]["arrived"] == 0.0
+    assert signals[-1]["x"] == signals[first]["x"]
+
+
+def test_left_is_left():
+    sim = simulator(scene="merge", start_seed=1)
+    left = run(sim, tape(sim, 1, 3), lambda t, n: np.array([[0.0, 0.05]]))[-1]
+    assert left.ego.y[0] > -4.0
+    assert left.ego.heading[0] > 0.0
+    assert left.ego.steering[0] > 0.0
+    yaw = Action(np.array([1.5]), np.array([0.1]))
+    world = run(sim, tape(sim, 1, 1), lambda t, n: yaw)[-1]
+    assert world.ego.acceleration[0] == pytest.approx(1.5)
+    assert world.ego.heading[0] == pytest.approx(0.01)
+
+
+def test_signals(sim):
+    world = run(sim, tape(sim, 3, 10))[-1]
+    others = sim.setting.capacity
+    for name, values in sim.signals(world).items():
+        expected = (3, others) if name.startswith("others") or name == "distance" else (3,)
+        assert values.shape == expected, name
+        assert values.dtype == np.float64
+        assert not np.isnan(values).any()
+    absent = world.others.x == ABSENT
+    assert absent.any() == (sim.config.scene == "intersection")
+
+
+def test_acceleration_is_what_the_speed_has_changed_by(sim):
+    one, other = run(sim, tape(sim, 3, 6))[-2:]
+    moving = ~other.over
+    np.testing.assert_allclose(
+        other.ego.acceleration[moving], (other.ego.speed - one.ego.speed)[moving] / sim.dt, atol=1e-9
+    )
+    if sim.config.scene != "intersection":  # whose vehicles change places in the list
+        change = (other.others.speed - one.others.speed)[moving] / sim.dt
+        np.testing.assert_allclose(other.others.acceleration[moving], change, atol=1e-9)
+
+
+@pytest.mark.parametrize("action", [None, np.zeros((2, 3)), np.zeros(2), "left"])
+def test_actions_that_are_none(action):
+    sim = simulator(scene="merge", start_seed=1)
+    with pytest.raises(UsageError, match="controller"):
+        sim.step(sim.reset(np.zeros((2, 0))), action, np.zeros((2, 0)))

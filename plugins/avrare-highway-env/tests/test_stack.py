@@ -1,0 +1,126 @@
+"""The simulator within a stack: scenarios, traffic rules, estimators, processes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import highway_runs as runs
+import numpy as np
+import pytest
+from highway_runs import run, simulator, tape
+
+import avrare
+from avrare.build.rules import build_rule
+from avrare.errors import ScenarioError
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+WORLD = """
+name: world
+steps: 20
+simulator: {plugin: highway_env, %s}
+controller: {plugin: policy, model: %s}
+specifications:
+  rule: %s
+estimator: {plugin: mc, rollouts: 10}
+chunk: 3
+"""
+
+
+@pytest.fixture
+def policy(tmp_path):
+    """A policy that only ever speeds up, the more the farther its first rays reach."""
+    from avrare_policy.network import Network, save
+
+    weights = np.zeros((6 + 24, 2), dtype=np.float32)
+    weights[6:12, 0] = 1.0 / 6.0
+    save(
+        tmp_path / "faster.npz",
+        Network(
+            (weights,), (np.zeros(2, dtype=np.float32),), "relu", np.zeros(30), np.ones(30),
+            np.full(2, -1.0), np.full(2, 1.0), {},
+        ),
+    )  # fmt: skip
+    return tmp_path / "faster.npz"
+
+
+def scenario(tmp_path, policy, world, rule):
+    path = tmp_path / "world.yaml"
+    path.write_text(WORLD % (world, policy, rule))
+    return avrare.load(path)
+
+
+NOISY = "scene: merge, start_seed: 3, lidar: {cells: 24, speeds: false, noise_variance: 0.01}"
+
+
+@pytest.mark.parametrize(
+    ("estimator", "options"),
+    [("mc", {"rollouts": 10}), ("ams", {"particles": 6, "discard": 2, "runs": 2})],
+)
+def test_the_same_bits_in_one_process_and_in_two(tmp_path, policy, estimator, options):
+    world = scenario(tmp_path, policy, NOISY, '{stl: "always (speed < 39.4)"}')
+    problem = world.problem("rule")
+    one, two = (avrare.estimate(problem, estimator, seed=5, workers=workers, **options) for workers in (1, 2))
+    assert one.probability == two.probability
+    assert one.interval == two.interval
+    assert one.simulated_steps == two.simulated_steps
+    assert np.array_equal(one.failures.noise, two.failures.noise)
+    assert 0.0 < one.probability < 1.0
+    assert (problem.robustness(one.failures.noise) <= 0.0).all()
+
+
+def test_traffic_rules_see_what_highway_env_does():
+    """Full throttle on the merge ends in a collision, and there the rule breaks."""
+    sim = simulator(scene="merge")
+    noise = tape(sim, 8, 90)
+    worlds = run(sim, noise, lambda t, n: np.tile([1.0, 0.0], (n, 1)))
+    collision, distance = (build_rule(name, [], sim.scene) for name in ("no_collision", "R_G1"))
+    a, b = collision.start(8), distance.start(8)
+    for world in worlds:
+        a, crash = collision.update(a, sim.signals(world))
+        b, near = distance.update(b, sim.signals(world))
+    assert worlds[-1].crashed.any()
+    assert np.array_equal(crash.violated, worlds[-1].crashed)
+    assert (crash.robustness[worlds[-1].crashed] < -1e-3).all()
+    assert near.violated[worlds[-1].crashed].all()
+
+
+def test_rules_for_straight_roads_are_refused_elsewhere(tmp_path, policy):
+    world = scenario(tmp_path, policy, "scene: roundabout", "{plugin: traffic_rules, rule: R_G1}")
+    with pytest.raises(ScenarioError, match="needs a driving simulator"):
+        world.problem("rule")
+
+
+def test_a_policy_needs_its_sensors(tmp_path, policy):
+    world = scenario(tmp_path, policy, "scene: merge", '{stl: "always (gap > 0)"}')
+    with pytest.raises(avrare.UsageError, match="made for 30 observed numbers, it is given 6"):
+        world.problem("rule").robustness(np.zeros((1, 21, 9)))
+
+
+def test_listing_and_validating_import_nothing_heavy():
+    code = (
+        "import sys, avrare_highway_env.config, avrare_policy.config\n"
+        "print([name for name in ('highway_env', 'gymnasium', 'pandas', 'torch', 'scipy', 'PIL') "
+        "if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_case_study_has_48_000_numbers():
+    study = avrare.load(SCENARIOS / "merge_lidar.yaml")
+    assert study.stack.loop.noise_size * study.steps == 48_000
+    assert study.stack.loop.simulator.scene.road.access_ramp == (0,)
+
+
+@pytest.mark.parametrize("name", ["merge_lidar", "highway"])
+def test_the_scenarios_run(name):
+    problem = avrare.load(SCENARIOS / f"{name}.yaml", ["steps=4"])
+    world = avrare.load(SCENARIOS / f"{name}.yaml")
+    loop = world.stack.loop
+    state = loop.initial(np.zeros((2, loop.noise_size)))
+    for _ in range(3):
+        state = loop.step(state, np.zeros((2, loop.noise_size)))
+    assert (loop.signals(state)["x"] > 0.0).all()
+    assert not loop.faults(state).any()
+    assert problem.steps == 4
+    assert runs.numbers(state.world)

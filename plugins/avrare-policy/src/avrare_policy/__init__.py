@@ -1,0 +1,17 @@
+"""Learnt policies as controllers: a small network from an ``.npz`` file, run in NumPy."""
+
+from avrare.plugin import Component, hookimpl
+
+
+@hookimpl
+def avrare_components() -> list[Component]:
+    """The controller ``policy``."""
+    return [
+        Component(
+            kind="controller",
+            name="policy",
+            config="avrare_policy.config:PolicyConfig",
+            factory="avrare_policy.controller:build",
+            summary="a small neural network from an .npz file, for simulators that hand out observations",
+        )
+    ]

@@ -1,0 +1,16 @@
+"""What a scenario says about a learnt policy."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class PolicyConfig(BaseModel):
+    """Options of the controller ``policy``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    model: str = Field(
+        min_length=1,
+        description="name of a policy that an installed plugin ships, or the path of an .npz file",
+    )

@@ -1,0 +1,130 @@
+"""A multilayer perceptron: the file it comes from, and running it on a batch."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.errors import UsageError
+
+Floats = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[np.generic]]
+FORMAT = 1
+ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
+    "tanh": np.tanh,
+    "relu": lambda values: np.maximum(values, np.float32(0.0)),
+}
+
+
+@dataclass(frozen=True)
+class Network:
+    """A fully connected network with the same activation after every layer but the last.
+
+    Attributes:
+        weights: Per layer (inputs, outputs), single precision.
+        biases: Per layer (outputs,).
+        activation: A key of ``ACTIVATIONS``.
+        mean: (D,) subtracted from the observation.
+        scale: (D,) it is then divided by.
+        low: (A,) least action.
+        high: (A,) greatest action.
+        provenance: Where it comes from and under which licence, by keyword.
+    """
+
+    weights: tuple[NDArray[np.float32], ...]
+    biases: tuple[NDArray[np.float32], ...]
+    activation: str
+    mean: Floats
+    scale: Floats
+    low: Floats
+    high: Floats
+    provenance: Mapping[str, str]
+
+    def __call__(self, observation: Floats) -> Floats:
+        """Actions (N, A) of observations (N, D), clipped to their range; a row knows no other row.
+
+        Products by einsum: BLAS would give a row other last bits in other company.
+        """
+        activate = ACTIVATIONS[self.activation]
+        values = ((observation - self.mean) / self.scale).astype(np.float32)
+        last = len(self.weights) - 1
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            values = np.einsum("ni,ij->nj", values, weight) + bias
+            values = values if k == last else activate(values)
+        return np.clip(values.astype(np.float64), self.low, self.high)
+
+
+def load(path: Path) -> Network:
+    """Read a network.
+
+    Raises:
+        UsageError: The file is not one that ``save`` wrote.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return _assemble(path, {name: file[name] for name in file.files})
+    except KeyError as error:
+        raise UsageError(f"{path}: no policy: {error.args[0]!r} is missing") from None
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise UsageError(f"{path}: no policy: {error}") from None
+
+
+def save(path: Path, network: Network) -> None:
+    """Write a network: ``W0``, ``b0``, ``W1``, ..., never pickled."""
+    arrays: dict[str, NDArray[np.generic]] = {
+        "format": np.array(FORMAT),
+        "activation": np.array(network.activation),
+        "provenance_keys": np.array(list(network.provenance), dtype=np.str_),
+        "provenance_values": np.array(list(network.provenance.values()), dtype=np.str_),
+    }
+    arrays |= {name: getattr(network, name) for name in ("mean", "scale", "low", "high")}
+    for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        arrays |= {f"W{k}": weight.astype(np.float32), f"b{k}": bias.astype(np.float32)}
+    np.savez_compressed(path, allow_pickle=False, **arrays)
+
+
+def _assemble(path: Path, arrays: Arrays) -> Network:
+    if int(arrays["format"].astype(float)) != FORMAT:
+        raise UsageError(f"{path}: policy format {arrays['format']}, this version reads {FORMAT}")
+    layers = sum(name.startswith("W") and name[1:].isdigit() for name in arrays)
+    keys, values = arrays["provenance_keys"], arrays["provenance_values"]
+    network = Network(
+        weights=tuple(np.ascontiguousarray(arrays[f"W{k}"], np.float32) for k in range(layers)),
+        biases=tuple(np.ascontiguousarray(arrays[f"b{k}"], np.float32) for k in range(layers)),
+        activation=str(arrays["activation"]),
+        mean=np.asarray(arrays["mean"], float),
+        scale=np.asarray(arrays["scale"], float),
+        low=np.asarray(arrays["low"], float),
+        high=np.asarray(arrays["high"], float),
+        provenance={str(key): str(value) for key, value in zip(keys, values, strict=True)},
+    )
+    _check(path, network)
+    return network
+
+
+def _check(path: Path, network: Network) -> None:
+    """Refuse what does not fit together, or is not finite."""
+    if network.activation not in ACTIVATIONS:
+        raise UsageError(
+            f"{path}: unknown activation {network.activation!r}", f"known: {', '.join(ACTIVATIONS)}"
+        )
+    sizes = [len(network.mean)]
+    for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        if weight.shape != (sizes[-1], len(bias)):
+            raise UsageError(f"{path}: W{k} has shape {weight.shape}, {(sizes[-1], len(bias))} is needed")
+        sizes.append(len(bias))
+    vectors = {"scale": sizes[0], "low": sizes[-1], "high": sizes[-1]}
+    for name, size in vectors.items():
+        if getattr(network, name).shape != (size,):
+            raise UsageError(f"{path}: {name} needs {size} entries")
+    finite = [np.isfinite(values).all() for values in (*network.weights, *network.biases)]
+    finite += [np.isfinite(getattr(network, name)).all() for name in ("mean", *vectors)]
+    if len(sizes) == 1 or not all(finite):
+        raise UsageError(f"{path}: a policy needs at least one layer, and finite numbers")
+    if (network.scale <= 0.0).any():
+        raise UsageError(f"{path}: scale must be positive")
