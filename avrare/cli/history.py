@@ -59,7 +59,7 @@ def _add(args: argparse.Namespace) -> None:
     with _store(args, create=True) as store:
         added = store.add(found)
         known = f", {len(found) - added} were there already" if added < len(found) else ""
-        print(f"{added} of {len(found)} estimates added to {store.url}{known}")
+        print(f"{added} of {len(found)} estimates added to {store.place}{known}")
 
 
 def _show(args: argparse.Namespace) -> None:

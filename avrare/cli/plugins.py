@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import sys
+import time
+from importlib.metadata import entry_points
+from typing import Any
 
 from avrare.errors import ExitCode
-from avrare.plugin.registry import Row, default_registry
+from avrare.plugin.hookspecs import GROUP
+from avrare.plugin.registry import VARIABLE, Row, default_registry
 
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 
@@ -15,31 +21,61 @@ _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summ
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument("--json", action="store_true", help="print a list of objects instead of a table")
+    parser.add_argument(
+        "--timing", action="store_true", help="also how long importing each plugin's description takes"
+    )
 
 
 def execute(args: argparse.Namespace) -> int:
     """Print one row for each component and for each plugin that could not be loaded."""
+    seconds = _import_seconds() if args.timing else None
     rows = default_registry().rows()
     if args.json:
-        print(json.dumps([{key: getattr(row, key) for key in _COLUMNS} for row in rows], indent=2))
+        print(json.dumps([_entry(row, seconds) for row in rows], indent=2))
     else:
-        _print_table(rows)
+        _print_table(rows, seconds)
     return int(ExitCode.PASS)
 
 
-def _print_table(rows: list[Row]) -> None:
+def _import_seconds() -> dict[str, float]:
+    """Distribution -> seconds to import what describes its components; only the first import costs them."""
+    names = os.environ.get(VARIABLE)
+    seconds: dict[str, float] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        blocked = names is not None and point.name not in [name.strip() for name in names.split(",")]
+        if blocked or point.dist is None:
+            continue
+        began = time.perf_counter()
+        with contextlib.suppress(Exception, SystemExit):  # the registry says what is wrong with it
+            point.load()
+        spent = time.perf_counter() - began
+        seconds[point.dist.name] = seconds.get(point.dist.name, 0.0) + spent
+    return seconds
+
+
+def _entry(row: Row, seconds: dict[str, float] | None) -> dict[str, Any]:
+    entry = {key: getattr(row, key) for key in _COLUMNS}
+    return entry if seconds is None else {**entry, "import_seconds": seconds.get(row.distribution)}
+
+
+def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
     from rich import box
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table("kind", "name", "from", "status", "summary", box=box.SIMPLE_HEAD, pad_edge=False)
+    headings = ["kind", "name", "from", "status", "summary"]
+    if seconds is not None:
+        headings.insert(3, "import")
+    table = Table(*headings, box=box.SIMPLE_HEAD, pad_edge=False)
     for row in rows:
         status = row.status if not row.detail else f"{row.status}: {row.detail}"
         colour = "green" if row.status == "ok" else "red"
-        cells = (row.kind or "?", row.name, row.origin, status, row.summary)
-        texts = [escape(text) for text in cells]
+        texts = [escape(text) for text in (row.kind or "?", row.name, row.origin, status, row.summary)]
         texts[3] = f"[{colour}]{texts[3]}[/{colour}]"
+        if seconds is not None:
+            spent = seconds.get(row.distribution)
+            texts.insert(3, "" if spent is None else f"{1000.0 * spent:.0f} ms")
         table.add_row(*texts)
     # A pipe has no width: give it enough that nothing wraps.
     Console(width=None if sys.stdout.isatty() else 240).print(table)

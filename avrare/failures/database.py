@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from avrare.errors import UsageError
 from avrare.failures.failure import Failure
-from avrare.failures.pack import Broken, packed_from, unpacked
+from avrare.failures.pack import Broken, packed_from, read_header, unpacked
 from avrare.record.whole import write_whole
+from avrare.record.written import read_arrays
 
 DEFAULT = Path(".avrare") / "failures"
 """Where failures are kept unless told otherwise."""
@@ -35,6 +36,17 @@ class Database:
         """Of all failures, in order."""
         found = (path.stem for path in self.folder.glob("*.npz"))
         return sorted(name for name in found if len(name) == 8 and _ID.fullmatch(name))
+
+    def check(self) -> None:
+        """Whether failures can be added, asked before long work is done for them.
+
+        Raises:
+            UsageError: They cannot.
+        """
+        place = next(path for path in (self.folder, *self.folder.absolute().parents) if path.exists())
+        if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+            reason = f"{place} is no folder that can be written to"
+            raise UsageError(f"{self.folder}: {reason}", "choose another folder of failures")
 
     def add(self, failure: Failure) -> bool:
         """Keep a failure; False: it was there already.
@@ -86,15 +98,11 @@ class Database:
         return failures, complaints
 
     def _read(self, path: Path) -> Failure:
+        arrays = read_arrays(path, "remove the file")
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                header = json.loads(str(stored["header"]))
-                failure = packed_from(header, {name: stored[name] for name in stored if name != "header"})
+            failure = packed_from(read_header(str(arrays.pop("header", ""))), arrays)
         except Broken as error:
             raise UsageError(f"{path}: damaged: {error}", "remove the file") from None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
-            reason = " ".join(str(error).split())[:120] or type(error).__name__
-            raise UsageError(f"{path}: cannot be read: {reason}", "remove the file") from None
         if failure.id != path.stem:
             text = f"{path}: damaged: it holds failure {failure.id}"
             raise UsageError(text, "give the file its name back, or remove it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +57,7 @@ def replay(scenario: BuildableScenario, failure: Failure) -> Replayed:
 
 def differences(scenario: BuildableScenario, failure: Failure) -> tuple[str, ...]:
     """Which fingerprints and versions are others than when the failure was stored."""
-    now = fingerprints(scenario.definition, failure.specification)
+    now, versions = fingerprints(scenario.definition, failure.specification), scenario.definition.versions
     changed = [
         f"{name} differs: fingerprint {failure.parts.get(name, 'none')} -> {value}"
         for name, value in now.items()
@@ -65,7 +65,9 @@ def differences(scenario: BuildableScenario, failure: Failure) -> tuple[str, ...
     ]
     if failure.scenario != scenario.name:
         changed.insert(0, f"the scenario is called {failure.scenario} -> {scenario.name}")
-    return (*changed, *_versions(failure.versions, scenario.definition.versions))
+    # Of the same parts, a plugin that is there only once is that of an estimator.
+    names = {*failure.versions, *versions} if changed else {*failure.versions} & {*versions}
+    return (*changed, *_versions(failure.versions, versions, names))
 
 
 def divergence(failure: Failure, found: Drive, scenario: BuildableScenario) -> str | None:
@@ -112,10 +114,10 @@ def _pair(then: float, now: float) -> str:
     return " -> ".join(next((pair for pair in texts if pair[0] != pair[1]), texts[-1]))
 
 
-def _versions(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+def _versions(then: Mapping[str, str], now: Mapping[str, str], names: Collection[str]) -> list[str]:
     return [
         f"{name} {then.get(name, 'none')} -> {now.get(name, 'none')}"
-        for name in sorted({*then, *now})
+        for name in sorted(names)
         if then.get(name) != now.get(name)
     ]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -47,4 +49,6 @@ def _number(value: float) -> str:
 
 
 def _text(lines: Sequence[Sequence[str]]) -> str:
-    return "".join(",".join(cells) + "\n" for cells in lines)
+    content = io.StringIO()
+    csv.writer(content, lineterminator="\n").writerows(lines)  # a vehicle's name may have commas
+    return content.getvalue()

@@ -21,6 +21,7 @@ from avrare.build.scenario import BuildableScenario
 from avrare.errors import UsageError
 from avrare.failures.driving import Drive, drive
 from avrare.protocols import Floats
+from avrare.scenario.files import digests
 from avrare.scenario.schema import Scenario
 
 PARTS = ("simulator", "perception", "tracker", "controller")
@@ -70,9 +71,14 @@ class Failure:
 
 def fingerprints(scenario: Scenario, specification: str) -> dict[str, str]:
     """8 hexadecimal digits of each part that a rollout of one specification depends on."""
-    resolved = scenario.resolved
+    resolved, files = scenario.resolved, digests(scenario)
     plain = {"steps": resolved["steps"], **{part: resolved.get(part) for part in PARTS}}
     plain["specification"] = resolved["specifications"][specification]
+    paths = {**{part: part for part in PARTS}, "specification": f"specifications.{specification}"}
+    for name, path in paths.items():
+        contents = {key: content for key, content in files.items() if key.startswith(f"{path}.")}
+        if contents:  # what is in a file that an option names counts, too
+            plain[name] = {"options": plain[name], "files": contents}
     return {name: _digest(part) for name, part in plain.items()}
 
 

@@ -29,7 +29,7 @@ class Falsified:
         until_first: Rollouts until then, or all of them.
         rollouts: In all.
         errors: Rollouts that broke down.
-        finished: The search came to its end within the budget.
+        finished: The search came to its end within the budget, from every failure that it started from.
     """
 
     noise: Floats | None
@@ -62,13 +62,13 @@ def falsify(
     until = trials.rollouts
     if not starts:
         return Falsified(None, np.inf, np.inf, until, until, trials.errors, False)
-    found = [starts[0]]
+    found, finished = [starts[0]], True
     for k, start in enumerate(starts):
         trials.budget = trials.rollouts + (budget - trials.rollouts) // (len(starts) - k)
         if trials.left:
             found.append(nearest(trials, start, seed + k))
+        finished &= trials.left > 0
     best = min(found, key=lambda tape: float(np.linalg.norm(tape)))
     first = float(np.linalg.norm(starts[0]))
-    return Falsified(
-        best, float(np.linalg.norm(best)), first, until, trials.rollouts, trials.errors, trials.left > 0
-    )
+    norm = float(np.linalg.norm(best))
+    return Falsified(best, norm, first, until, trials.rollouts, trials.errors, finished)

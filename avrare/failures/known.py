@@ -77,7 +77,12 @@ def _rerun(scenario: BuildableScenario, name: str, failures: list[Failure]) -> l
 
 
 def known_lines(database: Database, scenario: BuildableScenario) -> list[str]:
-    """Drive the failures of a scenario that are in a database, and say how each comes out now."""
+    """Drive the failures of a scenario that are in a database, and say how each comes out now.
+
+    Raises:
+        UsageError: No new ones could be added to it.
+    """
+    database.check()
     failures, complaints = database.all(scenario.name)
     found = rerun(scenario, failures)
     if not found:

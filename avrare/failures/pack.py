@@ -23,6 +23,7 @@ MARK = "avrare1."
 _MOST_BYTES = 2**28
 _TYPES = {"noise": "<f8", "checksums": "<u4", "values": "<f4"}
 _AXES = {"noise": 2, "checksums": 1, "values": 2}
+_CONTROL = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160))}
 _HINT = "copy it whole, or write it to a file and give --blob @FILE"
 
 
@@ -65,7 +66,7 @@ def _decoded(word: str) -> Failure:
     if not inflater.eof:
         raise Broken("its end is missing")
     size = int.from_bytes(content[:4], "little")
-    header = _header(content[4 : 4 + size])
+    header = read_header(content[4 : 4 + size])
     arrays, begin = {}, 4 + size
     for name, kind in _TYPES.items():
         shape = _shape(header, name)
@@ -98,12 +99,13 @@ def packed_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
         Broken: They do not fit each other.
     """
     try:
-        scenario, specification = str(header["scenario"]), str(header["specification"])
+        scenario, specification = _word(header["scenario"]), _word(header["specification"])
         parts, versions = (
-            {str(key): str(value) for key, value in header[name].items()} for name in ("parts", "versions")
+            {_word(key): _word(value) for key, value in header[name].items()}
+            for name in ("parts", "versions")
         )
         robustness = float.fromhex(header["robustness"])
-        columns = tuple(map(str, header["columns"]))
+        columns = tuple(map(_word, header["columns"]))
         noise, sums, values = (np.asarray(arrays[name]) for name in _TYPES)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise Broken(f"its header is wrong: {error}") from None
@@ -119,7 +121,12 @@ def packed_from(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
     return Failure(scenario, specification, parts, versions, robustness, noise, sums, columns, values)
 
 
-def _header(content: bytes) -> dict[str, Any]:
+def read_header(content: bytes | str) -> dict[str, Any]:
+    """The header of a failure that came from outside.
+
+    Raises:
+        Broken: It is no JSON object.
+    """
     try:
         header = json.loads(content)
     except (ValueError, RecursionError):
@@ -127,6 +134,11 @@ def _header(content: bytes) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise Broken("its header is unreadable")
     return header
+
+
+def _word(value: Any) -> str:
+    """Text that is shown in terminals, which must not obey it."""
+    return str(value).translate(_CONTROL)
 
 
 def _shape(header: Mapping[str, Any], name: str) -> tuple[int, ...]:

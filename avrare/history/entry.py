@@ -11,7 +11,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from avrare.errors import UsageError
 from avrare.record.written import read_json, read_result, written_at
 
 
@@ -91,11 +90,7 @@ def entries(folder: Path) -> list[Entry]:
     file = folder / "provenance.json"
     origin = read_json(file) if file.is_file() else {}
     written = written_at(folder).isoformat(timespec="seconds")
-    try:
-        return [_entry(result, origin, written, estimate) for estimate in result["estimates"]]
-    except (KeyError, TypeError, ValueError) as error:
-        problem = f"{folder / 'result.json'}: an estimate in it cannot be read: {error!r}"
-        raise UsageError(problem, "run the scenario again") from None
+    return [_entry(result, origin, written, estimate) for estimate in result["estimates"]]
 
 
 def series(found: Sequence[Entry]) -> Iterator[tuple[tuple[str, str], list[Entry]]]:

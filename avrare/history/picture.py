@@ -33,7 +33,8 @@ def draw(found: Sequence[Entry], path: Path) -> None:
     axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
     for ax, ((scenario, specification), entries) in zip(axes, panels, strict=True):
         _panel(ax, entries)
-        ax.set_title(f"{scenario}  {specification}", fontsize=10, loc="left", color=_INK, weight="bold")
+        title = f"{scenario}  {specification}"
+        ax.set_title(title, fontsize=10, loc="left", color=_INK, weight="bold", parse_math=False)
     legend = (
         "bars: intervals    red: fails its threshold    hollow: nothing failed, upper end of the interval"
     )

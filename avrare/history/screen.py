@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich import box
+from rich.markup import escape
 from rich.table import Table
 
 from avrare.history.entry import Entry, breaks
@@ -16,8 +17,8 @@ CHANGED = "≠"
 def table(scenario: str, specification: str, found: Sequence[Entry]) -> Table:
     """The estimates of one specification, the oldest first."""
     view = Table(
-        title=f"{scenario}  {specification}", title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
-        pad_edge=False, show_edge=False, padding=(0, 1, 0, 0),
+        title=escape(f"{scenario}  {specification}"), title_justify="left", title_style="bold",
+        box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0),
     )  # fmt: skip
     view.add_column("date", no_wrap=True)
     view.add_column("commit", no_wrap=True)
@@ -27,7 +28,7 @@ def table(scenario: str, specification: str, found: Sequence[Entry]) -> Table:
     view.add_column("verdict", no_wrap=True)
     for entry, other in zip(found, breaks(found), strict=True):
         view.add_row(
-            f"{entry.when:%Y-%m-%d %H:%M}", entry.commit, f"[yellow]{CHANGED}[/]" if other else "",
+            f"{entry.when:%Y-%m-%d %H:%M}", escape(entry.commit), f"[yellow]{CHANGED}[/]" if other else "",
             number(entry.probability), f"{number(entry.low, 2)} .. {number(entry.high, 2)}",
             coloured(entry.verdict or None),
         )  # fmt: skip

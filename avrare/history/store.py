@@ -36,13 +36,16 @@ class Store:
         url: A file's path, or an SQLAlchemy URL.
         create: Begin one where there is none.
 
+    Attributes:
+        place: The file or the URL, without a password.
+
     Raises:
         UsageError: There is none, or it cannot be opened.
         PluginError: SQLAlchemy or a driver is missing.
     """
 
     def __init__(self, url: str = DEFAULT, *, create: bool = False) -> None:
-        self.url = url
+        self.place = _shown(url)
         self._connection = _connect(url, create)
         if create:
             columns = ", ".join(f"{one.name} {_KINDS[str(one.type)]} NOT NULL" for one in fields(Entry))
@@ -102,6 +105,8 @@ class _File:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._database = sqlite3.connect(path, timeout=_PATIENCE)
+            if create:  # what is looked up stays true until it is written: jobs add one after another
+                self._database.execute("BEGIN IMMEDIATE")
         except (OSError, sqlite3.Error) as error:
             raise UsageError(f"{path}: cannot be opened: {error}", "choose another --store") from None
 
@@ -152,15 +157,20 @@ class _Alchemy:
 
     def close(self, keep: bool) -> None:
         """See ``Connection``."""
-        if keep:
-            self._connection.commit()
-        self._connection.close()
+        try:
+            if keep:
+                self._connection.commit()
+        except self._error as error:
+            problem = f"--store {self._shown}: cannot be written: {_first(error)}"
+            raise UsageError(problem, "try again, or choose another --store") from None
+        finally:
+            self._connection.close()
 
 
 def _shown(url: str) -> str:
-    """The URL without a password."""
+    """The URL without user, password and options, any of which may hold a secret."""
     head, sep, rest = url.partition("://")
-    return f"{head}{sep}{rest.rpartition('@')[2]}"
+    return f"{head}{sep}{rest.rpartition('@')[2].partition('?')[0]}" if sep else url
 
 
 def _first(error: Exception) -> str:

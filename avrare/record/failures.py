@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.errors import UsageError, did_you_mean
 from avrare.estimation.result import Failures, Result
 from avrare.protocols import Floats
 from avrare.record.whole import write_whole
+from avrare.record.written import read_arrays
 
 FILE = "failures.npz"
 _FIELDS = ("noise", "robustness", "count")
@@ -50,15 +52,18 @@ def read_failures(folder: Path) -> dict[str, Failures]:
     path = folder / FILE
     if not path.exists():
         return {}
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            names = [key.removesuffix(".noise") for key in arrays if key.endswith(".noise")]
-            found = {name: [arrays[f"{name}.{field}"] for field in _FIELDS] for name in names}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise UsageError(f"{path}: cannot be read: {error}", "run the scenario again") from None
-    return {
-        name: Failures(noise, robustness, int(count)) for name, (noise, robustness, count) in found.items()
-    }
+    arrays = read_arrays(path)
+    names = [key.removesuffix(".noise") for key in arrays if key.endswith(".noise")]
+    return {name: _failures(path, name, arrays) for name in names}
+
+
+def _failures(path: Path, name: str, arrays: Mapping[str, NDArray[Any]]) -> Failures:
+    noise, robustness, count = (arrays.get(f"{name}.{field}", np.zeros(())) for field in _FIELDS)
+    kinds = [array.dtype.kind for array in (noise, robustness, count)]
+    fit = noise.ndim == 3 and robustness.shape == noise.shape[:1] and count.shape == ()
+    if not fit or not len(noise) or kinds != ["f", "f", "i"] or not np.isfinite(noise).all():
+        raise UsageError(f"{path}: cannot be read: {name} is damaged", "run the scenario again")
+    return Failures(noise, robustness, int(count))
 
 
 def chosen_failure(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import io
-import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from avrare.errors import UsageError
 from avrare.estimation.result import Result, Worst
 from avrare.record.whole import write_whole
+from avrare.record.written import read_arrays
 
 FILE = "rollouts.npz"
 MOST = 100_000
@@ -61,18 +62,18 @@ def read_rollouts(folder: Path) -> dict[str, Sample]:
     path = folder / FILE
     if not path.exists():
         return {}
-    suffix = ".worst_robustness"
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return {
-                name: Sample(
-                    arrays[f"{name}.robustness"],
-                    Worst(arrays[f"{name}.worst"], float(arrays[f"{name}{suffix}"])),
-                )
-                for name in (key.removesuffix(suffix) for key in arrays if key.endswith(suffix))
-            }
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise UsageError(f"{path}: cannot be read: {error}", "run the scenario again") from None
+    arrays, suffix = read_arrays(path), ".worst_robustness"
+    names = [key.removesuffix(suffix) for key in arrays if key.endswith(suffix)]
+    return {name: _sample(path, name, arrays) for name in names}
+
+
+def _sample(path: Path, name: str, arrays: Mapping[str, NDArray[Any]]) -> Sample:
+    parts = [arrays.get(f"{name}.{part}") for part in ("robustness", "worst", "worst_robustness")]
+    axes = [part.ndim if part is not None and part.dtype.kind == "f" else None for part in parts]
+    if axes != [1, 2, 0]:
+        raise UsageError(f"{path}: cannot be read: {name} is damaged", "run the scenario again")
+    robustness, worst, least = parts
+    return Sample(robustness, Worst(worst, float(least)))  # type: ignore[arg-type]
 
 
 def _single(values: NDArray[np.float64]) -> NDArray[np.float32]:

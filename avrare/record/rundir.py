@@ -30,18 +30,29 @@ def choose(out: str | Path | None, name: str, several: bool) -> Path:
     Raises:
         UsageError: It cannot be made.
     """
-    if out is None:
-        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        folder = Path("runs") / f"{name}-{stamp}"
-    else:
-        folder = Path(out) / name if several else Path(out)
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = Path("runs") / f"{name}-{stamp}" if out is None else Path(out) / name if several else Path(out)
     try:
+        if out is None:
+            return _make_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(
             f"{folder}: cannot make this folder: {error.strerror}", "choose another --out"
         ) from error
     return folder
+
+
+def _make_new(folder: Path) -> Path:
+    """A folder of nobody else's: two runs may begin in the same second."""
+    one, number = folder, 1
+    while True:
+        try:
+            one.mkdir(parents=True)
+            return one
+        except FileExistsError:
+            number += 1
+            one = folder.with_name(f"{folder.name}-{number}")
 
 
 def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:

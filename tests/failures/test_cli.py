@@ -189,3 +189,10 @@ def test_what_is_wrong_is_said_in_one_line(avrare, words, text):
 def test_an_empty_folder_of_failures(avrare):
     code, out, _ = avrare("failures", "list")
     assert (code, out) == (0, ".avrare/failures: no failure is stored\n")
+
+
+def test_a_folder_that_takes_no_failures_is_told_before_the_run(avrare, tmp_path):
+    (tmp_path / "file").touch()
+    code, _, err = run(avrare, "--out", "a", "--failures", "file")
+    assert (code, "no folder that can be written to" in err) == (4, True)
+    assert not (tmp_path / "a" / "result.json").exists()

@@ -84,3 +84,29 @@ def test_a_folder_that_cannot_be_made(tmp_path, failure):
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot write"):
         Database(tmp_path / "file" / "x").add(failure)
+
+
+def test_a_damaged_archive_is_a_message(database, failure):
+    database.add(failure)
+    path = database.folder / f"{failure.id}.npz"
+    whole = path.read_bytes()
+    for place in range(40, len(whole), 97):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        found, complaints = database.all()
+        assert len(found) + len(complaints) == 1
+
+
+@pytest.mark.parametrize("name", ["../x", "../../etc/passwd", "/tmp/x", "", "*", "0" * 9, "."])
+def test_a_name_is_no_path(database, failure, name):
+    database.add(failure)
+    with pytest.raises(UsageError, match="there is no failure"):
+        database.load(name)
+
+
+def test_whether_there_is_room_is_asked_without_making_any(database, tmp_path):
+    database.check()
+    assert not database.folder.exists()
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "deep" / "er"):
+        with pytest.raises(UsageError, match="no folder that can be written to"):
+            Database(folder).check()

@@ -9,7 +9,7 @@ import pytest
 import avrare
 from avrare.errors import UsageError
 from avrare.failures.divergence import replay
-from avrare.failures.failure import checksums, record
+from avrare.failures.failure import checksums, fingerprints, record
 from avrare.failures.pack import decode, encode
 
 
@@ -59,6 +59,22 @@ def test_another_version_is_named(linear, failure):
     found = replay(linear, replace(failure, versions=versions))
     assert found.differing == (f"avrare 0.0.9 -> {avrare.__version__}",)
     assert found.divergence is None
+
+
+def test_a_plugin_of_another_estimator_is_no_difference(linear, load, failure):
+    other = replace(failure, versions={**failure.versions, "avrare-other": "1.0"})
+    assert replay(linear, other).differing == ()
+    assert "avrare-other 1.0 -> none" in replay(load("simulator.dt=0.11"), other).differing
+
+
+def test_what_is_in_a_file_belongs_to_the_part(linear, failure, monkeypatch):
+    path = "simulator.model"
+    monkeypatch.setattr("avrare.failures.failure.digests", lambda _: {path: "a", "estimator.proposal": "b"})
+    stored = replace(failure, parts=fingerprints(linear.definition, "near"))
+    assert replay(linear, stored).differing == ()
+    monkeypatch.setattr("avrare.failures.failure.digests", lambda _: {path: "c"})
+    (line,) = replay(linear, stored).differing
+    assert line.startswith("simulator differs: fingerprint ")
 
 
 def test_noise_of_another_shape_cannot_be_driven(load, failure):

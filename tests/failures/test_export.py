@@ -1,5 +1,7 @@
 """Rollouts as files that ``avrare monitor`` reads."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,3 +82,9 @@ def test_a_drive_that_breaks_down_keeps_its_beginning(weighted):
     assert [one.outcome for one in found] == ["passes", "error", "error"]
     assert [len(one.signals.get("x", ())) for one in found] == [6, 4, 0]
     assert "NaN" in found[1].error
+
+
+def test_names_with_commas_come_back(recording, tmp_path):
+    scene = replace(recording.scene, names=('a "van", red',))
+    (tmp_path / "drive.csv").write_text(to_csv(replace(recording, scene=scene)))
+    assert read_csv(str(tmp_path / "drive.csv"), "ego", scene.road).names == scene.names

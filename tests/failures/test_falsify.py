@@ -89,3 +89,16 @@ def test_a_formula_that_may_still_come_true():
     found = falsify(problem, budget=1500)
     assert problem.replay(found.noise[None]).violated.all()
     assert found.norm == pytest.approx(10.0 / np.sqrt(10.0), rel=0.03)
+
+
+def test_a_search_cut_short_from_any_start_is_not_finished(rare, monkeypatch):
+    ends = iter([0, 10])  # rollouts that are left after the search from each start
+
+    def spent(trials, tape, seed):
+        trials.rollouts = trials.budget - next(ends)
+        return tape
+
+    monkeypatch.setattr("avrare.failures.falsify.nearest", spent)
+    found = falsify(rare, seed=1, budget=4000)
+    assert found.noise is not None
+    assert not found.finished

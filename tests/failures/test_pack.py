@@ -114,3 +114,12 @@ def test_noise_that_is_not_finite_is_refused(failure):
     noise[0, 0] = np.nan
     with pytest.raises(UsageError, match="not finite"):
         decode(encode(replace(failure, noise=noise)))
+
+
+def test_words_from_outside_do_not_command_the_terminal(failure):
+    odd = replace(
+        failure, columns=("\x1b]0;x\x07", *failure.columns[1:]), versions={"a\x9b1m": "caf\u00e9\u200d"}
+    )
+    again = decode(encode(odd))
+    assert again.columns[0] == r"\x1b]0;x\x07"
+    assert again.versions == {r"a\x9b1m": "caf\u00e9\u200d"}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from avrare.cli.main import main
+from avrare.errors import UsageError
 from avrare.history.entry import breaks, entries, series
 from avrare.history.store import Store
 
@@ -158,7 +159,7 @@ def test_a_file_that_is_no_history(tmp_path, monkeypatch, told, write):
 def test_a_damaged_estimate(write, told):
     code, _, err = told("add", write(1, interval=None))
     assert code == 4
-    assert "an estimate in it cannot be read" in err
+    assert "it cannot be read: estimates.0.interval: " in err
 
 
 def test_any_database_of_sqlalchemy(write, told):
@@ -200,3 +201,30 @@ def test_the_picture_shows_every_estimate(write, told):
     assert blue.sum() > red.sum()
     code, _, err = told("--plot", "trend.pdf")
     assert (code, "is a PNG" in err) == (4, True)
+
+
+def test_what_is_printed_of_a_url_has_no_secret(write, told):
+    pytest.importorskip("sqlalchemy")
+    url = "sqlite+pysqlite:///h.db?cache=secret"
+    with pytest.warns(match="not accepted"):
+        code, out, err = told("add", write(1), "--store", url)
+    assert (code, out, err) == (0, "1 of 1 estimates added to sqlite+pysqlite:///h.db\n", "")
+
+
+def test_jobs_add_one_after_another(write, monkeypatch):
+    monkeypatch.setattr("avrare.history.store._PATIENCE", 0.01)
+    found = entries(Path(write(1)))
+    with Store("h.sqlite", create=True) as one:
+        with pytest.raises(UsageError, match="locked"):
+            Store("h.sqlite", create=True)
+        assert one.add(found) == 1
+    with Store("h.sqlite", create=True) as two:
+        assert two.add(found) == 0
+
+
+def test_names_are_neither_markup_nor_formulas(write, told):
+    pytest.importorskip("matplotlib")
+    told("add", write(1, specification="[/x] $\\foo$"))
+    code, out, _ = told()
+    assert (code, "[/x] $\\foo$" in out) == (0, True)
+    assert told("--plot", "trend.png")[0] == 0

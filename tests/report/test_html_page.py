@@ -145,3 +145,12 @@ def test_a_folder_of_several_runs_names_them(made, capsys):
     assert "it holds several runs; give one of them: run" in capsys.readouterr().err
     assert main(["report", str(made), "--out", str(made)]) == 4
     assert "is a folder" in capsys.readouterr().err
+
+
+def test_a_rule_that_the_scenario_does_not_know_is_no_bug(plane):
+    text = (plane / "scenario.yaml").read_text()
+    for place in ("  {}:", "- {}", "specification: {}"):
+        assert place.format("left") in text
+        text = text.replace(place.format("left"), place.format("right"))
+    (plane / "scenario.yaml").write_text(text)
+    assert "has no specification &#x27;left&#x27;" in report(plane)

@@ -4,6 +4,7 @@ import json
 import math
 import struct
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,9 @@ from avrare.record.trace import Recording
 from avrare.record.trace_score import score
 from avrare.report.html import evidence, pixels
 from avrare.report.html.drives import select
-from avrare.report.html.estimates import number
+from avrare.report.html.estimates import _few, number
 from avrare.report.html.markup import Markup, data, tag
-from avrare.report.html.parts import predicates
+from avrare.report.html.parts import _rows, predicates
 from avrare.report.html.plot import Plot
 from avrare.report.html.rollout import minus
 from avrare.report.html.scales import Scale, decades, linear
@@ -172,6 +173,18 @@ def test_the_share_that_survives_is_that_of_the_particles():
     assert evidence.levels({}, float, "") is None
 
 
+@pytest.mark.parametrize("found", ["low", 3.0, [1.0, 2.0], {"a": 1}, [["x"]], [[[1.0]]], [[]]])
+def test_levels_of_another_kind_are_not_drawn(found):
+    assert evidence.levels({"levels": found, "shares": [[0.5]]}, float, "") is None
+    assert evidence.levels({"levels": [[1.0]], "shares": found}, float, "") is None or found == [[]]
+    assert evidence.levels({"levels": [[1.0, None]], "shares": [[0.5, None]]}, float, "") is not None
+
+
+def test_one_of_so_many():
+    words = {12.3: "12", 1234.0: "1,200", 3.44e6: "3.4 million", 1.23e8: "120 million", 9.99e8: "1.0 × 10⁹"}
+    assert {value: _few(value) for value in words} == words
+
+
 def test_zero_is_an_edge_of_the_histogram():
     edges = evidence._edges(np.array([-0.3, 1.1, 2.0]))
     assert 0.0 in edges
@@ -185,3 +198,9 @@ def test_convergence_is_left_out_where_failures_cannot_be_told():
     assert evidence.convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     found = evidence.convergence({**entry, "failures": 1}, np.array([-1.0, 1.0, 1.0, 1.0]))
     assert "ending at 0.25" in found
+
+
+def test_a_vehicle_may_be_called_like_a_variable():
+    quantifiers = [SimpleNamespace(variable="a"), SimpleNamespace(variable="b")]
+    rows = _rows("near(a, b) > gap_a", np.zeros((3, 2, 2)), quantifiers, ("b", "c"), {"a": "b", "b": "c"})
+    assert [words for words, _ in rows] == ["near(b, c) > gap_a"]

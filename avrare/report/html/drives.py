@@ -90,6 +90,9 @@ def drive_again(scenario: BuildableScenario, shown: Sequence[Shown]) -> list[Dri
         return []
     if len({one.tape.shape for one in shown}) > 1:
         raise UsageError("the stored tapes have several shapes", "run the scenario again")
+    gone = [one.specification for one in shown if one.specification not in scenario.specifications]
+    if gone:
+        raise UsageError(f"its scenario.yaml has no specification {gone[0]!r}", "run the scenario again")
     drives = replay_frames(scenario, np.stack([one.tape for one in shown]))
     return [_drive(scenario, one, *found) for one, found in zip(shown, drives, strict=True)]
 

@@ -87,9 +87,11 @@ def _most(folder: RunFolder) -> str:
 
 def _few(value: float) -> str:
     """Two significant digits: 65, 1,900, 3.4 million."""
-    if value >= 1e6:
-        return f"{value / 1e6:,.2g} million" if value < 1e9 else scientific(value)
     rounded = float(f"{value:.1e}")
+    if rounded >= 1e9:
+        return scientific(value)
+    if rounded >= 1e6:
+        return f"{rounded / 1e6:.3g} million"
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
 
 

@@ -44,7 +44,7 @@ def convergence(entry: dict[str, Any], robustness: Floats) -> Markup | None:
     """The estimate and its interval as simulations, or runs, came in."""
     if entry["estimator"] == "mc":
         return _of_simulations(entry, robustness)
-    values = np.array(entry["run_probabilities"], dtype=np.float64)
+    values = np.array(entry.get("run_probabilities") or [], dtype=np.float64)
     return _of_runs(entry, values) if len(values) > 1 else None
 
 
@@ -117,8 +117,8 @@ def levels(diagnostics: dict[str, Any], gamma: Any, label: str) -> Markup | None
         gamma: From a level of the score to what is drawn.
         label: What that is.
     """
-    runs, shares = diagnostics.get("levels"), _shares(diagnostics)
-    if not runs or not any(runs) or shares is None:
+    runs, shares = _numbers(diagnostics.get("levels")), _shares(diagnostics)
+    if not any(map(len, runs)) or not shares:
         return None
     longest = max(map(len, runs))
     x = linear([0, longest], margin=0.02)
@@ -142,19 +142,28 @@ def levels(diagnostics: dict[str, Any], gamma: Any, label: str) -> Markup | None
     return tag("div", down.render("Levels", note), left.render("Survivors", note), class_="pair")
 
 
-def _shares(diagnostics: dict[str, Any]) -> list[list[float]] | None:
-    """Share that survives each level of each run."""
+def _shares(diagnostics: dict[str, Any]) -> list[list[float]]:
+    """Share that survives each level of each run; empty where it is not known."""
     if "shares" in diagnostics:
-        return list(diagnostics["shares"])
-    runs, discarded = diagnostics.get("roots"), diagnostics.get("discarded")
-    if not runs or discarded is None or "full_rollouts" not in diagnostics:
-        return None
-    particles = diagnostics["full_rollouts"] / len(runs)
-    return [[1.0 - killed / particles for killed in run] for run in discarded]
+        return _numbers(diagnostics["shares"])
+    runs, rollouts = diagnostics.get("roots"), diagnostics.get("full_rollouts")
+    if not isinstance(runs, list) or not runs or not isinstance(rollouts, int | float) or rollouts <= 0:
+        return []
+    particles = rollouts / len(runs)
+    return [[1.0 - killed / particles for killed in run] for run in _numbers(diagnostics.get("discarded"))]
+
+
+def _numbers(runs: Any) -> list[list[float]]:
+    """What a diagnostic says of each run, stage by stage; empty where it is something else."""
+    try:
+        found = [np.array(run, dtype=np.float64) for run in runs]
+    except (TypeError, ValueError):
+        return []
+    return [run.tolist() for run in found] if all(run.ndim == 1 for run in found) else []
 
 
 def _edges(known: Floats) -> Floats:
-    """Of the bins: zero is one of them, and the outermost hundredth shares the last ones."""
+    """Of the bins: zero is one of them."""
     low, high = float(known.min()), float(known.max())
     if low == high:
         low, high = low - 0.5, high + 0.5

@@ -81,8 +81,6 @@ def _rows(
         one = [members.index(label)] if label in members and size > 1 else range(size)
         axes.append([(quantifier.variable, members[k] if size > 1 else None, k) for k in one])
     for choice in product(*axes):
-        said = words
-        for variable, member, _ in choice:
-            if member is not None:
-                said = re.sub(rf"\b{re.escape(variable)}\b", lambda _, name=member: name, said)  # type: ignore[misc]
+        called = {variable: member for variable, member, _ in choice if member is not None}
+        said = re.sub(r"\b[A-Za-z_]\w*\b", lambda word, called=called: called.get(word[0], word[0]), words)  # type: ignore[misc]
         yield said, np.moveaxis(array, 0, -1)[tuple(k for _, _, k in choice)]

@@ -93,11 +93,12 @@ def _health(entry: dict[str, Any]) -> Markup:
 def _evidence(folder: RunFolder, entry: dict[str, Any]) -> Markup | None:
     sample = folder.samples.get(entry["specification"])
     robustness = np.zeros(0) if sample is None else sample.robustness.astype(np.float64)
-    splitting = bool(entry["diagnostics"].get("levels"))
+    diagnostics = entry.get("diagnostics") or {}
+    splitting = bool(diagnostics.get("levels"))
     figures = [evidence.histogram(robustness, splitting), evidence.convergence(entry, robustness)]
     gamma, label = _gamma(folder, entry) if splitting else (float, "")
     pair = tag("div", [one for one in figures if one is not None], class_="pair")
-    return tag("div", pair, evidence.levels(entry["diagnostics"], gamma, label))
+    return tag("div", pair, evidence.levels(diagnostics, gamma, label))
 
 
 def _gamma(folder: RunFolder, entry: dict[str, Any]) -> tuple[Callable[[float], float], str]:

@@ -163,6 +163,23 @@ def test_an_environment_may_bring_its_own_hook():
         pole(copy="hook")
 
 
+@pytest.mark.parametrize("by", ["tape", "seed"])
+@pytest.mark.parametrize("at", ["reset", "step"])
+def test_a_hook_need_not_know_the_generator(by, at, monkeypatch):
+    monkeypatch.setattr(Odd, "snapshot", lambda env: env.x)
+    monkeypatch.setattr(Odd, "restore", lambda env, x: setattr(env, "x", x))
+    noise = {"stream": {"by": by, "at": at, "numbers": 2}}
+    system, replayed = odd(copy="hook", noise=noise), odd(noise=noise)
+    tapes = tape(system, 4)
+    whole, _ = course(replayed, tapes)
+    _, middle = course(system, tapes[:, :6])
+    for _ in range(2):
+        course(system, tape(system, 4, seed=9), middle, 5)
+        again, _ = course(system, tapes, middle, 5)
+        for name, values in again.items():
+            np.testing.assert_array_equal(values, whole[name][:, 5:])
+
+
 def test_noise_on_the_start():
     options = {"env": "Pendulum-v1", "signals": {"rate": 2}}
     noise = {"stream": {"by": "none"}, "initial": {"scale": [0.0, 2.0]}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -118,14 +119,17 @@ class GymWorld:
         return observation.ravel().tolist()  # type: ignore[no-any-return]
 
     def _snapshot(self) -> Any:
-        return self.env.unwrapped.snapshot(), self.seen, self.outcome, self.steps  # type: ignore[attr-defined]
+        inner: Any = self.env.unwrapped
+        return inner.snapshot(), copy.deepcopy(inner.np_random), self.seen, self.outcome, self.steps
 
     def _restore(self, snapshot: Any) -> None:
-        inner, self.seen, self.outcome, self.steps = snapshot
+        state, generator, self.seen, self.outcome, self.steps = snapshot
+        inner: Any = self.env.unwrapped
         self.env.reset(seed=0)  # its wrappers want one
-        self.env.unwrapped.restore(inner)  # type: ignore[attr-defined]
+        inner.np_random = copy.deepcopy(generator)  # the environment's snapshot need not have it
+        inner.restore(state)
         wrapper: Any = self.env
-        while wrapper is not self.env.unwrapped:
+        while wrapper is not inner:
             if "_elapsed_steps" in vars(wrapper):  # the time limit
                 wrapper._elapsed_steps = self.steps
             wrapper = wrapper.env
