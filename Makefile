@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 PROJECTS := $(wildcard pyproject.toml plugins/*/pyproject.toml)
 PLUGINS := $(patsubst %/pyproject.toml,%,$(wildcard plugins/*/pyproject.toml))
 
-.PHONY: help install run test lint types format clean
+.PHONY: help install run test lint types format docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -33,6 +33,9 @@ format: .venv/test.stamp  ## mend what can be mended
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: .venv/test.stamp  ## build the documentation site in docs/_build
+	$(BIN)/mkdocs build --strict
+
 clean:  ## remove .venv and what the tools left
 	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache
 
@@ -51,7 +54,7 @@ clean:  ## remove .venv and what the tools left
 .venv/test.stamp: .venv/run.stamp
 	@echo "installing what the tests need (torch among it: this takes a few minutes) ..."
 	$(PIP) 'torch==2.13.0'
-	$(PIP) --no-build-isolation --editable '.[plot,test,lint,commonroad,history]' --editable './plugins/avrare-gp-pem[train]' \
+	$(PIP) --no-build-isolation --editable '.[plot,test,lint,commonroad,history,docs]' --editable './plugins/avrare-gp-pem[train]' \
 		--editable './plugins/avrare-imm[test]' --editable './plugins/avrare-gymnasium[box2d]' \
 		--editable './plugins/avrare-highway-env[render]'
 	@touch $@

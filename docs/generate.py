@@ -106,7 +106,10 @@ def _components() -> str:
         if row.kind != kind:
             kind = row.kind
             parts.append(f"## {kind.capitalize()}s" if kind != "perception" else "## Perception")
-        parts += [f"### {row.name}", f"{row.summary}. From `{row.distribution}`."]
+        parts += [
+            f"### {row.name}",
+            f"{row.summary[:1].upper()}{row.summary[1:]}. From `{row.distribution}`.",
+        ]
         schema = row.component.load_config().model_json_schema()
         parts.append(_options(schema))
         for name, inner in schema.get("$defs", {}).items():

@@ -21,6 +21,7 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
     ("controller", "policy"): "avrare-policy",
     ("executor", "ray"): "avrare-ray",
     ("simulator", "gymnasium"): "avrare-gymnasium",
+    ("simulator", "glider"): "avrare-glider",
     ("controller", "gym_feedback"): "avrare-gymnasium",
     ("controller", "gym_constant"): "avrare-gymnasium",
     ("simulator", "tank"): "avrare-example",

@@ -1,0 +1,153 @@
+"""``avrare new plugin``: what it writes passes its own tests, ruff and mypy, whatever its name."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from avrare.cli.main import main
+from avrare.plugin.component import KINDS
+
+ROOT = Path(__file__).parents[2]
+
+
+def tool(name):
+    found = Path(sys.executable).parent / name
+    if not found.exists():
+        pytest.skip(f"{name} is not installed")
+    return found
+
+
+def run(words, **environment):
+    return subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, check=False, timeout=300,
+        env={**os.environ, "OMP_NUM_THREADS": "1", **environment},
+    )  # fmt: skip
+
+
+def make(kind, folder, name):
+    assert main(["new", "plugin", name, "--kind", kind, "--out", str(folder)]) == 0
+    (source,) = folder.glob(f"avrare-{name.replace('_', '-')}/src")
+    return source
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    """One package of each kind: kind -> source folder; each with the metadata of an installed one."""
+    folder = tmp_path_factory.mktemp("packages")
+    sources = {kind: make(kind, folder, f"q{kind}") for kind in KINDS}
+    for kind, source in sources.items():
+        info = source / f"avrare_q{kind}-0.1.0.dist-info"
+        info.mkdir()
+        (info / "entry_points.txt").write_text(f"[avrare]\nq{kind} = avrare_q{kind}\n")
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: avrare-q{kind}\nVersion: 0.1.0\n")
+    return sources
+
+
+@pytest.fixture
+def path(packages):
+    return os.pathsep.join(map(str, [*packages.values(), ROOT]))
+
+
+def test_their_own_tests_pass(packages, path):
+    tests = [source.parent / "tests" for source in packages.values()]
+    options = ["-q", "--import-mode=importlib", "-p", "no:cacheprovider", "-p", "no:randomly"]
+    done = run(
+        [sys.executable, "-m", "pytest", *options, "--rootdir", tests[0].parents[1], *tests], PYTHONPATH=path
+    )
+    summary = done.stdout.splitlines()[-1]
+    assert done.returncode == 0, done.stdout
+    assert "skipped" not in summary
+    assert int(summary.split()[0]) > 100, summary
+
+
+def test_mypy_is_strict_and_content(packages, path):
+    modules = [source / f"avrare_q{kind}" for kind, source in packages.items()]
+    cache = ["--cache-dir", ROOT / ".mypy_cache"]
+    done = run([tool("mypy"), "--strict", *cache, *modules], MYPYPATH=path)
+    assert "Success: no issues found in 21 source files" in done.stdout, done.stdout
+
+
+@pytest.mark.parametrize("name", ["q", "{}_and_18_letters_more"])
+def test_ruff_is_content(name, tmp_path):
+    for kind in KINDS:
+        make(kind, tmp_path / kind, name.format(kind[:4]))
+    for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
+        done = run([tool("ruff"), *command, tmp_path])
+        assert done.returncode == 0, done.stdout
+
+
+def test_it_says_what_to_do_next(tmp_path, capsys):
+    make("tracker", tmp_path, "alpha-beta")
+    out = capsys.readouterr().out
+    assert out.startswith(f"{tmp_path}/avrare-alpha-beta: tracker 'alpha_beta'\n")
+    assert "avrare check-plugin alpha_beta" in out
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    source = make("tracker", tmp_path, "mine")
+    (source.parent / "README.md").write_text("mine")
+    assert main(["new", "plugin", "mine", "--kind", "controller", "--out", str(tmp_path)]) == 4
+    assert f"{tmp_path}/avrare-mine: is there already" in capsys.readouterr().err
+    assert (source.parent / "README.md").read_text() == "mine"
+    assert sorted(path.name for path in (source / "avrare_mine").iterdir()) == [
+        "__init__.py", "config.py", "py.typed", "tracker.py",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        "../up",
+        "Mine",
+        "1st",
+        "a b",
+        "class",
+        "é",
+        "a--b",
+        "a-",
+        "-",
+        "x" * 25,
+        "avrare-",
+        "a/b",
+        "a.b",
+        "a\nb",
+    ],
+)
+def test_bad_names_get_one_clear_line(name, tmp_path, capsys):
+    assert main(["new", "plugin", f"--out={tmp_path}", "--kind", "tracker", "--", name]) == 4
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0] == f"{name!r} is no name for a plugin"
+    assert lines[1].startswith("hint: small letters, digits")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["mpc", "--kind", "controller"], "the controller 'mpc' exists: it is provided by avrare-mpc"),
+        (["serial", "--kind", "executor"], "the executor 'serial' exists: it is provided by avrare"),
+        (["mine", "--kind", "controler"], "unknown kind 'controler'\nhint: did you mean 'controller'?"),
+        (["mine"], "the following arguments are required: --kind"),
+        (["mine", "--kind", "tracker", "--out", "/proc/nowhere"], "cannot be written"),
+    ],
+)
+def test_other_mistakes(words, text, capsys):
+    assert main(["new", "plugin", *words]) == 4
+    assert text in capsys.readouterr().err
+
+
+def test_the_same_name_for_another_kind_is_free(tmp_path):
+    make("specification", tmp_path, "mpc")
+
+
+def test_a_prefix_is_not_doubled(tmp_path):
+    assert make("tracker", tmp_path, "avrare-mine".removeprefix("avrare-")).is_dir()
+    shutil.rmtree(tmp_path / "avrare-mine")
+    assert main(["new", "plugin", "avrare-mine", "--kind", "tracker", "--out", str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["avrare-mine"]
