@@ -43,7 +43,8 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "Imp-Naive": ("is", {"rollouts": 250, "proposal": {"plugin": "naive"}}),
     "Imp-CE": ("ce", {"rollouts": 250, "stages": 10, "elite": 0.1, "family": "network"}),
     "STL-AMS": ("ams", {"particles": 250, "discard": 25, "runs": 1}),
-    "MC, cost of AMS": ("mc", {"rollouts": 900}),
+    "MC 900": ("mc", {"rollouts": 900}),
+    "AMS 500/50": ("ams", {"particles": 500, "discard": 50, "runs": 1}),
 }
 """Name in the paper -> estimator and its options."""
 DISCARDS = (2, 25, 125, 225)
@@ -65,7 +66,8 @@ class Cell:
     @property
     def file(self) -> str:
         """Where its outcome goes."""
-        return f"{self.digest[:8]}-{self.rule}-{self.method.replace(' ', '_')}-{self.number:02d}.json"
+        method = self.method.replace(" ", "_").replace("/", ":")
+        return f"{self.digest[:8]}-{self.rule}-{method}-{self.number:02d}.json"
 
     def outcome(self) -> dict[str, Any]:
         """Run it."""

@@ -14,7 +14,7 @@ import numpy as np
 from avrare.scenario.schema import Scenario
 
 RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic")
-METHODS = ("Raw-MC", "Imp-Naive", "Imp-CE", "STL-AMS", "MC, cost of AMS")
+METHODS = ("Raw-MC", "Imp-Naive", "Imp-CE", "STL-AMS", "AMS 500/50", "MC 900")
 PAPER = {
     "Raw-MC": ("1.2e-2 ± 4.0e-3", "0 ± 0", "0 ± 0", "0 ± 0"),
     "Imp-Naive": ("1.4e-8 ± 2.5e-8", "2.8e-8 ± 8.4e-8", "2.0e-8 ± 3.9e-8", "0 ± 0"),
@@ -73,7 +73,7 @@ def read(results: Path, kept: dict[str, Any]) -> Study:
     outcomes: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for file in sorted(results.glob(f"{digest[:8]}-*.json")):
         rule, method = file.stem.split("-", 1)[1].rsplit("-", 1)[0].split("-", 1)
-        key = (rule, method.replace("_", " "))
+        key = (rule, method.replace("_", " ").replace(":", "/"))
         outcomes.setdefault(key, []).append(json.loads(file.read_text(encoding="utf-8")))
     truth = {entry["specification"]: entry for entry in kept["estimates"]}
     return Study(kept["scenario"], digest, truth, outcomes)
