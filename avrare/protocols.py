@@ -70,6 +70,20 @@ class PerceptionErrorModel(Protocol):
         """One observation of every other vehicle, from noise (N, noise_size)."""
 
 
+@runtime_checkable
+class PersistentPerceptionErrorModel(PerceptionErrorModel, Protocol):
+    """One whose errors last from step to step: the closed loop keeps its memory and calls ``follow``.
+
+    Its ``observe`` is an observation without a past. What it remembers is copied with the particle.
+    """
+
+    def start(self, noise: Floats) -> Any:
+        """Memory at t = 0, where nothing is observed yet, from noise (N, noise_size)."""
+
+    def follow(self, world: Any, noise: Floats, memory: Any) -> tuple[Observation, Any]:
+        """The observation of the next step and the memory after it."""
+
+
 class Tracker(Protocol):
     """Estimates the state of the others from observations and predicts them."""
 

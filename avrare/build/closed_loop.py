@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Observation
-from avrare.protocols import Bools, Controller, Floats, PerceptionErrorModel, Signals, Simulator, Tracker
+from avrare.protocols import (
+    Bools,
+    Controller,
+    Floats,
+    PerceptionErrorModel,
+    PersistentPerceptionErrorModel,
+    Signals,
+    Simulator,
+    Tracker,
+)
 
 
 @dataclass(frozen=True)
@@ -21,12 +30,14 @@ class LoopState:
         observation: What was perceived of it; None at the start and without perception.
         track: State of the tracker, or None.
         memory: State of the controller, or None.
+        latent: What a perception error model remembers whose errors last, or None.
     """
 
     world: Any
     observation: Observation | None
     track: Any
     memory: Any
+    latent: Any = None
 
 
 class ClosedLoop:
@@ -53,26 +64,29 @@ class ClosedLoop:
         self.perception = perception
         self.tracker = tracker
         self.controller = controller
+        self._lasting = perception if isinstance(perception, PersistentPerceptionErrorModel) else None
         perceived = perception.noise_size if perception is not None else 0
         self.noise_size = simulator.noise_size + perceived
 
     def initial(self, noise: Floats) -> LoopState:
         """State at t = 0 from noise (N, noise_size)."""
-        world = self.simulator.reset(noise[:, : self.simulator.noise_size])
+        own = self.simulator.noise_size
+        world = self.simulator.reset(noise[:, :own])
         track = self.tracker.start(world) if self.tracker is not None else None
         memory = self.controller.start(len(noise)) if self.controller is not None else None
-        return LoopState(world, None, track, memory)
+        latent = self._lasting.start(noise[:, own:]) if self._lasting is not None else None
+        return LoopState(world, None, track, memory, latent)
 
     def step(self, state: LoopState, noise: Floats) -> LoopState:
         """State one step later."""
         action, memory = self._act(state)
         own = self.simulator.noise_size
         world = self.simulator.step(state.world, action, noise[:, :own])
-        observation = self._observe(world, noise[:, own:])
+        observation, latent = self._observe(world, noise[:, own:], state.latent)
         track = state.track
         if self.tracker is not None and observation is not None:
             track = self.tracker.update(track, observation)
-        return LoopState(world, observation, track, memory)
+        return LoopState(world, observation, track, memory, latent)
 
     def signals(self, state: LoopState) -> Signals:
         """The simulator's signals."""
@@ -101,11 +115,13 @@ class ClosedLoop:
             prediction = self.tracker.predict(state.track, self.controller.horizon)
         return self.controller.act(state.memory, state.world.ego, prediction)
 
-    def _observe(self, world: Any, noise: Floats) -> Observation | None:
+    def _observe(self, world: Any, noise: Floats, latent: Any) -> tuple[Observation | None, Any]:
+        if self._lasting is not None:
+            return self._lasting.follow(world, noise, latent)
         if self.perception is not None:
-            return self.perception.observe(world, noise)
+            return self.perception.observe(world, noise), None
         if self.tracker is None:
-            return None
+            return None, None
         others = world.others
         seen = np.ones(others.x.shape, dtype=bool)
-        return Observation(seen, others.x, others.y, others.speed * np.cos(others.heading))
+        return Observation(seen, others.x, others.y, others.speed * np.cos(others.heading)), None

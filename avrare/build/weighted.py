@@ -3,6 +3,9 @@
 Particles are drawn from the proposal (or from the target) and carry the running sum of
 log p_target(observation | world) - log p_proposal(observation | world), the log of their likelihood ratio.
 Both densities are evaluated on the same worlds and the same observations, whoever drew them.
+
+Errors that last are refused. The density of an observation would have to be that given all earlier ones, and
+a miss says no more of what lasts than that it lies beyond a bound: an integral over all its paths.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 
 from avrare.build.closed_loop import ClosedLoop, LoopState
 from avrare.errors import PluginError, UsageError, did_you_mean
-from avrare.protocols import Bools, Floats, Signals
+from avrare.protocols import Bools, Floats, PersistentPerceptionErrorModel, Signals
 from avrare.rollout.problem import Problem
 
 
@@ -136,6 +139,7 @@ class WeightedProblem(Problem):
         self.target, self.proposal, self.needs = target, proposal, needs
         built = _built(proposal, loop) if isinstance(proposal, Mapping) else proposal
         monitors = dict(zip(target.names, target.specifications, strict=True))
+        _check_memoryless(built)
         super().__init__(WeightedLoop(loop, built), monitors, target.steps, chunk=target.chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -149,6 +153,7 @@ def _checked_loop(target: Problem, needs: str) -> ClosedLoop:
             f"a perception model as proposal needs a closed loop, but the system is a {type(loop).__name__}",
             "give a proposal of the noise: an object with sample(rng, n) and log_ratio(noise)",
         )
+    _check_memoryless(loop.perception)
     if not hasattr(loop.perception, needs):
         what = "no perception model" if loop.perception is None else f"{type(loop.perception).__name__}"
         lacks = "" if loop.perception is None else f", which has no {needs}"
@@ -157,6 +162,15 @@ def _checked_loop(target: Problem, needs: str) -> ClosedLoop:
             "choose a perception model with log_prob(world, observation), or a proposal of the noise",
         )
     return loop
+
+
+def _check_memoryless(perception: Any) -> None:
+    if isinstance(perception, PersistentPerceptionErrorModel):
+        raise UsageError(
+            f"the likelihood ratio is unknown: the errors of {type(perception).__name__} last over steps",
+            "set its persistence to 0, or give a proposal of the noise: "
+            "{gaussian: {mean: ..., std: ...}}, or an object with sample(rng, n) and log_ratio(noise)",
+        )
 
 
 def check_block(block: Mapping[str, Any]) -> Any:
@@ -196,6 +210,7 @@ def _built(block: Mapping[str, Any], loop: ClosedLoop) -> Any:
         built = component.load_factory()(config, scene)
     except ImportError as error:
         raise PluginError(f"perception {component.name!r} cannot be loaded: {error}") from error
+    _check_memoryless(built)
     if not hasattr(built, "log_prob"):
         raise UsageError(f"the proposal {component.name!r} has no log_prob: it cannot be weighed")
     return built

@@ -1,5 +1,6 @@
 """Both models behind the same interface."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -33,6 +34,19 @@ def test_missed_is_nan_and_nothing_else(build, make):
     assert 0 < observation.detected.mean() < 1
     for name in FIELDS[1:]:
         np.testing.assert_array_equal(np.isnan(getattr(observation, name)), ~observation.detected)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_absurd_world_stays_in_its_row(build, make):
+    model, world = build(make.scene(3)), make.random(4, 3)
+    x = world.ego.x.copy()
+    x[1] = np.nan
+    _, observation = draws(model, dataclasses.replace(world, ego=dataclasses.replace(world.ego, x=x)))
+    _, whole = draws(model, world)
+    others = [0, 2, 3]
+    assert not observation.detected[1].any()
+    np.testing.assert_array_equal(observation.detected[others], whole.detected[others])
+    np.testing.assert_array_equal(observation.x[others], whole.x[others])
 
 
 def test_same_noise_same_observation(build, make):

@@ -7,12 +7,33 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 _Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
+_Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class _PemConfig(BaseModel):
-    """What the models of a detector share."""
+class Persistence(BaseModel):
+    """How long errors last: time constants of their correlation; 0: drawn anew at every step."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    detection: _Seconds = Field(
+        default=0.0, description="of being detected or missed [s]; misses come in bursts"
+    )
+    position: _Seconds = Field(default=0.0, description="of both position errors [s]")
+    speed: _Seconds = Field(default=0.0, description="of the error of the speed [s]")
+
+
+class _AnyPemConfig(BaseModel):
+    """What all models share."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    persistence: Persistence = Field(
+        Persistence(), description="how long errors last; no data tells, it is your assumption"
+    )
+
+
+class _PemConfig(_AnyPemConfig):
+    """What the models of a detector share."""
 
     speed_sd: float = Field(
         0.3, ge=0, description="standard deviation of the observed speed along the road [m/s]; 0: exact"
@@ -24,7 +45,9 @@ class GpPemConfig(_PemConfig):
     """Model learnt from a real detector."""
 
     model: str = Field(
-        "pointpillars", description="a shipped model (best, paper, pointpillars), or the path of an .npz file"
+        "pointpillars",
+        description="a shipped model (best, paper, pointpillars), or the path of an .npz file",
+        json_schema_extra={"file": True},
     )
     artefact: bool = Field(
         False, description="imitate the matching of the training labels too: to be scored on such labels"
@@ -52,10 +75,8 @@ class ParametricPemConfig(_PemConfig):
     error_limit: float = Field(8.0, gt=0, description="errors are truncated at this size along each axis [m]")
 
 
-class NaivePemConfig(BaseModel):
+class NaivePemConfig(_AnyPemConfig):
     """Misses by the toss of a coin and unit errors: a proposal for importance sampling, no detector."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     detection: float = Field(0.5, gt=0, lt=1, description="detection probability of every vehicle")
     sd: float = Field(1.0, gt=0, description="standard deviation of the position errors [m]")

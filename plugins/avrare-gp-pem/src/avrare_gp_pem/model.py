@@ -9,6 +9,7 @@ from avrare.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig
 from avrare_gp_pem.features import box_of
 from avrare_gp_pem.law import ErrorLaw, LawPem
+from avrare_gp_pem.persistence import PersistentPem, lasting
 from avrare_gp_pem.relative import relative
 from avrare_gp_pem.store import FittedPem, load, locate
 from avrare_gp_pem.variant import Variant
@@ -36,13 +37,14 @@ class GpPem(LawPem):
         return self.variant.law(box, self.config.speed_sd)
 
 
-def build_gp(config: GpPemConfig, scene: Scene) -> GpPem:
+def build_gp(config: GpPemConfig, scene: Scene) -> GpPem | PersistentPem:
     """The fitted model for a scene.
 
     Raises:
         UsageError: The model is unknown, its file cannot be read, or it knows no artefact that is asked for.
     """
-    return GpPem(config, scene, choose(load(locate(config.model)), config.artefact, config.model))
+    variant = choose(load(locate(config.model)), config.artefact, config.model)
+    return lasting(GpPem(config, scene, variant), config.persistence, scene)
 
 
 def choose(fitted: FittedPem, artefact: bool, name: str) -> Variant:

@@ -18,6 +18,7 @@ from avrare.driving import Observation, Scene, World
 from avrare_gp_pem import normal
 from avrare_gp_pem.config import NaivePemConfig
 from avrare_gp_pem.law import NOISE_PER_VEHICLE
+from avrare_gp_pem.persistence import PersistentPem, lasting
 
 Floats = NDArray[np.float64]
 
@@ -77,6 +78,6 @@ def _log_density(error: Floats, sd: float) -> Floats:
     return -0.5 * standard * standard - math.log(sd * math.sqrt(2 * math.pi))
 
 
-def build_naive(config: NaivePemConfig, scene: Scene) -> NaivePem:
+def build_naive(config: NaivePemConfig, scene: Scene) -> NaivePem | PersistentPem:
     """The naive model for a scene."""
-    return NaivePem(config, scene)
+    return lasting(NaivePem(config, scene), config.persistence, scene)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from avrare.driving import Scene, World
 from avrare_gp_pem.config import ParametricPemConfig
 from avrare_gp_pem.law import ErrorLaw, LawPem
+from avrare_gp_pem.persistence import PersistentPem, lasting
 from avrare_gp_pem.relative import relative
 from avrare_gp_pem.visibility import visibility
 
@@ -59,6 +60,6 @@ class ParametricPem(LawPem):
         )
 
 
-def build_parametric(config: ParametricPemConfig, scene: Scene) -> ParametricPem:
+def build_parametric(config: ParametricPemConfig, scene: Scene) -> ParametricPem | PersistentPem:
     """The parametric model for a scene."""
-    return ParametricPem(config, scene)
+    return lasting(ParametricPem(config, scene), config.persistence, scene)

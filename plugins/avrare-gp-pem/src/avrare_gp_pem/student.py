@@ -42,7 +42,8 @@ class Table:
     def __call__(self, x: Floats) -> Floats:
         """The function at ``x``, elementwise; the ends hold outside."""
         place = np.clip((x - self.start) / self.step, 0.0, len(self.values) - 1.0)
-        cell = np.minimum(place.astype(np.int64), len(self.values) - 2)
+        # Any cell will do for a NaN, which the rest hands on.
+        cell = np.minimum(np.where(np.isnan(place), 0.0, place).astype(np.int64), len(self.values) - 2)
         u = place - cell
         v = 1.0 - u
         left = self.values[cell] * (1 + 2 * u) + self.step * u * self.slopes[cell]

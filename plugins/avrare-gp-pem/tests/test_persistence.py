@@ -1,0 +1,169 @@
+"""Errors that last: each observation keeps its law, rows stay apart, and misses come in longer runs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from avrare.batch import take
+from avrare.errors import ScenarioError
+from avrare.protocols import PersistentPerceptionErrorModel
+from avrare.scenario.files import digests
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+from avrare_gp_pem import store
+from avrare_gp_pem.config import NaivePemConfig, Persistence
+from avrare_gp_pem.naive import build_naive
+
+FIELDS = ("detected", "x", "y", "speed_x")
+LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"
+ALL = {"detection": 0.3, "position": 0.5, "speed": 0.1}
+
+
+def naive(scene, **persistence):
+    return build_naive(NaivePemConfig(persistence=persistence), scene)
+
+
+def course(model, world, steps, seed=0):
+    """Observations and latent numbers of steps 1.., the world standing still."""
+    noise = np.random.default_rng(seed).standard_normal((steps + 1, len(world.step), model.noise_size))
+    memory, seen, latents = model.start(noise[0]), [], []
+    for row in noise[1:]:
+        before = memory.copy()
+        observation, after = model.follow(world, row, memory)
+        assert memory.tobytes() == before.tobytes()
+        memory = after
+        seen.append(observation)
+        latents.append(memory)
+    return noise, seen, np.stack(latents)
+
+
+@pytest.mark.parametrize("persistence", [{}, {"detection": 0.0, "position": 0.0, "speed": 0.0}])
+def test_off_is_the_model_itself(build, make, persistence):
+    model = build(make.scene(2), persistence=persistence)
+    assert type(model) is type(build(make.scene(2)))
+    assert hasattr(model, "log_prob")
+    assert not isinstance(model, PersistentPerceptionErrorModel)
+
+
+def test_on_is_told_by_its_protocol_and_has_no_density(build, make):
+    model = build(make.scene(2), persistence=ALL)
+    assert isinstance(model, PersistentPerceptionErrorModel)
+    assert not hasattr(model, "log_prob")
+    assert model.noise_size == 8
+
+
+def test_without_a_past_it_observes_as_the_model_itself(build, make):
+    world, scene = make.random(50, 2), make.scene(2)
+    noise = np.random.default_rng(3).standard_normal((50, 8))
+    one, other = build(scene, persistence=ALL).observe(world, noise), build(scene).observe(world, noise)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_a_channel_that_is_off_keeps_its_bits(build, make):
+    world, scene = make.random(200, 2), make.scene(2)
+    model, plain = build(scene, persistence={"position": 0.5}), build(scene)
+    noise, seen, _ = course(model, world, 4)
+    for row, observation in zip(noise[1:], seen, strict=True):
+        anew = plain.observe(world, row)
+        assert observation.detected.tobytes() == anew.detected.tobytes()
+        assert observation.speed_x.tobytes() == anew.speed_x.tobytes()
+        assert (observation.x != anew.x)[observation.detected].all()
+
+
+@pytest.mark.parametrize("index", [slice(0, 1), slice(3, 60), [77], [5, 5, 98]])
+def test_rows_do_not_depend_on_their_neighbours(build, make, index):
+    model, world = build(make.scene(3), persistence=ALL), make.random(100, 3)
+    noise, seen, latents = course(model, world, 4)
+    memory = model.start(noise[0][index])
+    for step, whole in enumerate(seen):
+        part, memory = model.follow(take(world, index), noise[step + 1][index], memory)
+        assert memory.tobytes() == latents[step][index].tobytes()
+        for name in FIELDS:
+            assert getattr(part, name).tobytes() == getattr(whole, name)[index].tobytes()
+
+
+def test_every_latent_number_is_standard_normal_at_every_step(make):
+    stats = pytest.importorskip("scipy.stats")
+    n = 5000
+    model = naive(make.scene(1), detection=0.3, position=2.0, speed=0.05)
+    _, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=n), 30)
+    for step in (0, 1, 5, 29):
+        for channel in range(4):
+            assert stats.kstest(latents[step, :, channel], "norm").pvalue > 1e-3
+
+
+def test_correlation_falls_as_it_should(make):
+    n, dt = 40_000, 0.1
+    model = naive(make.scene(2), **ALL)
+    _, _, latents = course(model, make.world([[20.0, 0.0, 0.0], [30.0, 0.0, 0.0]], n=n), 12)
+    seconds = np.tile([0.3, 0.5, 0.5, 0.1], 2)
+    for first, lag in ((0, 1), (0, 5), (6, 3)):
+        found = (latents[first] * latents[first + lag]).mean(axis=0)
+        np.testing.assert_allclose(found, np.exp(-lag * dt / seconds), atol=5 / np.sqrt(n))
+    across = np.corrcoef(latents[11].T) - np.eye(8)
+    assert abs(across).max() < 5 / np.sqrt(n)  # vehicles and channels stay independent
+
+
+def test_every_observation_has_the_law_of_the_model_itself(build, make):
+    stats = pytest.importorskip("scipy.stats")
+    n, scene = 4000, make.scene(1)
+    world = make.world([[40.0, 2.0, 0.3]], n=n)
+    plain = build(scene)
+    rate = plain.law(take(world, slice(0, 1))).detect.item()
+    anew = plain.observe(world, np.random.default_rng(8).standard_normal((n, 4)))
+    _, seen, _ = course(build(scene, persistence=ALL), world, 10)
+    assert 0.5 < rate < 0.95
+    for observation in (seen[0], seen[4], seen[9]):
+        assert abs(observation.detected.mean() - rate) < 4 * np.sqrt(rate * (1 - rate) / n)
+        for name in FIELDS[1:]:
+            ours, theirs = (getattr(one, name)[one.detected] for one in (observation, anew))
+            assert stats.ks_2samp(ours, theirs).pvalue > 1e-3
+
+
+def test_runs_of_misses_grow_and_their_share_does_not(make):
+    world, lengths, shares = make.world([[20.0, 0.0, 0.0]], n=2000), [], []
+    for tau in (1e-6, 0.2, 0.5, 1.0):
+        _, seen, _ = course(naive(make.scene(1), detection=tau), world, 60)
+        missed = np.stack([~one.detected[:, 0] for one in seen])
+        starts = missed[0].sum() + (missed[1:] & ~missed[:-1]).sum()
+        lengths.append(missed.sum() / starts)
+        shares.append(missed.mean())
+    assert lengths[0] == pytest.approx(2.0, rel=0.05)  # a fair coin
+    # P(next is seen | missed) of a correlation rho = arccos(rho) / pi; runs are cut off at 60 steps
+    expected = [np.pi / np.arccos(np.exp(-0.1 / tau)) for tau in (0.2, 0.5, 1.0)]
+    np.testing.assert_allclose(lengths[1:], expected, rtol=0.12)
+    np.testing.assert_allclose(shares, 0.5, atol=0.02)
+
+
+def test_what_lasts_for_ever_does_not_change(make):
+    model = naive(make.scene(1), position=1e30)
+    noise, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=5), 3)
+    np.testing.assert_allclose(latents[-1][:, 1:3], noise[0][:, 1:3], rtol=1e-12)
+
+
+@pytest.mark.parametrize("value", [-0.1, float("inf"), float("nan")])
+def test_time_constants_are_checked(value):
+    with pytest.raises(ValidationError):
+        Persistence(detection=value)
+
+
+def test_a_scenario_says_it_and_the_report_of_a_mistake_has_its_place():
+    scenario = load(LANE_CHANGE, ["perception.persistence.detection=0.3"])
+    assert scenario.perception.config.persistence == Persistence(detection=0.3)
+    with pytest.raises(ScenarioError, match=r"perception\.persistence\.detecton") as caught:
+        load(LANE_CHANGE, ["perception.persistence.detecton=0.3"])
+    assert "detection" in str(caught.value.problems)
+
+
+def test_the_content_of_a_model_file_counts(tmp_path):
+    file = tmp_path / "mine.npz"
+    file.write_bytes(store.locate("best").read_bytes())
+    scenario = load(LANE_CHANGE, [f"perception.model={file}"])
+    assert list(digests(scenario)) == ["perception.model"]
+    before = fingerprint(scenario)
+    file.write_bytes(store.locate("paper").read_bytes())
+    assert fingerprint(scenario) != before
+    assert digests(load(LANE_CHANGE)) == {}
