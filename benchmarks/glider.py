@@ -1,0 +1,288 @@
+"""The perching glider (stl-ess, section VI-C): how often it misses the wire, and why. Fig. 12 and 13.
+
+    OMP_NUM_THREADS=1 nice python benchmarks/glider.py estimate OUT.json [CASE...]
+    OMP_NUM_THREADS=1 nice python benchmarks/glider.py pictures docs/glider
+    python benchmarks/glider.py report OUT.json
+
+``estimate`` keeps each estimate in OUT.json and makes none twice; ``report`` puts them into the table of
+docs/case-glider.md.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import avrare
+from avrare.estimation.loop import Settings
+from avrare.estimation.loop import run as estimate_with
+from avrare.execute.serial import SerialExecutor
+from avrare.protocols import Floats
+from avrare_estimators.ess_config import EssConfig
+from avrare_estimators.nested import EssState, NestedLevels
+from avrare_glider.nominal import nominal
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "case-glider.md"
+BLIND, PUBLISHED = "simulator.feedback=null", "simulator.feedback={}"
+QUIET = "simulator.noise.actuator=0.15"
+CASES: dict[str, tuple[str, str, list[str]]] = {
+    "start": ("glider", "start, equation 43", []),
+    "start-blind": ("glider", "start, equation 43", [BLIND]),
+    "start-published": ("glider", "start, equation 43", [PUBLISHED]),
+    "actuator": ("glider_actuator", "elevator, 0.3 rad/s", []),
+    "actuator-blind": ("glider_actuator", "elevator, 0.15 rad/s", [QUIET, BLIND]),
+    "actuator-quiet": ("glider_actuator", "elevator, 0.15 rad/s", [QUIET]),
+    "actuator-published": ("glider_actuator", "elevator, 0.3 rad/s", [PUBLISHED]),
+}
+"""Name -> scenario, its noise in words, what is changed in it."""
+OPTIONS: dict[str, dict[str, Any]] = {"mc": {"rollouts": 50_000}, "ess": {"chains": 100, "runs": 10}}
+TAPES = 50_000
+_BLUE, _ORANGE, _GREY, _RED = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c"
+
+
+class Recording(NestedLevels):
+    """Nested levels that keep the samples of every level of the pass that counts."""
+
+    def init(self, plan: Any) -> Any:
+        """Nothing is kept yet."""
+        self.tapes: list[Floats] = []
+        return super().init(plan)
+
+    def tell(self, state: EssState, rollouts: Any) -> Any:
+        """A new population is one more level."""
+        before = state.descent.population
+        after, info = super().tell(state, rollouts)
+        found = after.descent.population
+        if state.counting and found is not None and found is not before:
+            self.tapes.append(found.tape)
+        return after, info
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Flights of Monte Carlo.
+
+    Attributes:
+        tapes: (N, steps + 1, noise_size).
+        x: (N, steps + 1) [m].
+        z: (N, steps + 1) [m].
+    """
+
+    tapes: Floats
+    x: Floats
+    z: Floats
+
+    @property
+    def fails(self) -> Any:
+        """(N,) which of them miss the wire."""
+        return (np.abs(self.x) + np.abs(self.z)).min(axis=1) > 0.05
+
+    @property
+    def above(self) -> Any:
+        """(N,) which of them are above the wire where they are next to it."""
+        nearest = (np.abs(self.x) + np.abs(self.z)).argmin(axis=1)
+        return self.z[np.arange(len(self.z)), nearest] > 0.0
+
+
+def problem_of(case: str) -> avrare.Problem:
+    scenario, _, changes = CASES[case]
+    return avrare.load(ROOT / "scenarios" / f"{scenario}.yaml", changes).problem("perches")
+
+
+def estimate(store: Path, cases: list[str]) -> None:
+    found: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
+    for case in cases or CASES:
+        for name, options in OPTIONS.items():
+            if f"{case} {name}" in found or (name == "ess" and PUBLISHED in CASES[case][2]):
+                continue  # so rare that nested levels take too long as well
+            began = time.process_time()
+            result = avrare.estimate(problem_of(case), name, seed=1, **options)
+            entry = result.to_dict() | {"cpu": time.process_time() - began}
+            found[f"{case} {name}"] = {key: value for key, value in entry.items() if key != "diagnostics"}
+            store.write_text(json.dumps(found, indent=1))
+            print(case, name, result.probability, result.interval, result.rollouts, list(result.health))
+
+
+def report(store: Path) -> None:
+    """Put the table between its marks on the page."""
+    found, lines = json.loads(store.read_text()), []
+    lines.append("| noise | feedback | method | p | 95 % | simulations | CPU s |")
+    lines.append("|---|---|---|---|---|---|---|")
+    for case, (_, noise, changes) in CASES.items():
+        feedback = "none" if BLIND in changes else "published" if PUBLISHED in changes else "soft"
+        for name in OPTIONS:
+            one = found.get(f"{case} {name}")
+            if one is not None:
+                low, high = one["interval"]
+                notes = "".join(f", {word}" for word in one["health"])
+                lines.append(
+                    f"| {noise} | {feedback} | `{name}` | {one['probability']:.2e}{notes} "
+                    f"| {low:.2e} .. {high:.2e} | {one['rollouts']:,} | {one['cpu']:.1f} |"
+                )
+    begin, end = "<!-- estimates -->\n", "<!-- end of estimates -->"
+    head, rest = PAGE.read_text().split(begin)
+    PAGE.write_text(head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1])
+
+
+def fly(problem: avrare.Problem, tapes: Floats) -> Flights:
+    """Drive the tapes, a few thousand at a time."""
+    xs, zs = [], []
+    for part in np.array_split(tapes, max(1, len(tapes) // 5000)):
+        state = problem.system.initial(part[:, 0])
+        seen = [problem.system.signals(state)]
+        for t in range(1, part.shape[1]):
+            state = problem.system.step(state, part[:, t])
+            seen.append(problem.system.signals(state))
+        xs.append(np.stack([s["x"] for s in seen], axis=1))
+        zs.append(np.stack([s["z"] for s in seen], axis=1))
+    return Flights(tapes, np.concatenate(xs), np.concatenate(zs))
+
+
+def monte_carlo(case: str) -> Flights:
+    problem = problem_of(case)
+    shape = TAPES, problem.steps + 1, problem.noise_size
+    return fly(problem, np.random.default_rng(12).standard_normal(shape))
+
+
+def pictures(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    start, actuator = monte_carlo("start"), monte_carlo("actuator")
+    flights(start, actuator, folder / "flights.png")
+    starts(start, folder / "starts.png")
+    reasons(actuator, folder / "reasons.png")
+    cures(actuator, folder / "cures.png")
+
+
+def flights(start: Flights, actuator: Flights, picture: Path) -> None:
+    """All the way, and the last metre for both kinds of noise."""
+    figure, (whole, *near) = _figure(12.0, 3.4, 3, widths=(2.2, 1.0, 1.0))
+    path = nominal().states
+    whole.plot(path[:, 0], path[:, 1], color=_BLUE, lw=1.6)
+    for x, z, pitch, elevator in path[::11, :4]:
+        _plane(whole, x, z, pitch, elevator)
+    whole.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.75, 0.6), title="nominal flight")
+    for ax, some, title in zip(near, (start, actuator), ("random start", "noisy elevator"), strict=True):
+        _paths(ax, some, np.flatnonzero(~some.fails)[:60], _GREY, 0.5)
+        _paths(ax, some, np.flatnonzero(some.fails & some.above)[:25], _RED, 0.8)
+        _paths(ax, some, np.flatnonzero(some.fails & ~some.above)[:25], _ORANGE, 0.8)
+        ax.plot([0.05, 0, -0.05, 0, 0.05], [0, 0.05, 0, -0.05, 0], color="black", lw=1.4)
+        ax.set(xlim=(-0.42, 0.1), ylim=(-0.2, 0.2), xlabel="x [m]", title=title)
+    figure.savefig(picture, dpi=110)
+
+
+def _paths(ax: Axes, some: Flights, rows: Any, colour: str, width: float) -> None:
+    ax.plot(some.x[rows].T, some.z[rows].T, color=colour, lw=width, alpha=0.7)
+
+
+def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
+    """Fuselage and elevator, to scale but for the elevator, which is drawn longer."""
+    hinge = x - 0.27 * np.cos(pitch), z - 0.27 * np.sin(pitch)
+    ax.plot([x + 0.1 * np.cos(pitch), hinge[0]], [z + 0.1 * np.sin(pitch), hinge[1]], color="black", lw=1.8)
+    angle = pitch + elevator
+    end = hinge[0] - 0.1 * np.cos(angle), hinge[1] - 0.1 * np.sin(angle)
+    ax.plot([hinge[0], end[0]], [hinge[1], end[1]], color=_RED, lw=1.8)
+
+
+def starts(sample: Flights, picture: Path) -> None:
+    """Fig. 12: where failing flights start, by nested levels and by Monte Carlo."""
+    problem = problem_of("start")
+    recorder = Recording(EssConfig(chains=300, runs=1, second_pass=False))
+    recorder.tapes = []
+    from_levels = _levels_of(problem, recorder)
+    figure, axes = _figure(9.0, 4.0, 2)
+    for shade, tape in zip(np.linspace(0.85, 0.45, len(from_levels)), from_levels, strict=True):
+        axes[0].plot(*_start(tape).T, ".", color=str(shade), markersize=2.5)
+    failing = np.concatenate([tape[fly(problem, tape).fails] for tape in from_levels])
+    axes[0].plot(*_start(failing).T, ".", color="black", markersize=3.0)
+    axes[0].set_title(f"ess, {len(from_levels)} levels, {sum(map(len, from_levels)):,} samples", fontsize=10)
+    axes[1].plot(*_start(sample.tapes[:8880]).T, ".", color=_GREY, markersize=2.0)
+    lost = sample.tapes[:8880][sample.fails[:8880]]
+    axes[1].plot(*_start(lost).T, ".", color="black", markersize=3.0)
+    axes[1].set_title(f"Monte Carlo, 8,880 samples, {len(lost)} fail", fontsize=10)
+    for ax in axes:
+        ax.set(xlim=(-4.6, 4.6), ylim=(-4.6, 4.6), xlabel="x at the start [sigma]")
+    axes[0].set_ylabel("z at the start [sigma]")
+    figure.savefig(picture, dpi=110)
+
+
+def _levels_of(problem: avrare.Problem, recorder: Recording) -> list[Floats]:
+    estimate_with(problem, recorder, SerialExecutor(), Settings(seed=4))
+    return recorder.tapes
+
+
+def _start(tapes: Floats) -> Floats:
+    return tapes[:, 0, :2]
+
+
+def reasons(sample: Flights, picture: Path) -> None:
+    """Fig. 13 (a): the mean noise of failing flights, and where they lie along it."""
+    figure, (left, right) = _figure(10.0, 4.0, 2)
+    tapes, t = sample.tapes[:, 1:, 0], 0.01 * np.arange(sample.tapes.shape[1] - 1)
+    lost = tapes[sample.fails]
+    mean, error = lost.mean(axis=0), lost.std(axis=0) / np.sqrt(len(lost))
+    left.plot(t, lost.T, color=_GREY, lw=0.4, alpha=0.5)
+    left.fill_between(t, mean - 2 * error, mean + 2 * error, color=_RED, alpha=0.25, lw=0)
+    left.plot(t, mean, color=_RED, lw=1.6, label=f"mean of {len(lost)}, with two standard errors")
+    peak = np.abs(mean).argmax()
+    print(f"{len(lost)} fail, they end at x = {sample.x[sample.fails, -1].max():.3f} m or before; ", end="")
+    print(f"mean noise largest at {t[peak]:.2f} s: {mean[peak]:+.2f} sigma")
+    left.axhline(0.0, color="black", lw=0.6)
+    left.set(xlabel="time [s]", ylabel="noise of the elevator's rate [sigma]")
+    left.legend(frameon=False, fontsize=9)
+    first = mean / np.linalg.norm(mean)
+    rest = lost - np.outer(lost @ first, first)
+    second = np.linalg.svd(rest - rest.mean(axis=0), full_matrices=False)[2][0]
+    for some, colour, size in ((~sample.fails, _GREY, 1.0), (sample.fails, "black", 5.0)):
+        rows = tapes[some][:8000]
+        right.plot(rows @ first, rows @ second, ".", color=colour, markersize=size)
+    low, high = (lost @ first).min(), (lost @ first).mean()
+    print(f"along their mean: from {low:.2f} sigma, {high:.2f} in the mean")
+    right.set(
+        xlabel="along the mean of what fails [sigma]", ylabel="along what varies most beside it [sigma]"
+    )
+    figure.savefig(picture, dpi=110)
+
+
+def cures(sample: Flights, picture: Path) -> None:
+    """Fig. 13 (b): which failing flights would perch if the noise of one moment had the other sign."""
+    problem, lost = problem_of("actuator"), sample.tapes[sample.fails]
+    steps = lost.shape[1] - 1
+    turned = np.repeat(lost[:, None], steps, axis=1)
+    turned[:, np.arange(steps), 1 + np.arange(steps)] *= -1.0
+    cured = ~fly(problem, turned.reshape(-1, *lost.shape[1:])).fails.reshape(-1, steps)
+    figure, (ax,) = _figure(6.4, 3.4, 1)
+    ax.bar(0.01 * np.arange(steps), cured.mean(axis=0), width=0.009, color=_BLUE)
+    ax.set(xlabel="time of the step whose noise is turned [s]", ylabel="share that perches then")
+    figure.savefig(picture, dpi=110)
+    best = cured.mean(axis=0).argmax()
+    print(f"turning one step saves most at {0.01 * best:.2f} s: {cured[:, best].mean():.0%}; ", end="")
+    print(f"some step saves {cured.any(axis=1).mean():.0%} of {len(lost)}")
+
+
+def _figure(
+    width: float, height: float, columns: int, widths: tuple[float, ...] | None = None
+) -> tuple[Figure, tuple[Axes, ...]]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = tuple(figure.subplots(1, columns, squeeze=False, width_ratios=widths)[0])
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+if __name__ == "__main__":
+    command, path = sys.argv[1], Path(sys.argv[2])
+    if command == "estimate":
+        estimate(path, sys.argv[3:])
+    else:
+        {"pictures": pictures, "report": report}[command](path)

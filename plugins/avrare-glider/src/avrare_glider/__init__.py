@@ -1,0 +1,17 @@
+"""A small glider that lands on a wire, post-stall: a simulator whose noise is the tape."""
+
+from avrare.plugin import Component, hookimpl
+
+
+@hookimpl
+def avrare_components() -> list[Component]:
+    """The simulator of this distribution."""
+    return [
+        Component(
+            kind="simulator",
+            name="glider",
+            config="avrare_glider.config:GliderConfig",
+            factory="avrare_glider.simulator:build",
+            summary="perching glider under time-varying linear-quadratic feedback",
+        ),
+    ]

@@ -1,0 +1,52 @@
+"""What a scenario says about the glider."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+
+def _tuple(value: Any) -> Any:
+    """A list as a tuple: strict validation takes no lists."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+Cost = Annotated[float, Field(ge=0.0)]
+Costs = Annotated[tuple[Cost, Cost, Cost, Cost, Cost, Cost, Cost], BeforeValidator(_tuple)]
+_ORDER = "weights of the errors in x, z [1/m^2], pitch, elevator [1/rad^2], and the rates of x, z, pitch"
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class NoiseConfig(_Model):
+    """Standard deviations of what is random."""
+
+    x: float = Field(default=0.0, ge=0.0, description="of the position along the way at the start [m]")
+    z: float = Field(default=0.0, ge=0.0, description="of the height at the start [m]")
+    actuator: float = Field(
+        default=0.0, ge=0.0, description="of what is added to the elevator's rate, afresh each step [rad/s]"
+    )
+
+
+class FeedbackConfig(_Model):
+    """Cost whose optimum the feedback is; the defaults are those of the published controller."""
+
+    state_cost: Costs = Field(default=(10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0), description=f"{_ORDER}, per s")
+    input_cost: float = Field(
+        default=0.1, gt=0.0, description="weight of the change of the elevator's rate [s^2/rad^2], per s"
+    )
+    final_cost: Costs = Field(
+        default=(400.0, 400.0, 1.0 / 9.0, 1.0 / 9.0, 1.0, 1.0, 1.0 / 9.0), description=f"{_ORDER}, at the end"
+    )
+
+
+class GliderConfig(_Model):
+    """Options of the simulator ``glider``."""
+
+    noise: NoiseConfig = Field(default=NoiseConfig(), description="what is random; without: nothing")
+    feedback: FeedbackConfig | None = Field(
+        default=FeedbackConfig(), description="of the error to the nominal flight; null: it flies blindly"
+    )

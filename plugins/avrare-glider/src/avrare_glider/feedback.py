@@ -1,0 +1,45 @@
+"""Time-varying linear-quadratic feedback along a flight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare_glider.aircraft import DT, NAMES, advance
+from avrare_glider.config import FeedbackConfig
+from avrare_glider.nominal import Flight
+
+_SMALL = 1e-20
+"""Imaginary step: derivatives come without cancellation, to the last bit but one or two."""
+
+
+def linearised(flight: Flight) -> tuple[Floats, Floats]:
+    """How errors propagate from each step to the next.
+
+    Returns:
+        A (K, 7, 7) and B (K, 7): error' = A error + B (change of the input).
+    """
+    size, k = len(NAMES), len(flight.inputs)
+    turned = np.repeat(flight.states[:-1, None].astype(complex), size + 1, axis=1)  # (K, direction, column)
+    turned[:, np.arange(size), np.arange(size)] += 1j * _SMALL
+    inputs = np.repeat(flight.inputs[:, None].astype(complex), size + 1, axis=1)
+    inputs[:, size] += 1j * _SMALL
+    after = advance(tuple(turned.reshape(-1, size).T), inputs.reshape(-1))
+    slopes = np.stack(after, axis=-1).imag.reshape(k, size + 1, size) / _SMALL
+    return slopes[:, :size].swapaxes(1, 2), slopes[:, size]
+
+
+def gains(flight: Flight, cost: FeedbackConfig) -> Floats:
+    """Optimal gains by Riccati's recursion, backwards from the end.
+
+    Returns:
+        (K, 7): the change of the input is minus gain times error.
+    """
+    a, b = linearised(flight)
+    state, effort = np.diag(cost.state_cost) * DT, cost.input_cost * DT
+    to_go, found = np.diag(cost.final_cost), np.empty_like(b)
+    for t in reversed(range(len(b))):
+        found[t] = (b[t] @ to_go @ a[t]) / (effort + b[t] @ to_go @ b[t])
+        closed = a[t] - np.outer(b[t], found[t])
+        to_go = state + effort * np.outer(found[t], found[t]) + closed.T @ to_go @ closed
+    return found

@@ -1,0 +1,31 @@
+"""The nominal flight: made by ``avrare_glider.optimise``, shipped as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from avrare.protocols import Floats
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight without noise on the grid of the simulator.
+
+    Attributes:
+        states: (K + 1, 7) at t = 0, dt, ..., K dt; columns as in ``aircraft.NAMES``.
+        inputs: (K,) rate of the elevator over each step [rad/s].
+    """
+
+    states: Floats
+    inputs: Floats
+
+
+@cache
+def nominal() -> Flight:
+    """The flight that is shipped: 66 steps, from ``aircraft.START`` to the wire."""
+    with (files("avrare_glider") / "nominal.npz").open("rb") as file, np.load(file) as arrays:
+        return Flight(arrays["states"], arrays["inputs"])

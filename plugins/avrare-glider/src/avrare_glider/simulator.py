@@ -1,0 +1,92 @@
+"""The glider as a simulator of scenarios: it brings its own feedback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.errors import UsageError
+from avrare.protocols import Floats, Signals
+from avrare.rollout.request import Integers
+from avrare_glider.aircraft import DT, ELEVATOR_STOPS, NAMES, RATE_LIMIT, START, Columns, advance
+from avrare_glider.config import GliderConfig
+from avrare_glider.feedback import gains
+from avrare_glider.nominal import nominal
+
+
+@dataclass(frozen=True)
+class GliderState:
+    """N gliders.
+
+    Attributes:
+        step: (N,) t.
+        motion: Seven columns (N,), see ``aircraft.NAMES``.
+    """
+
+    step: Integers
+    motion: Columns
+
+
+def build(config: GliderConfig, scene: object | None = None) -> GliderSimulator:
+    """The simulator of a scenario."""
+    return GliderSimulator(config)
+
+
+class GliderSimulator:
+    """A glider that follows the nominal flight to a wire.
+
+    The elevator's rate is the nominal one, minus gain times error, plus noise; the servo cuts it at its
+    limit, the stops end it. After the nominal flight's end the servo is at rest, but for the noise.
+
+    Row 0 of the noise tape makes the start: its first number x, its second z. The first number of row t
+    disturbs the elevator on the way from t - 1 to t.
+
+    Attributes:
+        dt: Step [s].
+        noise_size: 2, or 1 where the start is not random.
+    """
+
+    dt = DT
+
+    def __init__(self, config: GliderConfig) -> None:
+        self.noise = config.noise
+        self.noise_size = 2 if config.noise.x or config.noise.z else 1
+        flight = nominal()
+        found = gains(flight, config.feedback) if config.feedback is not None else 0.0 * flight.states[:-1]
+        self._reference = flight.states
+        self._inputs = np.append(flight.inputs, 0.0)  # the last row is for whatever comes after the end
+        self._gains = np.vstack([found, np.zeros(len(NAMES))])
+
+    def reset(self, noise: Floats) -> GliderState:
+        """State at t = 0 from noise (N, noise_size)."""
+        columns = [np.full(len(noise), value) for value in START]
+        for i, scale in enumerate((self.noise.x, self.noise.z)[: self.noise_size]):
+            columns[i] = columns[i] + scale * noise[:, i]
+        return GliderState(np.zeros(len(noise), dtype=np.int64), tuple(columns))
+
+    def step(self, world: GliderState, action: Any, noise: Floats) -> GliderState:
+        """State one step later from noise (N, noise_size).
+
+        Raises:
+            UsageError: The scenario has a controller.
+        """
+        if action is not None:
+            raise UsageError("glider has a controller of its own", "leave out `controller:`, use `feedback:`")
+        rate = self._command(world) + self.noise.actuator * noise[:, 0]
+        rate = np.clip(rate, -RATE_LIMIT, RATE_LIMIT)
+        room = [(stop - world.motion[3]) / DT for stop in ELEVATOR_STOPS]
+        return GliderState(world.step + 1, advance(world.motion, np.clip(rate, *room)))
+
+    def signals(self, world: GliderState) -> Signals:
+        """The seven columns by name."""
+        return dict(zip(NAMES, world.motion, strict=True))
+
+    def _command(self, world: GliderState) -> Floats:
+        """(N,) nominal rate of the elevator with its feedback; sums column by column, never across rows."""
+        at = np.minimum(world.step, len(self._inputs) - 1)
+        rate = self._inputs[at]
+        for i, column in enumerate(world.motion):
+            rate = rate - self._gains[at, i] * (column - self._reference[at, i])
+        return np.asarray(rate)
