@@ -38,7 +38,7 @@ def _axes(columns: int) -> tuple[Any, Any]:
 
 
 def _stages(study: Study, file: Path) -> None:
-    """Level, estimate and failures of each stage of learning; the first repetition of each rule."""
+    """Margin left, estimate and failures of each stage of learning; the first repetition of each rule."""
     figure, axes = _axes(3)
     for rule in RULES:
         found = study.outcomes.get((rule, "Imp-CE"))
@@ -47,12 +47,12 @@ def _stages(study: Study, file: Path) -> None:
         stages = found[0]["diagnostics"]["stages"][0]
         number = range(1, len(stages) + 1)
         style = {"color": COLOURS[rule], "marker": "o", "ms": 3.5, "lw": 1.3, "label": NAMES[rule]}
-        axes[0].plot(number, [-(stage["level"] or 0.0) for stage in stages], **style)
+        axes[0].plot(number, [1.0 - stage["level"] for stage in stages], **style)
         shares = [stage["probability"] for stage in stages]
         axes[1].plot(number, [share if share else float("nan") for share in shares], **style)
         axes[2].plot(number, [stage["failures"] for stage in stages], **style)
         axes[1].axhline(study.truth[rule]["probability"], color=COLOURS[rule], lw=0.8, ls="--")
-    axes[0].set(title="robustness of the elite's threshold", xlabel="stage")
+    axes[0].set(title="margin left at the elite's threshold", xlabel="stage", ylim=(0.0, None))
     axes[1].set(title="estimate of the stage (dashed: truth)", xlabel="stage", yscale="log")
     axes[2].set(title="failures of 250", xlabel="stage")
     axes[0].legend(fontsize=7.5, frameon=False)
@@ -60,7 +60,7 @@ def _stages(study: Study, file: Path) -> None:
 
 
 def _levels(study: Study, file: Path) -> None:
-    """Robustness at the level of each stage, one run of each discard."""
+    """What is left of the noise-free drive's margin at each stage's level, one run of each discard."""
     figure, axes = _axes(len(DISCARDS))
     for ax, discard in zip(axes, DISCARDS, strict=True):
         for rule in RULES:
@@ -71,11 +71,12 @@ def _levels(study: Study, file: Path) -> None:
             number = range(1, len(levels) + 1)
             dead = "" if found[0]["probability"] else ", died out"
             ax.plot(
-                number, [-level for level in levels], color=COLOURS[rule], lw=1.3, label=NAMES[rule] + dead,
-                marker="o" if len(levels) < 40 else "", ms=3.0,
+                number, [1.0 - level for level in levels], color=COLOURS[rule], lw=1.3,
+                label=NAMES[rule] + dead, marker="o" if len(levels) < 40 else "", ms=3.0,
             )  # fmt: skip
         ax.axhline(0.0, color="#22303c", lw=0.8)
-        ax.set(title=f"K = {discard}", xlabel="stage")
-        ax.legend(fontsize=7, frameon=False)
-    axes[0].set_ylabel("minus the score at the level")
+        ax.set(title=f"K = {discard}", xlabel="stage", ylim=(-0.03, 1.03))
+        if ax.lines[:-1]:
+            ax.legend(fontsize=7, frameon=False)
+    axes[0].set_ylabel("margin left at the level")
     figure.savefig(file, dpi=110)

@@ -22,8 +22,8 @@ PAPER = {
     "STL-AMS": ("8.8e-3 ± 6.2e-3", "1.5e-3 ± 2.1e-3", "4.7e-3 ± 3.4e-3", "3.5e-4 ± 1.8e-3"),
     "truth": ("9.1e-3", "2.0e-3", "3.6e-3", "4.8e-5"),
 }
-SIGMAS = 3.0
-"""Standard errors that a mean weight may be from 1."""
+SIGMAS, ROUNDING = 3.0, 1e-9
+"""Standard errors that a mean weight may be from 1, and what is no difference."""
 TEMPLATE = Path(__file__).with_name("table2.md")
 """The page's text, with places for the tables."""
 
@@ -107,7 +107,7 @@ def _with_interval(entry: dict[str, Any]) -> str:
 def _mean_and_spread(study: Study, rule: str, method: str) -> str:
     values = _values(study, rule, method)
     if len(values) < 2:
-        return "not run"
+        return f"{_short(values[0])} (1 run)" if len(values) else "not run"
     number = "" if len(values) == 20 else f" ({len(values)} runs)"
     return f"{_short(values.mean())} ± {_short(values.std(ddof=1))}{number}"
 
@@ -142,7 +142,7 @@ def _weights(study: Study) -> Iterator[str]:
 
 def _valid(one: dict[str, Any]) -> bool:
     weights = one["diagnostics"]
-    return bool(abs(weights["mean_weight"] - 1.0) <= SIGMAS * weights["mean_weight_error"])
+    return bool(abs(weights["mean_weight"] - 1.0) <= SIGMAS * weights["mean_weight_error"] + ROUNDING)
 
 
 def _values(study: Study, rule: str, method: str) -> np.ndarray:

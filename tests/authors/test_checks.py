@@ -13,7 +13,7 @@ from avrare.authors.drills import Exercise
 from avrare.cli.main import main
 from avrare.errors import PluginError, UsageError
 from avrare.plugin.component import KINDS, Component
-from avrare.plugin.registry import Registry, Row
+from avrare.plugin.registry import Registry, Row, default_registry
 
 HERE = Path(__file__).parent
 
@@ -83,8 +83,16 @@ def registered(kind, monkeypatch, **changes):
 
     registry = Registry()
     registry.register(Plugin(), "tested", "avrare-tested", "1.0")
-    monkeypatch.setattr("avrare.plugin.registry.default_registry", lambda: registry)
+    monkeypatch.setattr(Registry, "discover", classmethod(lambda cls: registry))
+    default_registry.cache_clear()
     return one
+
+
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch):
+    """Whoever asks after a test finds what is installed."""
+    yield
+    default_registry.cache_clear()
 
 
 def test_every_check_is_tested():

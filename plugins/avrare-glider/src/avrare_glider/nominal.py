@@ -27,5 +27,6 @@ class Flight:
 @cache
 def nominal() -> Flight:
     """The flight that is shipped: 66 steps, from ``aircraft.START`` to the wire."""
-    with (files("avrare_glider") / "nominal.npz").open("rb") as file, np.load(file) as arrays:
+    shipped = files("avrare_glider") / "nominal.npz"
+    with shipped.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         return Flight(arrays["states"], arrays["inputs"])

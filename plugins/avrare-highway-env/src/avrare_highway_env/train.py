@@ -105,10 +105,10 @@ def _fit(plan: Plan, states: Floats, labels: Floats) -> Network:
     """A new network on all states met so far."""
     mean, scale = states.mean(axis=0), np.maximum(states.std(axis=0), 0.05)
     inputs = torch.tensor((states - mean) / scale, dtype=torch.float32)
-    gain = torch.tensor([1.0, STEERING_GAIN])
+    gain = torch.tensor([1.0, STEERING_GAIN], dtype=torch.float32)
     targets = torch.tensor(labels, dtype=torch.float32) * gain
     sizes = (inputs.shape[1], plan.hidden, plan.hidden, 2)
-    layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
+    layers = [torch.nn.Linear(a, b, dtype=torch.float32) for a, b in pairwise(sizes)]
     net = torch.nn.Sequential(layers[0], torch.nn.Tanh(), layers[1], torch.nn.Tanh(), layers[2])
     optimiser = torch.optim.Adam(net.parameters(), lr=plan.rate)
     per_epoch = max(1, len(inputs) // plan.batch)
