@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from studies.table2_page import RULES, Study
 
 COLOURS = dict(zip(RULES, ("#1b6ca8", "#d9701a", "#3d8b5f", "#8a4f9e"), strict=True))
@@ -31,7 +33,7 @@ def _axes(columns: int) -> tuple[Any, Any]:
     figure = Figure(figsize=(4.0 * columns, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, columns)
-    for ax in axes:
+    for ax in np.atleast_1d(axes):
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(alpha=0.25)
     return figure, axes
@@ -61,8 +63,9 @@ def _stages(study: Study, file: Path) -> None:
 
 def _levels(study: Study, file: Path) -> None:
     """What is left of the noise-free drive's margin at each stage's level, one run of each discard."""
-    figure, axes = _axes(len(DISCARDS))
-    for ax, discard in zip(axes, DISCARDS, strict=True):
+    there = [number for number in DISCARDS if any((rule, f"K{number}") in study.outcomes for rule in RULES)]
+    figure, axes = _axes(len(there))
+    for ax, discard in zip(np.atleast_1d(axes), there, strict=True):
         for rule in RULES:
             found = study.outcomes.get((rule, f"K{discard}"))
             if not found:
@@ -76,7 +79,6 @@ def _levels(study: Study, file: Path) -> None:
             )  # fmt: skip
         ax.axhline(0.0, color="#22303c", lw=0.8)
         ax.set(title=f"K = {discard}", xlabel="stage", ylim=(-0.03, 1.03))
-        if ax.lines[:-1]:
-            ax.legend(fontsize=7, frameon=False)
-    axes[0].set_ylabel("margin left at the level")
+        ax.legend(fontsize=7, frameon=False)
+    np.atleast_1d(axes)[0].set_ylabel("margin left at the level")
     figure.savefig(file, dpi=110)
