@@ -143,7 +143,7 @@ def test_other_mistakes(words, text, capsys):
 
 
 def test_the_same_name_for_another_kind_is_free(tmp_path):
-    make("specification", tmp_path, "mpc")
+    assert make("specification", tmp_path, "mpc").is_dir()
 
 
 def test_a_prefix_is_not_doubled(tmp_path):

@@ -27,7 +27,7 @@ def test_the_commands_are_understood(line):
     name, *words = shlex.split(line)
     parser = command_parser(name, "")
     importlib.import_module(COMMANDS[name][0]).add_arguments(parser)
-    parser.parse_args(words)
+    assert vars(parser.parse_args(words))
 
 
 def test_there_are_commands():

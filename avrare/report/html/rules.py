@@ -103,14 +103,15 @@ def _evidence(folder: RunFolder, entry: dict[str, Any]) -> Markup | None:
 
 def _gamma(folder: RunFolder, entry: dict[str, Any]) -> tuple[Callable[[float], float], str]:
     """What to draw of a level: the robustness threshold of the papers, where the score can be told."""
+    bare = float, "score"
+    if folder.scenario is None:
+        return bare
     try:
-        if folder.scenario is not None:
-            problem, estimator = folder.scenario.problem(entry["specification"]), folder.scenario.estimator()
-            prepare = getattr(estimator, "prepare", None)
-            return (problem if prepare is None else prepare(problem)).gamma, "γ, 0 at failure"
-    except AvrareError:
-        pass
-    return float, "score"
+        problem, estimator = folder.scenario.problem(entry["specification"]), folder.scenario.estimator()
+        prepare = getattr(estimator, "prepare", None)
+        return (problem if prepare is None else prepare(problem)).gamma, "γ, 0 at failure"
+    except AvrareError:  # the axis then says that it is the bare score
+        return bare
 
 
 def _rollouts(

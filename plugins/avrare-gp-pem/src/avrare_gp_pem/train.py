@@ -43,8 +43,16 @@ class Training:
 
 def train(rows: Rows, schedule: Schedule, limit: float, provenance: dict[str, str]) -> Training:
     """Fit both processes to ``rows``; single-threaded and deterministic in ``schedule.seed``."""
+    default = torch.get_default_dtype()
     torch.set_num_threads(1)
     torch.set_default_dtype(torch.float64)
+    try:
+        return _train(rows, schedule, limit, provenance)
+    finally:
+        torch.set_default_dtype(default)
+
+
+def _train(rows: Rows, schedule: Schedule, limit: float, provenance: dict[str, str]) -> Training:
     mean, sd = rows.inputs.mean(axis=0), rows.inputs.std(axis=0)
     sd = np.where(sd > 0, sd, 1.0)
     x = (rows.inputs - mean) / sd
