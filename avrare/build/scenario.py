@@ -10,10 +10,11 @@ from avrare.build.stack import Stack, build_stack, check_start
 from avrare.driving import Scene
 from avrare.errors import UsageError, did_you_mean
 from avrare.estimation.plan import Estimator
+from avrare.logic import api as logic
 from avrare.logic.online import FormulaMonitor
 from avrare.rollout.problem import Problem
 from avrare.rollout.progress import shape_of
-from avrare.scenario.schema import Formula, Scenario
+from avrare.scenario.schema import Formula, Scenario, ScoreFormula
 
 
 class BuildableScenario:
@@ -93,11 +94,13 @@ def _rebuild(definition: Scenario, names: tuple[str, ...], score: Any) -> Proble
     return ScenarioProblem(BuildableScenario(definition), names).rescored(score)
 
 
-def _score(scenario: BuildableScenario, name: str) -> str | None:
+def _score(scenario: BuildableScenario, name: str) -> logic.Formula | str | None:
     """The score that orders particles: as written, else by the formula's shape (ADR 3)."""
     part = scenario.definition.specifications[name]
     monitor = scenario.stack.specifications[name]
     own = part.score if isinstance(part, Formula) else getattr(part.config, "score", None)
+    if isinstance(own, ScoreFormula):
+        return logic.stl(own.stl, dt=scenario.stack.loop.simulator.dt, warn=False)
     if own is not None:
         return own
     margin = getattr(monitor, "margin", None)

@@ -27,7 +27,7 @@ def described(problem: Problem, name: str, estimator: Estimator, settings: Setti
         "problem": {
             "system": type(problem.system).__qualname__, "steps": problem.steps, "chunk": problem.chunk,
             "noise_size": problem.noise_size, "formula": getattr(formula, "text", None),
-            "score": problem.score,
+            "score": getattr(problem.score, "text", problem.score),
         },
         "versions": {"avrare": avrare.__version__, row.distribution: row.version},
     }  # fmt: skip

@@ -16,7 +16,7 @@ from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.progress import ProgressScored, shape_of
 from avrare.rollout.request import Request, Rollouts
-from avrare.rollout.score import FunctionScored, MarginScored, PrefixScored, ScoreFunction
+from avrare.rollout.score import FormulaScored, FunctionScored, MarginScored, PrefixScored, ScoreFunction
 
 SCORES = ("robustness", "margin", "progress")
 DEFAULT_CHUNK = 4096
@@ -30,7 +30,8 @@ class Problem:
         system: See ``avrare.protocols.System``; the closed loop built from a scenario is one too.
         specification: A formula from ``avrare.stl``, any ``Specification``, or a mapping of names to them.
         steps: States t = 0..steps are simulated; 0 is a static problem.
-        score: Importance score for splitting: ``function(signals so far, t) -> (N,)`` or a name:
+        score: Importance score for splitting: ``function(signals so far, t) -> (N,)``, a formula whose own
+            running score orders the particles in place of the specification's, or a name:
             "robustness" (the formula's own), "margin" (see ``avrare.rollout.score``; where the noise-free run
             has no margin, as "robustness"), "progress" (see ``avrare.rollout.danger``). By default "progress"
             for formulas that may still come true, such as ``eventually``, else "robustness". The default
@@ -46,7 +47,7 @@ class Problem:
         system: System,
         specification: Any,
         steps: int,
-        score: ScoreFunction | str | None = None,
+        score: ScoreFunction | Formula | str | None = None,
         *,
         chunk: int = DEFAULT_CHUNK,
     ) -> None:
@@ -59,7 +60,7 @@ class Problem:
                 "a system has noise_size, initial(noise), step(state, noise) and signals(state)",
             )
         _check_integer(f"{type(system).__name__}.noise_size", system.noise_size, 0)
-        if not (score is None or callable(score) or score in SCORES):
+        if not (score is None or isinstance(score, Formula) or callable(score) or score in SCORES):
             raise UsageError(f"unknown score {score!r}", did_you_mean(str(score), SCORES))
         self.system = system
         self.steps = int(steps)
@@ -84,7 +85,7 @@ class Problem:
             self._scored = self._with_score()
         return self._scored
 
-    def rescored(self, score: ScoreFunction | str) -> Problem:
+    def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
         """The same problem with another score; also ``"prefix"`` (``avrare.rollout.score.PrefixScored``)."""
         other = object.__new__(type(self))  # copy.copy would go through __reduce__, which ends here
         other.__dict__.update(self.__dict__)
@@ -127,6 +128,9 @@ class Problem:
         return self.replay(np.zeros((1, self.steps + 1, self.noise_size)), keep_carries=keep_carries)
 
     def _with_score(self) -> tuple[Specification, ...]:
+        if isinstance(self.score, Formula):
+            guide = FormulaMonitor(self.score)
+            return tuple(FormulaScored(spec, guide) for spec in self.monitors)
         if callable(self.score):
             return tuple(FunctionScored(spec, self.score) for spec in self.monitors)
         match self.score:

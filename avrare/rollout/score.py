@@ -86,6 +86,29 @@ class PrefixScored:
         return state, replace(verdict, score=-verdict.robustness)
 
 
+class FormulaScored:
+    """Scores by how near another formula has come to failing, which decides nothing but the order.
+
+    Args:
+        inner: The specification that is estimated.
+        guide: A monitor whose score is followed.
+    """
+
+    def __init__(self, inner: Specification, guide: Specification) -> None:
+        self.inner = inner
+        self.guide = guide
+
+    def start(self, n: int) -> ScoredState:
+        """Before sample 0."""
+        return ScoredState(self.inner.start(n), np.full(n, -np.inf), self.guide.start(n))
+
+    def update(self, state: ScoredState, signals: Signals) -> tuple[ScoredState, Verdict]:
+        """After one more sample."""
+        inner, verdict = self.inner.update(state.inner, signals)
+        guide, guided = self.guide.update(state.memory, signals)
+        return ScoredState(inner, guided.score, guide), replace(verdict, score=guided.score)
+
+
 class FunctionScored:
     """Scores by a function of the signals so far, made adapted and monotone by a running maximum."""
 

@@ -8,7 +8,7 @@ from avrare.errors import FormulaError
 from avrare.logic import formula as f
 from avrare.logic.parse import parse_with_warnings
 from avrare.scenario.explain import Problem
-from avrare.scenario.schema import Block, Formula
+from avrare.scenario.schema import Block, Formula, ScoreFormula
 from avrare.scenario.source import Node, Path
 
 _ANY_STEP = Fraction(1, 10**9)
@@ -27,15 +27,25 @@ def check_formula(
     """Errors and warnings of one formula; its signals are known once the simulator is built.
 
     Args:
-        part: The specification.
+        part: The specification, and the formula that it is scored by.
         node: Where it is written.
         path: Keys that lead to it.
         dt: Step of the simulator [s], which tells how many samples a time bound is; None if not known.
         steps: Of a rollout, None if not known.
     """
+    problems, warnings = _check(part.stl, node, path, dt, steps)
+    if isinstance(part.score, ScoreFormula):
+        more, doubts = _check(part.score.stl, node.entries["score"], (*path, "score"), dt, steps)
+        problems, warnings = problems + more, warnings + doubts
+    return problems, warnings
+
+
+def _check(
+    text: str, node: Node, path: Path, dt: float | None, steps: int | None
+) -> tuple[list[Problem], list[Problem]]:
     mark, path = node.entries["stl"].mark, (*path, "stl")
     try:
-        formula, complaints = parse_with_warnings(part.stl, _ANY_STEP if dt is None else dt)
+        formula, complaints = parse_with_warnings(text, _ANY_STEP if dt is None else dt)
     except FormulaError as error:
         return [Problem(mark, path, error.message, error.hint)], []
     warnings = [Problem(mark, path, complaint.message, complaint.hint) for complaint in complaints]

@@ -45,6 +45,12 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class ScoreFormula(_Model):
+    """A formula that orders the particles of splitting, and decides nothing."""
+
+    stl: str = Field(description="drives are ordered by how near they have come to failing it")
+
+
 class Formula(_Model):
     """A specification written as a formula."""
 
@@ -54,7 +60,9 @@ class Formula(_Model):
     until: Literal["closed", "half-open"] = Field(
         "closed", description="whether `until` includes the end of its window; half-open is rtamt's reading"
     )
-    score: str | None = Field(None, description="named score that orders particles; default by formula shape")
+    score: ScoreFormula | str | None = Field(
+        None, description="what orders particles: a score's name or {stl: formula}; default by formula shape"
+    )
 
 
 class Threshold(_Model):

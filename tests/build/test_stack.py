@@ -2,9 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from avrare import FormulaError, estimate
+from avrare.build.scenario import BuildableScenario
 from avrare.cli.main import main
+from avrare.scenario.load import load
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -27,3 +31,19 @@ def test_what_drives_on_a_road_needs_one(part, block, capsys):
     assert f"{part}: " in error
     assert "driving simulator" in error
     assert "bug" not in error
+
+
+def test_a_score_written_as_a_formula_guides_splitting():
+    scored = "specifications.clear.score={stl: 'always (x < 9)'}"
+    problem = BuildableScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
+    result = estimate(problem, "ams", seed=0, particles=20, discard=10, runs=2)
+    plain = estimate(problem.rescored(None), "ams", seed=0, particles=20, discard=10, runs=2)
+    levels, others = (np.concatenate(found.diagnostics["levels"]) for found in (result, plain))
+    assert levels.max() < -2.0 < others.min()  # x stays below 7
+
+
+def test_a_score_of_signals_that_are_not_there():
+    scored = "specifications.clear.score={stl: 'always (z < 1)'}"
+    problem = BuildableScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
+    with pytest.raises(FormulaError, match="'z'"):
+        estimate(problem, "ams", seed=0, particles=20, discard=2, runs=2)

@@ -1,5 +1,6 @@
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,19 @@ ESTIMATORS = {
 }
 
 
+def heed_signals():
+    """As from a terminal: a shell that runs the tests in the background lets all below it ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@pytest.fixture(autouse=True)
+def _heeding():
+    """The same in this process."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 class Night:
     """A folder with toy scenarios, and ``avrare`` as a program of its own."""
 
@@ -45,7 +59,7 @@ class Night:
         command = [sys.executable, "-m", "avrare", "run", *map(str, words), "--no-pictures"]
         return subprocess.Popen(
             command, cwd=self.folder, env={**self.environment, **environment}, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, preexec_fn=heed_signals,
         )  # fmt: skip
 
     def run(self, *words, code=0, **environment):

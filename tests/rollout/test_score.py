@@ -104,3 +104,16 @@ def test_gamma_is_zero_at_failure_for_the_score_that_is_used():
 def test_a_score_function_that_raises_is_named():
     with pytest.raises(avrare.UsageError, match="score function raised at step 0: KeyError"):
         simulate(lambda signals, t: signals["y"])
+
+
+def test_a_formula_orders_by_how_near_it_has_come_to_failing():
+    guided = simulate(avrare.stl("always (x < 0.5)"), "eventually (x > 9)")
+    own = simulate("robustness", "always (x < 0.5)")
+    np.testing.assert_array_equal(guided.scores, own.scores)
+    assert guided.violated.all()
+    assert not own.violated.all()
+
+
+def test_a_formula_as_score_lacks_a_signal():
+    with pytest.raises(avrare.FormulaError, match="'y'"):
+        simulate(avrare.stl("always (y < 0.5)"))

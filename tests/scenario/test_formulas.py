@@ -26,6 +26,14 @@ def test_an_error_shows_the_place_in_the_file_and_in_the_formula(good, fails):
     assert caret.index("^") == formula.index(")")
 
 
+def test_a_formula_that_scores_is_read_like_the_one_that_is_scored(good, fails):
+    lines, code = fails(
+        good.replace(FAR, '{stl: "always (gap > 2)", score: {stl: "always[0:0.25s] (gap > )"}}')
+    )
+    assert code == 4
+    assert lines[0].startswith("s.yaml:10:47: specifications.far.score.stl: line 1, column 24: ")
+
+
 def test_bounds_are_checked_against_the_simulators_step(good, fails, read):
     text = good.replace(FAR, '{stl: "always[0:0.25s] (gap > 2)"}')
     assert "not a whole multiple of dt = 0.1 s" in fails(text)[0][0]
