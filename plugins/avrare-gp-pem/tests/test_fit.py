@@ -128,6 +128,22 @@ def test_fit_writes_everything_and_repeats_itself(drive, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["delivered"] == scores["delivered"]
 
 
+def test_a_folder_is_no_file_to_write(tmp_path, capsys):
+    (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n")
+    (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n")
+    assert run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path) == 4
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_scores_without_a_number_are_null(drive):
+    from avrare_gp_pem.metrics import detection_metrics
+    from avrare_gp_pem.report import as_json
+
+    scores = detection_metrics(np.full(20, 0.9), np.ones(20, bool), 0.8)
+    assert json.loads(as_json({"clean": scores}))["clean"]["detection_auc"] is None
+    assert scores["detection_calibration_error"] == pytest.approx(0.1)
+
+
 def test_convert_then_too_few_rows(tmp_path, capsys):
     (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n")
     (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n")
@@ -148,6 +164,8 @@ def test_convert_then_too_few_rows(tmp_path, capsys):
         (["fit", "none.csv", "--name", "a/b", "--out", "x"], "no name of a file"),
         (["convert", "none.txt", "none.txt", "--out", "x.csv"], "none.txt: no such file"),
         (["score", "pointpillarz", "none.csv"], "none.csv: no such file"),
+        (["fit", "none.csv", "--name", "..", "--out", "x"], "no name of a file"),
+        (["fit", "none.csv", "--seed", "-1", "--out", "x"], "'-1' is not a whole number from 0 on"),
         ([], "required"),
     ],
 )

@@ -156,6 +156,24 @@ def test_files_of_other_versions_are_refused(tmp_path, change):
         load(tmp_path / "b.npz")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"clean_input_mean": np.zeros(4)},
+        {"clean_bias_0": np.full((3, 24), np.nan)},
+        {"clean_line": np.zeros(3)},
+        {"clean_inputs": np.array(["range", "length"])},
+    ],
+)
+def test_files_whose_parts_do_not_fit_are_refused(tmp_path, change):
+    save(tmp_path / "a.npz", FittedPem(random_variant(), None, {}))
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "b.npz", **(arrays | change))
+    with pytest.raises(UsageError, match="no perception model"):
+        load(tmp_path / "b.npz")
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.7, -2.0])
 def test_errors_in_the_frame_of_the_ego(make, angle):
     # ego turned by the angle, car anywhere: an error to the right lies to the ego's right

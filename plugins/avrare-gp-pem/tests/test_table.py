@@ -1,5 +1,7 @@
 """Reading and cleaning tables: what is understood, and what is said of a broken one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,28 @@ def test_optional_columns_and_detected_boxes(tmp_path):
     np.testing.assert_allclose([rows.error_right[0], rows.error_forward[0]], [0.25, -0.5])
     np.testing.assert_allclose(rows.error_yaw[0], 6.2 - 2 * np.pi)
     np.testing.assert_array_equal([rows.height[0], rows.visibility[0]], [1.7, 4.0])
+
+
+def test_empty_cells_of_optional_columns_get_their_defaults(tmp_path):
+    cells = GOOD.split(",")
+    cells[5], cells[6], cells[10] = "nan", "", ""
+    rows = read(file(tmp_path, HEADER, GOOD, ",".join(cells)))
+    np.testing.assert_array_equal([rows.height[1], rows.visibility[1]], [1.7, 4.0])
+    assert np.isnan(rows.error_yaw[1])
+
+
+@pytest.mark.parametrize(
+    ("header", "hint"),
+    [
+        (HEADER.replace("forward,yaw", "forward,yow"), "is it the column 'yow'?"),
+        ("# Format: <loc_x> <loc_y> <rot>", "avrare pem convert"),
+        ("right,forward,yaw,length,width,detected", "needed are right"),
+    ],
+)
+def test_a_missing_column_has_a_hint(tmp_path, header, hint):
+    with pytest.raises(UsageError) as caught:
+        read(file(tmp_path, header, GOOD))
+    assert hint in caught.value.hint
 
 
 @pytest.mark.parametrize(
@@ -105,6 +129,13 @@ def test_two_files_without_and_with_names(tmp_path):
     assert (rows.forward[0], rows.visibility[0]) == (20, 2)
 
 
+def test_two_files_with_other_names_and_without_errors_of_yaw(tmp_path):
+    inputs = "# <rot_y> <length> <width> <right> <forward>\n0.5 4.5 1.8 1 20\n"
+    rows = convert(*pair(tmp_path, inputs, "# <err_loc_x> <err_loc_z> <detected>\n0.1 0.2 1\n"))
+    assert (rows.yaw[0], rows.forward[0], rows.error_forward[0]) == (0.5, 20, 0.2)
+    assert np.isnan(rows.error_yaw[0])
+
+
 @pytest.mark.parametrize(
     ("inputs", "labels", "message"),
     [
@@ -114,6 +145,10 @@ def test_two_files_without_and_with_names(tmp_path):
         ("# Format: <moon>\n1\n", "1 0 0 0\n", "in.txt: no column gives right, forward, yaw, length, width"),
         ("\n", "1 0 0 0\n", "no rows"),
         ("# <loc_x> <loc_y>\n1 2\n", "1 0 0 0\n", "no column gives yaw"),
+        ("1 inf 0.5 4.5 1.8 1.6 3\n", "1 0 0 0\n", "in.txt:1: forward: inf cannot be"),
+        ("1 20 0.5 4.5 1.8 1.6 3\n", "\n1 nan 0 0\n", "out.txt:2: error_right: is missing"),
+        ("1 20 0.5 4.5 1.8 1.6 3\n", "0.5 0 0 0\n", "out.txt:1: detected: 0.5 cannot be"),
+        ("1 20 0.5 4.5 1.8 0\n1 20 0.5 4.5 1.8 -1\n", "1 0 0 0\n1 0 0 0\n", "in.txt:2: occlusion: -1 is not"),
     ],
 )
 def test_broken_pairs_say_where(tmp_path, inputs, labels, message):
@@ -144,6 +179,23 @@ def test_the_artefact_is_found_where_it_is(drive):
     angle = np.abs((np.degrees(data.train.yaw) + 45) % 90 - 45)
     np.testing.assert_array_equal(data.oblique, angle >= 10)
     assert not clean(drive(4000, artefact=True), artefact=False).has_artefact
+
+
+def test_a_good_detector_is_no_reason_to_refuse(drive):
+    rows = drive(1500, artefact=True)
+    angle = np.abs((np.degrees(rows.yaw) + 45) % 90 - 45)
+    sharp = (angle >= 10) & (np.arange(len(rows)) % 100 > 0)  # off the axes hardly anything is missed
+    errors = {name: np.where(sharp, 0.1, getattr(rows, name)) for name in ("error_right", "error_forward")}
+    data = clean(replace(rows, detected=rows.detected | sharp, **errors), artefact=True)
+    assert 1 <= (~data.train.detected[data.oblique]).sum() < 25
+
+
+def test_without_rows_off_the_axes_there_is_a_way_out(drive):
+    rows = drive(1500, artefact=True)
+    with pytest.raises(UsageError) as caught:
+        clean(replace(rows, yaw=0 * rows.yaw), artefact=True)
+    assert "off the axes" in caught.value.message
+    assert "--artefact no" in caught.value.hint
 
 
 @pytest.mark.parametrize("rate", [0.0, 1.0])

@@ -117,6 +117,10 @@ def _limits(model: FittedPem, data: Cleaned) -> str:
 def _artefact(data: Cleaned) -> str:
     if not data.has_artefact:
         return "No artefact of matching by axis-aligned boxes is modelled: one law for all rows."
+    if not data.artefact.known:
+        return (
+            "Vehicles along the axes of the ego were taken for touched by an artefact of matching, as told."
+        )
     aligned, oblique = 100 * data.artefact.aligned, 100 * data.artefact.oblique
     rows, every = int(data.oblique.sum()), len(data.train)
     return (

@@ -28,8 +28,7 @@ Floats = NDArray[np.float64]
 OBLIQUE = 10.0
 """Vehicles nearer than this to an axis of the ego are touched by the artefact [degrees]."""
 HELD_OUT = 0.2
-LEAST_ROWS = 500
-_LEAST_OF_EACH = 50
+LEAST_ROWS = 200
 _ALIGNED = 1.0
 _BANDS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
 _TELLING = 0.05, 5.0  # an artefact takes so much of the detections, in so many standard errors
@@ -49,6 +48,11 @@ class Artefact:
     aligned: float
     oblique: float
     sure: float
+
+    @property
+    def known(self) -> bool:
+        """Whether there were enough vehicles of both kinds to tell."""
+        return not np.isnan(self.aligned)
 
     @property
     def present(self) -> bool:
@@ -103,13 +107,15 @@ def clean(rows: Table, artefact: bool | None = None) -> Cleaned:
     held_out[of.reshape(-1)[split:]] = True
     kept = original & ~held_out[of.reshape(-1)] & (index < split)
     train, test = rows.take(kept), rows.take(slice(split, None))
-    _check(train, "training rows, the first four fifths without duplicates,", LEAST_ROWS)
-    _check(test, "held-out rows, the last fifth,", LEAST_ROWS // 5)
+    _check(train, "training rows, the first four fifths without duplicates,", LEAST_ROWS, 50, 5)
+    _check(test, "held-out rows, the last fifth,", LEAST_ROWS // 5, 10, 1)
     found = artefact_of(train)
     present = found.present if artefact is None else artefact
     apart = [off_axis(part.yaw) >= (OBLIQUE if present else 0.0) for part in (train, test)]
     test_oblique = apart[1] & (_first_in(boxes[split:]))
-    _check(train.take(apart[0]), "training rows off the axes of the ego", LEAST_ROWS // 2)
+    if present:
+        _check(train.take(apart[0]), "training rows off the axes of the ego", LEAST_ROWS // 2, 50, 1)
+        _check(test.take(test_oblique), "held-out rows off the axes of the ego", 20, 10, 0)
     return Cleaned(train, apart[0], test, test_oblique, found, present, split - int(kept.sum()))
 
 
@@ -144,14 +150,15 @@ def _first_in(boxes: Floats) -> NDArray[np.bool_]:
     return first
 
 
-def _check(rows: Table, what: str, least: int) -> None:
+def _check(rows: Table, what: str, least: int, detected: int, missed: int) -> None:
+    """Raise ``UsageError`` unless there are so many rows, so many of them detected and so many missed."""
     count, seen = len(rows), int(rows.detected.sum())
+    hint = "--artefact no fits one law to all rows" if "off the axes" in what else ""
     if count < least:
-        raise UsageError(f"too few rows: {count} {what} where {least} are needed")
-    needed = min(_LEAST_OF_EACH, least // 10)
-    if min(seen, count - seen) < needed:
-        all_of = "all" if seen == count else "none" if seen == 0 else f"{seen}"
+        raise UsageError(f"too few rows: {count} {what} where {least} are needed", hint)
+    if seen < detected or count - seen < missed:
+        how_many = "all" if seen == count else "none" if seen == 0 else f"{seen}"
+        needed = f"at least {detected} detected and {missed} missed vehicles are needed"
         raise UsageError(
-            f"{all_of} of the {count} {what} are detected: nothing to learn from",
-            f"at least {needed} detected and {needed} missed vehicles are needed",
+            f"{how_many} of the {count} {what} are detected: nothing to learn from", hint or needed
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,8 +12,13 @@ from avrare.errors import ExitCode, PluginError, UsageError
 if TYPE_CHECKING:
     from avrare_gp_pem.clean import Cleaned
 
+_DATA = (
+    "CSV of annotated vehicles in the order of recording: right, forward, yaw, length, width, height, "
+    "visibility, detected, error_right, error_forward, error_yaw [m, rad]; see docs/perception.md"
+)
 MODELS = ("gp", "mlp", "student", "logistic")
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
+_MOST_DIGITS = 9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,10 +26,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     fit = commands.add_parser("fit", help="fit, calibrate, score and describe a model", allow_abbrev=False)
     _add_data(fit)
-    fit.add_argument("--model", choices=MODELS, default="mlp", help="default: mlp")
+    fit.add_argument(
+        "--model",
+        choices=MODELS,
+        default="mlp",
+        help="Gaussian processes, networks (the default), linear with Student-t errors, or a baseline",
+    )
     fit.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     fit.add_argument("--name", default="model", help="name of the model's files")
-    fit.add_argument("--seed", type=int, default=0, help="same seed, same machine: same bytes")
+    fit.add_argument("--seed", type=_seed, default=0, help="same seed, same machine: same bytes")
     fit.add_argument("--licence", default="not stated", metavar="TEXT", help="of the data, for the card")
     fit.add_argument("--source", default="not stated", metavar="TEXT", help="what the data is, for the card")
     fit.add_argument(
@@ -41,8 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     score.add_argument("--json", action="store_true", help="print an object")
 
 
+def _seed(text: str) -> int:
+    if not text.isdecimal() or len(text) > _MOST_DIGITS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
+    return int(text)
+
+
 def _add_data(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("data", type=Path, metavar="DATA", help="CSV of annotated vehicles and detections")
+    parser.add_argument("data", type=Path, metavar="DATA", help=_DATA)
     parser.add_argument(
         "--artefact",
         choices=tuple(_ARTEFACT),
@@ -69,7 +84,7 @@ def _convert(args: argparse.Namespace) -> None:
 
 def _fit(args: argparse.Namespace) -> None:
     _need("torch", "scipy", "matplotlib", *(["pyro"] if args.model == "gp" else []))
-    if "/" in args.name or not args.name:
+    if Path(args.name).name != args.name or args.name == "..":
         raise UsageError(f"--name: {args.name!r} is no name of a file", "the folder goes into --out")
     from avrare_gp_pem.fitting import Plan, fit_model
     from avrare_gp_pem.report import provenance, write_report
@@ -86,13 +101,13 @@ def _fit(args: argparse.Namespace) -> None:
 def _score(args: argparse.Namespace) -> None:
     _need("scipy")
     from avrare_gp_pem.evaluate import evaluate, yaw_scores
-    from avrare_gp_pem.report import summary
+    from avrare_gp_pem.report import as_json, summary
     from avrare_gp_pem.store import load, locate
 
     data, model = _data(args), load(locate(args.model))
     scores = {name: one.scores for name, one in evaluate(model, data).items()}
     if args.json:
-        print(json.dumps(scores | {"yaw": yaw_scores(model, data)}, indent=2))
+        print(as_json(scores | {"yaw": yaw_scores(model, data)}))
         return
     for line in summary(scores):
         print(line)
@@ -107,13 +122,20 @@ def _data(args: argparse.Namespace) -> Cleaned:
         data = clean(rows, _ARTEFACT[args.artefact])
     except UsageError as error:
         raise UsageError(f"{args.data}: {error.message}", error.hint) from None
-    found, taken = data.artefact, "taken out" if data.has_artefact else "left in"
     _say(f"{len(data.train)} training rows ({data.dropped} duplicates dropped), {len(data.test)} held out")
-    _say(
+    _say(_artefact(data))
+    return data
+
+
+def _artefact(data: Cleaned) -> str:
+    """What was found, and what is made of it."""
+    found, taken = data.artefact, "taken out" if data.has_artefact else "left in"
+    if not found.known:
+        return f"too few vehicles along the ego's axes to look for an artefact of matching: {taken}"
+    return (
         f"detected along the ego's axes {found.aligned:.2f}, off them {found.oblique:.2f} at the same range: "
         f"artefact of matching {'found' if found.present else 'not found'}, {taken}"
     )
-    return data
 
 
 def _need(*modules: str) -> None:

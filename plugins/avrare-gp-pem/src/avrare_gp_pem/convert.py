@@ -2,13 +2,14 @@
 
 Numbers are separated by blanks, and line i of both files is the same vehicle. The first line may name the
 columns after a ``#``, in the form ``# Format: <loc_x> <loc_y> <rot> ...``; without it the columns are those
-of ``_INPUTS``, or of ``_FLAT_INPUTS`` where there are six. Columns of other names are ignored.
+of ``_INPUTS``, or of ``_FLAT_INPUTS`` where there are six. The CSV's own names are known too; columns of
+other names are ignored.
 
 * vehicles: ``loc_x`` (right), ``loc_y`` or ``loc_z`` (forward) [m], ``rot`` [rad], ``dim_l``, ``dim_w``,
   ``dim_h`` [m], ``visibility`` (1 to 4) or ``occlusion`` (0 fully visible, 1 partly, 2 largely occluded, 3
   unknown);
-* detections: ``detected`` (0 or 1), ``err_loc_x``, ``err_loc_y`` or ``err_loc_z`` [m], ``err_rot`` [rad]:
-  truth minus estimate, any number where missed.
+* detections: ``detected`` (0 or 1), ``err_loc_x``, ``err_loc_y`` or ``err_loc_z`` [m], and if known
+  ``err_rot`` [rad]: truth minus estimate, any number where missed.
 """
 
 from __future__ import annotations
@@ -21,17 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.errors import UsageError
-from avrare_gp_pem.table import Table, table
+from avrare_gp_pem.table import BOX, ERRORS, Table, check_values, table
 
 Floats = NDArray[np.float64]
 _INPUTS = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "dim_h", "visibility")
 _FLAT_INPUTS = ("loc_x", "loc_z", "rot", "dim_l", "dim_w", "occlusion")
 _LABELS = ("detected", "err_loc_x", "err_loc_y", "err_rot")
 _COLUMNS = {
+    **{name: name for name in (*BOX, "detected", *ERRORS)},
     "loc_x": "right",
     "loc_y": "forward",
     "loc_z": "forward",
     "rot": "yaw",
+    "rot_y": "yaw",
+    "rot_z": "yaw",
     "dim_l": "length",
     "dim_w": "width",
     "dim_h": "height",
@@ -45,7 +49,10 @@ _COLUMNS = {
     "err_loc_y": "error_forward",
     "err_loc_z": "error_forward",
     "err_rot": "error_yaw",
+    "err_rot_y": "error_yaw",
+    "err_rot_z": "error_yaw",
 }
+_NEEDED = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "detected", "err_loc_x", "err_loc_y")
 _VISIBILITY_OF_OCCLUSION = np.array([4.0, 2.0, 1.0, 2.0])
 
 
@@ -59,17 +66,15 @@ def convert(inputs: Path, labels: Path) -> Table:
     counts = len(vehicles["right"]), len(detections["detected"])
     if counts[0] != counts[1]:
         raise UsageError(f"{inputs} has {counts[0]} rows and {labels} has {counts[1]}: they are not a pair")
-    columns = vehicles | detections
-    occlusion = columns.pop("occlusion", None)
-    if occlusion is not None:
-        columns["visibility"] = _VISIBILITY_OF_OCCLUSION[_categories(occlusion, inputs)]
-    return table(columns)
+    return table(vehicles | detections)
 
 
-def _categories(occlusion: Floats, path: Path) -> NDArray[np.intp]:
-    if not np.isin(occlusion, (0, 1, 2, 3)).all():
-        raise UsageError(f"{path}: occlusion is not 0, 1, 2 or 3 everywhere")
-    return occlusion.astype(np.intp)
+def _visibility(occlusion: Floats, path: Path, lines: Sequence[int]) -> Floats:
+    known = np.isin(occlusion, (0, 1, 2, 3))
+    if not known.all():
+        first = int(np.argmin(known))
+        raise UsageError(f"{path}:{lines[first]}: occlusion: {occlusion[first]:g} is not 0, 1, 2 or 3")
+    return _VISIBILITY_OF_OCCLUSION[occlusion.astype(np.intp)]
 
 
 def _columns(path: Path, default: Sequence[str]) -> dict[str, Floats]:
@@ -90,9 +95,13 @@ def _columns(path: Path, default: Sequence[str]) -> dict[str, Floats]:
             raise UsageError(f"{path}:{line}: {len(row)} numbers, expected {len(names)}: {' '.join(names)}")
     values = np.array([_floats(path, line, row) for line, row in rows])
     columns = {_COLUMNS[name]: values[:, i] for i, name in enumerate(names) if name in _COLUMNS}
-    missing = [_COLUMNS[name] for name in default[:5] if _COLUMNS[name] not in columns]
+    missing = [_COLUMNS[name] for name in _NEEDED if name in default and _COLUMNS[name] not in columns]
     if missing:
         raise UsageError(f"{path}: no column gives {', '.join(missing)}", f"known: {', '.join(_COLUMNS)}")
+    numbers = [line for line, _ in rows]
+    if "occlusion" in columns:
+        columns["visibility"] = _visibility(columns.pop("occlusion"), path, numbers)
+    check_values(path, columns, numbers)
     return columns
 
 

@@ -25,6 +25,7 @@ from avrare_gp_pem.gp import SparseGp, sparse_gp
 
 Floats = NDArray[np.float64]
 _JITTER = 1e-5
+_LEAST_SCALE = 1e-4  # errors may all be zero [m]
 _FIRST_RATE, _LAST_RATE = 0.03, 0.0003
 
 
@@ -149,9 +150,10 @@ def fit_base_scale(distance: Floats, errors: Floats) -> Floats:
     def one(error: Floats) -> Floats:
         def loss(parameters: Floats) -> float:
             base, slope, dof = np.exp(parameters)
-            return -float(student_t.logpdf(error, dof, scale=base + slope * distance).mean())
+            scale = np.maximum(base, _LEAST_SCALE) + slope * distance
+            return -float(student_t.logpdf(error, dof, scale=scale).mean())
 
         best = minimize(loss, np.log([0.05, 0.005, 2.5]), method="Nelder-Mead")
-        return np.exp(best.x[:2])  # type: ignore[no-any-return]
+        return np.maximum(np.exp(best.x[:2]), (_LEAST_SCALE, 0.0))  # type: ignore[no-any-return]
 
     return np.stack([one(errors[:, 0]), one(errors[:, 1])])

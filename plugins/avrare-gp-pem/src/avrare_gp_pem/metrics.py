@@ -23,11 +23,12 @@ def detection_metrics(detect: Floats, detected: NDArray[np.bool_], base_rate: fl
         base_rate: Detection rate of the training rows, the baseline.
 
     Returns:
-        Negative log likelihoods per row, area under the ROC curve, Brier score, and expected calibration
-        error over ten bins of equal count.
+        Negative log likelihoods per row, area under the ROC curve (NaN where all or none are detected),
+        Brier score, and expected calibration error over ten bins of equal count.
     """
     detect = np.clip(detect, 1e-12, 1 - 1e-12)
     positives = int(detected.sum())
+    pairs = positives * (len(detected) - positives)
     ranks = rankdata(detect)[detected].sum() - positives * (positives + 1) / 2
     bins = np.array_split(np.argsort(detect, kind="stable"), 10)
     gaps = [len(b) * abs(float(detect[b].mean() - detected[b].mean())) for b in bins if len(b)]
@@ -35,7 +36,7 @@ def detection_metrics(detect: Floats, detected: NDArray[np.bool_], base_rate: fl
         "detection_rows": float(len(detect)),
         "detection_base_nll": float(-np.log(np.where(detected, base_rate, 1 - base_rate)).mean()),
         "detection_nll": float(-np.log(np.where(detected, detect, 1 - detect)).mean()),
-        "detection_auc": float(ranks / max(1, positives * (len(detected) - positives))),
+        "detection_auc": float(ranks / pairs) if pairs else float("nan"),
         "detection_brier": float(((detect - detected) ** 2).mean()),
         "detection_calibration_error": sum(gaps) / len(detect),
     }

@@ -93,10 +93,10 @@ def _quantiles(axes: Axes, one: Scored, axis: int) -> None:
     for q, style in zip(_QUANTILES, ("-", "--", ":"), strict=True):
         own, seen = ([float(np.quantile(v[band == i], q)) for i in present] for v in (drawn, error))
         axes.plot(places, own, style, color=_MODEL, label=f"model, {q:.0%}")
-        axes.plot(places, seen, "o", color=_DATA, ms=4)
+        axes.plot(places, seen, "o", color=_DATA, ms=4, label="held-out" if q == _QUANTILES[0] else None)
     axes.set_xticks(places, [f"{_BANDS[i]:g}-{_BANDS[i + 1]:g}" for i in present], fontsize=7)
     axes.set(xlabel="range [m]", ylabel="|error| [m]", yscale="log")
-    axes.set_title(f"error {NAMES[one.frame][axis]}, {one.title} (points: held-out)", fontsize=9)
+    axes.set_title(f"error {NAMES[one.frame][axis]}, {one.title}", fontsize=9)
     axes.legend(fontsize=8)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -48,11 +49,20 @@ def write_report(folder: Path, name: str, model: FittedPem, data: Cleaned) -> li
     try:
         save(paths[0], model)
         paths[1].write_text(card(name, model, data, scores, yaw), encoding="utf-8")
-        paths[2].write_text(json.dumps(scores | {"yaw": yaw}, indent=2) + "\n", encoding="utf-8")
+        paths[2].write_text(as_json(scores | {"yaw": yaw}) + "\n", encoding="utf-8")
         draw(paths[3], f"{name}: {model.provenance.get('model', '')} on held-out rows", scored)
     except OSError as error:
         raise UsageError(f"{error.filename or folder}: cannot be written: {error.strerror}") from None
     return [*summary(scores), *(f"wrote {path}" for path in paths)]
+
+
+def as_json(scores: Scores) -> str:
+    """Scores as a JSON object; what is no finite number is null."""
+    finite = {
+        part: {name: value if math.isfinite(value) else None for name, value in s.items()}
+        for part, s in scores.items()
+    }
+    return json.dumps(finite, indent=2)
 
 
 def summary(scores: Scores) -> Iterator[str]:

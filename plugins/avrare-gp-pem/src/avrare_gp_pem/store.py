@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from avrare.errors import UsageError, did_you_mean
 from avrare_gp_pem.diagonal_gp import DiagonalGp, GpPair, diagonal_gp
-from avrare_gp_pem.features import COLUMNS, NAMES
+from avrare_gp_pem.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.gp import SparseGp, sparse_gp
 from avrare_gp_pem.networks import Networks, networks
 from avrare_gp_pem.variant import Variant
@@ -25,6 +25,7 @@ FOLDER = Path(__file__).parent / "models"
 _GP_ARRAYS = ("inducing", "lengthscale", "variance", "location", "factor", "prior", "jitter")
 _NUMBERS = ("input_mean", "input_sd", "base_scale", "dof", "limit", "bounds", "line", "stretch")
 _YAW_ARRAYS = ("flip", "scale", "dof")
+_CAR = Box(*(np.array([[value]]) for value in (2.0, 20.0, 1.5, 4.5, 1.8, 1.6, 4.0)))
 _NO_MODEL = (ValueError, OSError, EOFError, zipfile.BadZipFile, np.linalg.LinAlgError, IndexError, TypeError)
 
 
@@ -133,13 +134,17 @@ def _variant(arrays: Arrays) -> Variant:
     unknown = set(names) - set(COLUMNS)
     if unknown:
         raise ValueError(f"it reads {', '.join(sorted(unknown))}, which this version does not know")
-    return Variant(
+    variant = Variant(
         latents=_gp_pair(arrays) if "detection_inducing" in arrays else _networks(arrays),
         inputs=names,
         link=str(arrays["link"]),
         frame=str(arrays["frame"]),
         **{name: np.asarray(arrays[name], float) for name in _NUMBERS},
     )
+    law = variant.law(_CAR, speed_sd=0.0)  # a file whose parts do not fit each other is refused here
+    if not all(np.isfinite(part).all() for part in (law.detect, law.location, law.scale, law.limit, law.dof)):
+        raise ValueError("it does not give finite numbers")
+    return variant
 
 
 def _networks(arrays: Arrays) -> Networks:

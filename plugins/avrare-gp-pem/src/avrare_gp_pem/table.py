@@ -4,8 +4,8 @@ One line per annotated vehicle and frame, in the order of recording, with a head
 
 * ``right, forward`` [m], ``yaw`` [rad, counter-clockwise from right; straight ahead and aligned: pi/2]: pose
   of the centre of the annotated box in the frame of the ego;
-* ``length, width`` [m], and if known ``height`` [m];
-* ``visibility``, if known: 1 (below 40 % in view), 2 (40-60), 3 (60-80), 4 (80-100);
+* ``length, width`` [m], and if known ``height`` [m], 1.7 where empty;
+* ``visibility``, if known: 1 (below 40 % in view), 2 (40-60), 3 (60-80), 4 (80-100), 4 where empty;
 * ``detected``: 0 or 1;
 * ``error_right, error_forward`` [m] and if known ``error_yaw`` [rad]: truth minus detection, empty where
   missed; or, instead, the detected box itself: ``detected_right, detected_forward, detected_yaw``.
@@ -16,12 +16,13 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.errors import UsageError, did_you_mean
+from avrare.errors import UsageError
 from avrare_gp_pem.features import Box
 
 Floats = NDArray[np.float64]
@@ -30,6 +31,7 @@ ERRORS = ("error_right", "error_forward", "error_yaw")
 _DETECTED_BOX = ("detected_right", "detected_forward", "detected_yaw")
 _REQUIRED = ("right", "forward", "yaw", "length", "width", "detected")
 _DEFAULTS = {"height": 1.7, "visibility": 4.0}
+_MAY_BE_EMPTY = (*_DEFAULTS, "error_yaw")
 _LIMITS = {  # (lowest, highest, what a value beyond them may be)
     "right": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
     "forward": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
@@ -98,10 +100,12 @@ def errors_in(frame: str, rows: Table) -> Floats:
 
 
 def table(columns: dict[str, Floats]) -> Table:
-    """The table of these columns; undetected rows lose their errors, missing columns get their defaults."""
+    """The table of these columns; undetected rows lose their errors, missing numbers get their defaults."""
     count = len(columns["right"])
     detected = columns["detected"] == 1
     full = {name: np.full(count, value) for name, value in _DEFAULTS.items()} | columns
+    for name, value in _DEFAULTS.items():
+        full[name] = np.where(np.isnan(full[name]), value, full[name])
     for name in ERRORS:
         values = full.get(name, np.full(count, np.nan))
         full[name] = np.where(detected, values, np.nan)
@@ -134,18 +138,25 @@ def read(path: Path) -> Table:
     lines = [number for number, _ in body]
     columns = _numbers(path, names, body)
     columns |= _errors_of_boxes(columns)
-    _check_values(path, columns, lines)
+    check_values(path, columns, lines)
     return table(columns)
 
 
 def write(path: Path, content: Table) -> None:
-    """Write a table in the form that ``read`` reads; numbers survive the round trip to the last bit."""
+    """Write a table in the form that ``read`` reads; numbers survive the round trip to the last bit.
+
+    Raises:
+        UsageError: The file cannot be written.
+    """
     arrays = [getattr(content, name) for name in (*BOX, "detected", *ERRORS)]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*BOX, "detected", *ERRORS])
-        for row in zip(*(array.tolist() for array in arrays), strict=True):
-            writer.writerow([_text(value) for value in row])
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([*BOX, "detected", *ERRORS])
+            for row in zip(*(array.tolist() for array in arrays), strict=True):
+                writer.writerow([_text(value) for value in row])
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _text(value: float | bool) -> str:
@@ -167,9 +178,19 @@ def _check_header(names: Sequence[str], place: str) -> None:
     errors = _DETECTED_BOX[:2] if _DETECTED_BOX[0] in names else ERRORS[:2]
     missing = [name for name in (*_REQUIRED, *errors) if name not in names]
     if missing:
-        near = did_you_mean(missing[0], [name for name in names if name])
-        known = f"it has {', '.join(names)}; needed are {', '.join((*_REQUIRED, *errors))}"
-        raise UsageError(f"{place}: missing column {', '.join(map(repr, missing))}", near or known)
+        raise UsageError(
+            f"{place}: missing column {', '.join(map(repr, missing))}", _hint(names, missing, errors)
+        )
+
+
+def _hint(names: Sequence[str], missing: Sequence[str], errors: Sequence[str]) -> str:
+    if len(names) == 1:  # not separated by commas
+        return "not a CSV file? avrare pem convert makes one from a pair of text files"
+    spare = [name for name in names if name and name not in (*BOX, *ERRORS, *_DETECTED_BOX, "detected")]
+    near = get_close_matches(missing[0], spare, n=1)
+    if near:
+        return f"is it the column {near[0]!r}?"
+    return f"it has {', '.join(names)}; needed are {', '.join((*_REQUIRED, *errors))}"
 
 
 def _numbers(path: Path, names: Sequence[str], body: Sequence[tuple[int, list[str]]]) -> dict[str, Floats]:
@@ -203,15 +224,21 @@ def _errors_of_boxes(columns: dict[str, Floats]) -> dict[str, Floats]:
     return errors
 
 
-def _check_values(path: Path, columns: dict[str, Floats], lines: Sequence[int]) -> None:
-    detected = columns["detected"] == 1
+def check_values(path: Path, columns: dict[str, Floats], lines: Sequence[int]) -> None:
+    """Raise ``UsageError`` with file and line where a value cannot be right.
+
+    Args:
+        path: The file.
+        columns: Those of a table that it has; errors are looked at where ``detected`` is 1.
+        lines: Where in the file each row is.
+    """
+    detected = columns.get("detected", np.ones(len(lines))) == 1
     for name, (lowest, highest, guess) in _LIMITS.items():
         if name not in columns:
             continue
         values, of_detection = columns[name], name in ERRORS
         where = detected if of_detection else np.ones(len(values), bool)
-        optional = name == "error_yaw"
-        broken = where & ~np.isfinite(values) & (not optional)
+        broken = where & np.isnan(values) & (name not in _MAY_BE_EMPTY)
         beyond = where & ((values < lowest) | (values > highest))
         if name == "detected":
             beyond = (values != 0) & (values != 1)
