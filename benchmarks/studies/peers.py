@@ -19,6 +19,8 @@ SAMPLES = {"d_rw_L3.8": 2800, "d_rw_L4.8": 1800, "e_ou_L4.0": 3600}
 """Of each level in OpenTURNS: about 11,000 evaluations in all."""
 PARTICLES = {"d_rw_L3.8": 360, "d_rw_L4.8": 320, "e_ou_L4.0": 280}
 """Of each of the ten runs of splitting: as many evaluations."""
+METHODS = ("ams", "ams-one", "openturns")
+"""Ten runs, as is the default; one of ten times as many particles; the peer."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class PeerBlock:
 
     def outcome(self) -> dict[str, Any]:
         """Estimates and their costs in full simulations."""
+        if self.method == "ams-one":
+            return single_runs(self.problem, self.number)
         repeat = {"ams": splitting, "openturns": subset_sampling}[self.method]
         pairs = [repeat(self.problem, self.number * BLOCK + i) for i in range(BLOCK)]
         return {"values": np.array([p for p, _ in pairs]), "costs": np.array([cost for _, cost in pairs])}
@@ -49,7 +53,7 @@ class PeerBlock:
 def blocks() -> Iterator[PeerBlock]:
     """All blocks."""
     for problem in PROBLEMS:
-        for method in ("ams", "openturns"):
+        for method in METHODS:
             for number in range(REPETITIONS // BLOCK):
                 yield PeerBlock(method, problem, number)
 
@@ -62,6 +66,18 @@ def splitting(name: str, seed: int) -> tuple[float, float]:
         reference.problem(), "ams", particles=particles, discard=particles // 10, seed=seed
     )
     return result.probability, result.simulated_steps / reference.steps
+
+
+def single_runs(name: str, seed: int) -> dict[str, Any]:
+    """A block of estimates of one run each, made by one call, at their mean cost."""
+    reference = reference_problem(name)
+    particles = 10 * PARTICLES[name]
+    result = avrare.estimate(
+        reference.problem(chunk=50_000), "ams", particles=particles, discard=particles // 10, runs=BLOCK,
+        seed=10_000 + seed,
+    )  # fmt: skip
+    cost = result.simulated_steps / reference.steps / BLOCK
+    return {"values": np.asarray(result.run_probabilities), "costs": np.full(BLOCK, cost)}
 
 
 def subset_sampling(name: str, seed: int) -> tuple[float, float]:
