@@ -19,7 +19,7 @@ import os
 import sys
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,8 @@ PROBLEMS = (
     "b_linear_d100_p1e-9", "c_fourbranch_k6", "c_fourbranch_k7", "i_exp_sum_d10_c30.0",
     "i_exp_sum_d10_c40.0", "i_lognormal_prod_d1", "i_lognormal_prod_d5",
 )  # fmt: skip
+BEYOND = replace(linear(7.0), id="b_linear_d100_b7")
+"""Rarer than any reference problem, for exact slices: 1.3e-12 in 100 dimensions."""
 COVERED = ("a_beta_-2", "b_linear_d100_p1e-4", "c_fourbranch_k7", "d_rw_L3.8", "i_lognormal_prod_d1")
 REGIONS = {"a": (conjunction(-1.2),), "b": (linear(1.5, 20),), "c": (four_branch(4.0),)}
 """Sets whose law the kernels are to leave as it is: where these problems fail."""
@@ -46,11 +48,11 @@ SLOW = {"bayesian": 6_000}
 BLOCK = 50
 """Runs of a block."""
 TABLE = {
-    "a_beta_-2": (617, 232), "a_beta_-2.5": (1926, 613), "a_beta_-3": (2636, 1443),
-    "b_linear_d100_p1e-4": (1329, 430), "b_linear_d100_p1e-6": (3665, 1773),
-    "b_linear_d100_p1e-9": (10194, 7286), "c_fourbranch_k7": (259, 129),
+    "a_beta_-2": (617, 232, 150), "a_beta_-2.5": (1926, 613, 486), "a_beta_-3": (2636, 1443, 1366),
+    "b_linear_d100_p1e-4": (1329, 430, 777), "b_linear_d100_p1e-6": (3665, 1773, 1876),
+    "b_linear_d100_p1e-9": (10194, 7286, 3200), "c_fourbranch_k7": (259, 129, ""),
 }  # fmt: skip
-"""Relative MSE x evaluations of an earlier program: shrink, and pCN with a fixed step (N = 2000)."""
+"""Relative MSE x evaluations of an earlier program, N = 2000: shrink, pCN with a fixed step, exact slices."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,12 @@ class Setting:
     runs: int
     options: dict[str, Any]
     only: str = ""
+    estimator: str = "ess"
 
     def suits(self, problem: str) -> bool:
-        """Whether it can be used there: a bound on the slope must exist."""
-        return not self.only or problem[0] in self.only
+        """Whether it can be used there: a bound on the slope must exist, or predicates must be affine."""
+        exact = self.estimator == "ess_linear"
+        return (not self.only or problem[0] in self.only) and (exact or problem != BEYOND.id)
 
 
 _FULL = {"chains": 200, "pilot": 0.1}
@@ -73,12 +77,18 @@ SETTINGS = (
     Setting("pcn-single", 200, {"kernel": "pcn", "chains": 200, "second_pass": False}),
     Setting("shrink", 200, {"kernel": "shrink", **_FULL}),
     Setting("shrink-single", 200, {"kernel": "shrink", "chains": 200, "second_pass": False}),
+    Setting("shrink-3", 200, {"kernel": "shrink", "bracket": 3.0, **_FULL}, "abc"),
+    Setting("exact", 200, {"chains": 50}, "ab", "ess_linear"),
     Setting("lipschitz", 200, {"kernel": "lipschitz", "lipschitz": 1.0, "chains": 50}, "ab"),
     Setting("surrogate", 200, {"kernel": "surrogate", "chains": 100}, "aci"),
     Setting("surrogate-b", 200, {"kernel": "surrogate", "chains": 100}, "b"),
     Setting("growing", 100, {"kernel": "lipschitz_growing", "lipschitz": 0.3, "chains": 50}),
     Setting("bayesian", 50, {"kernel": "bayesian", "chains": 50}),
 )
+
+
+def _reference(name: str) -> ReferenceProblem:
+    return BEYOND if name == BEYOND.id else reference_problem(name)
 
 
 @dataclass(frozen=True)
@@ -104,8 +114,8 @@ class RunBlock:
     def outcome(self) -> dict[str, Any]:
         """Run it."""
         seed = 1000 * zlib.crc32(self.cell.encode()) + self.number
-        problem = reference_problem(self.problem).problem(chunk=10_000)
-        result = avrare.estimate(problem, "ess", runs=self.runs, seed=seed, **self.setting.options)
+        problem, setting = _reference(self.problem).problem(chunk=10_000), self.setting
+        result = avrare.estimate(problem, setting.estimator, runs=self.runs, seed=seed, **setting.options)
         return {"values": result.run_probabilities, "rollouts": result.rollouts}
 
 
@@ -152,6 +162,7 @@ def _drifting(name: str, size: int) -> tuple[Any, Any]:
         return lipschitz.GrowingLipschitzKernel(guess), lipschitz.Slope(np.array([guess]))
     kernels: dict[str, tuple[Any, Any]] = {
         "shrink": (shrink.ShrinkKernel(), ()),
+        "shrink-3": (shrink.ShrinkKernel(3.0), ()),
         "pcn": (pcn.PcnKernel(), pcn.Size(np.array([0.7]))),
         "surrogate": (surrogate.SurrogateKernel(), wrong),
         "lipschitz": (lipschitz.LipschitzKernel(1.0), ()),
@@ -160,7 +171,9 @@ def _drifting(name: str, size: int) -> tuple[Any, Any]:
     return kernels[name]
 
 
-DRIFTING = ("shrink", "pcn", "surrogate", "lipschitz", "growing3", "growing1", "growing0.3", "bayesian")
+DRIFTING = (
+    "shrink", "shrink-3", "pcn", "surrogate", "lipschitz", "growing3", "growing1", "growing0.3", "bayesian",
+)  # fmt: skip
 
 
 def blocks() -> Iterator[RunBlock | DriftBlock]:
@@ -173,7 +186,7 @@ def blocks() -> Iterator[RunBlock | DriftBlock]:
         setting = Setting("default", 2000, {})
         yield from _cut("coverage", setting, problem, 200)
     for setting in SETTINGS:
-        for problem in PROBLEMS:
+        for problem in (*PROBLEMS, BEYOND.id):
             if setting.suits(problem):
                 yield from _cut("bias", setting, problem, BLOCK)
 
@@ -231,17 +244,17 @@ def _bias(results: Path) -> Iterator[str]:
     yield "| kernel | problem | runs | mean / p | z | zero | evaluations | MSE x evaluations | earlier |"
     yield "|---|---|---|---|---|---|---|---|---|"
     for setting in SETTINGS:
-        for problem in PROBLEMS:
+        for problem in (*PROBLEMS, BEYOND.id):
             data = _load(results, f"bias-{setting.name}-{problem}")
             if data is not None:
                 yield _bias_row(setting, problem, data)
 
 
 def _bias_row(setting: Setting, problem: str, data: dict[str, np.ndarray]) -> str:
-    ratio = data["values"] / reference_problem(problem).probability
+    ratio = data["values"] / _reference(problem).probability
     error, cost = ratio.std(ddof=1) / np.sqrt(len(ratio)), data["rollouts"].sum() / len(ratio)
     product = ((ratio - 1.0) ** 2).mean() * cost
-    column = {"shrink": 0, "pcn": 1}.get(setting.name.split("-")[0])
+    column = {"shrink": 0, "pcn": 1, "exact": 2}.get(setting.name.split("-")[0])
     earlier = TABLE[problem][column] if column is not None and problem in TABLE else ""
     return (
         f"| {setting.name} | {problem} | {len(ratio)} | {ratio.mean():.3f} ± {error:.3f} "

@@ -1,13 +1,16 @@
 """The double integrator between two boxes: exact slices against large Monte Carlo.
 
     OMP_NUM_THREADS=1 nice python benchmarks/linear.py gaussian OUT.jsonl [CHUNKS] [SHARD/SHARDS]
+    OMP_NUM_THREADS=1 nice python benchmarks/linear.py loop OUT.jsonl [CHUNKS] [SHARD/SHARDS]
     OMP_NUM_THREADS=1 nice python benchmarks/linear.py simulator OUT.jsonl [CHUNKS] [SHARD/SHARDS]
     OMP_NUM_THREADS=1 nice python benchmarks/linear.py exact OUT.jsonl [SEEDS] [SHARD/SHARDS]
     OMP_NUM_THREADS=1 python benchmarks/linear.py report OUT.jsonl
 
-``gaussian`` draws trajectories from their exact law, 100,000 a chunk; ``simulator`` drives the closed loop,
-20,000 a chunk; ``exact`` is one estimate a seed. Each chunk is a line of the file and is never done twice, so
-that a run may be interrupted and go on, and shards may write files of their own (``cat`` joins them).
+``gaussian`` draws trajectories from their exact law, 100,000 a chunk; ``loop`` steps the closed loop, plant,
+observer and feedback, on tapes that NumPy draws, 100,000 a chunk; ``simulator`` does so as the estimator
+``mc``, with the library's own noise, 20,000 a chunk; ``exact`` is one estimate a seed. Each chunk is a line
+of the file and is never done twice, so that a run may be interrupted and go on, and shards may write files
+of their own (``cat`` joins them).
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from avrare.estimation.intervals import clopper_pearson
 from avrare_linear.gaussian import TrajectoryGaussian
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "double_integrator.yaml"
-DEFAULTS = {"gaussian": 100, "simulator": 10, "exact": 10}
+DEFAULTS = {"gaussian": 100, "loop": 100, "simulator": 10, "exact": 10}
 
 
 def from_gaussian() -> Callable[[int], dict[str, Any]]:
@@ -40,6 +43,19 @@ def from_gaussian() -> Callable[[int], dict[str, Any]]:
         values = law.mean + (normal @ root.T).reshape(-1, *law.mean.shape)
         held = formula.satisfied({name: values[:, :, i] for i, name in enumerate(law.names)})[:, 0]
         return {"rollouts": len(held), "failures": int((~held).sum())}
+
+    return chunk
+
+
+def from_loop() -> Callable[[int], dict[str, Any]]:
+    problem = avrare.load(SCENARIO, ["chunk=20000"]).problem("clear")
+
+    def chunk(index: int) -> dict[str, Any]:
+        source, failures = np.random.default_rng([2, index]), 0
+        for _ in range(5):
+            tapes = source.standard_normal((20_000, problem.steps + 1, problem.noise_size))
+            failures += int((problem.robustness(tapes) < 0.0).sum())
+        return {"rollouts": 100_000, "failures": failures}
 
     return chunk
 
@@ -70,7 +86,9 @@ def work(kind: str, path: Path, count: int, shard: str) -> None:
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {line["chunk"] for line in lines if line["kind"] == kind}
     first, shards = map(int, shard.split("/"))
-    chunk = {"gaussian": from_gaussian, "simulator": from_simulator, "exact": exactly}[kind]()
+    chunk = {
+        "gaussian": from_gaussian, "loop": from_loop, "simulator": from_simulator, "exact": exactly,
+    }[kind]()  # fmt: skip
     for index in range(first, count, shards):
         if index not in done:
             began = time.process_time()

@@ -20,7 +20,7 @@ from avrare.authors.outcome import Skipped
 from avrare.authors.subject import Subject
 from avrare.driving import Action, Observation, Prediction
 from avrare.errors import AvrareError
-from avrare.protocols import Floats
+from avrare.protocols import Floats, PersistentPerceptionErrorModel
 
 STEPS = 5
 _ROAD, _OTHERS = 4, 3
@@ -61,10 +61,15 @@ def _no_action(part: Any, n: int) -> Action | None:
 
 def _perception(part: Any, tape: Floats, between: Between) -> Outputs:
     outputs: Outputs = {}
+    lasting = isinstance(part, PersistentPerceptionErrorModel)
+    memory = part.start(tape[:, 0, _ROAD:]) if lasting else None
     for step in range(STEPS + 1):
-        world = between(road.world(tape[:, step, :_ROAD], step))
-        observation = part.observe(world, tape[:, step, _ROAD:])
+        world, noise = between(road.world(tape[:, step, :_ROAD], step)), tape[:, step, _ROAD:]
+        observation = part.observe(world, noise)
         outputs |= _named(step, vars(observation))
+        if lasting and step:
+            followed, memory = part.follow(world, noise, between(memory))
+            outputs |= {f"followed {name}": value for name, value in _named(step, vars(followed)).items()}
         if hasattr(part, "log_prob"):
             outputs[f"log_prob at {step}"] = part.log_prob(world, observation)
     return outputs

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich import box
-from rich.console import Console
 from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
@@ -14,7 +13,8 @@ from avrare.check.document import change
 from avrare.check.gate import Outcome
 from avrare.check.planner import Estimate
 from avrare.errors import ExitCode
-from avrare.report.console import number
+from avrare.report.console import number, screen
+from avrare.report.progress import Mode
 
 _COLOURS = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
 _WIDEST = 400
@@ -22,9 +22,13 @@ _WIDTH = 100
 """Columns that a plan needs; a narrower terminal breaks its lines."""
 
 
-def show(outcome: Outcome) -> None:
-    """Print the verdicts."""
-    console = Console(soft_wrap=True, highlight=False)
+def show(outcome: Outcome, mode: Mode = "auto") -> None:
+    """Print the verdicts; in quiet mode a line each and the whole."""
+    console = screen(mode)
+    if mode == "quiet":
+        for line in brief(outcome):
+            console.print(line, markup=False)
+        return
     table = verdicts(outcome)
     room = console.options.update(max_width=_WIDEST)
     console.width = max(console.width, Measurement.get(console, room, table).maximum)
@@ -38,11 +42,26 @@ def show(outcome: Outcome) -> None:
             console.print(words, style=_COLOURS[verdict], markup=False)
     for note in outcome.notes:
         console.print(note, markup=False)
+    console.print(f"[{_COLOURS[outcome.verdict]}]{outcome.verdict}[/]{_tail(outcome)}")
+
+
+def brief(outcome: Outcome) -> list[str]:
+    """``drive in_lane < 0.1: pass, 0.05 (0.041 .. 0.06)`` for each row and why it does not pass."""
+    lines = []
+    for one in outcome.rows:
+        low, high = one.interval or (0.0, 1.0)
+        found = "" if one.probability is None else f", {number(one.probability)}"
+        found += f" ({number(low, 2)} .. {number(high, 2)})" if one.interval else ""
+        why = f": {one.reason}" if one.reason and one.verdict != "pass" else ""
+        lines.append(f"{one.scenario} {one.specification} {one.question}: {one.verdict}{found}{why}")
+    return [*lines, f"{outcome.verdict}{_tail(outcome)}"]
+
+
+def _tail(outcome: Outcome) -> str:
     looks = f" after {outcome.looks} looks" if outcome.looks > 1 else ""
     broken = outcome.exit_code == ExitCode.ROLLOUT_ERRORS
-    tail = f"{looks}, exit code {int(outcome.exit_code)}"
-    tail += ": more rollouts broke down than the scenario allows" if broken else ""
-    console.print(f"[{_COLOURS[outcome.verdict]}]{outcome.verdict}[/]{tail}")
+    why = ": more rollouts broke down than the scenario allows" if broken else ""
+    return f"{looks}, exit code {int(outcome.exit_code)}{why}"
 
 
 def verdicts(outcome: Outcome) -> Table:
@@ -70,9 +89,9 @@ def verdicts(outcome: Outcome) -> Table:
     return view
 
 
-def show_plan(estimates: Sequence[Estimate]) -> None:
+def show_plan(estimates: Sequence[Estimate], mode: Mode = "auto") -> None:
     """Print what verdicts will cost."""
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen(mode)
     console.width = max(console.width, _WIDTH)
     view = _table("what a verdict costs, about")
     for head in ("scenario", "rule", "wanted"):

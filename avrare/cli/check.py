@@ -6,11 +6,13 @@ import argparse
 import json
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from avrare.cli.doubts import warn
-from avrare.cli.parser import add_scenario_arguments
+from avrare.cli.former import refuse_former
+from avrare.cli.parser import add_display_arguments, add_scenario_arguments, display
 from avrare.errors import ExitCode, UsageError
 
 _EXAMPLE = """\
@@ -60,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--markdown", metavar="FILE", help="write a summary for a merge request")
     output.add_argument("--out", metavar="DIR", help="write check.json and the run folders")
     output.add_argument("--json", action="store_true", help="print check.json and nothing else on stdout")
+    add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -74,6 +77,8 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--budget and --spend both say what it may cost", "leave one of them away")
     _make_folders(args)
     subjects = _subjects(args)
+    if args.out and not args.plan:
+        refuse_former(Path(args.out), "check.json", [one.definition.name for one in subjects])
     if args.plan:
         return _plan(args, subjects, budget)
     from avrare.check.gate import check
@@ -85,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
     else:
         from avrare.check.screen import show
 
-        show(outcome)
+        show(outcome, display(args))
     return int(outcome.exit_code)
 
 
@@ -128,7 +133,7 @@ def _machine(args: argparse.Namespace) -> Any:
     from avrare.check.subjects import Machine
     from avrare.report.console import Progress
 
-    return Machine(args.workers, args.executor, Progress)
+    return Machine(args.workers, args.executor, partial(Progress, mode=display(args)))
 
 
 def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int:
@@ -151,7 +156,7 @@ def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int
     else:
         from avrare.check.screen import show_plan
 
-        show_plan(found)
+        show_plan(found, display(args))
     return int(ExitCode.PASS)
 
 

@@ -7,9 +7,13 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from avrare.cli.parser import add_display_arguments, display
 from avrare.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from avrare.report.progress import Mode
 
 _EXAMPLE = """\
 SCENARIO is a scenario file, or problem:ID: a reference problem with its exact answer
@@ -59,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json", action="store_true", help="print comparison.json and nothing else on stdout"
     )
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -79,7 +84,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(content))
     else:
-        _show(comparison, written)
+        _show(comparison, written, display(args))
     if comparison.interrupted:
         return int(ExitCode.INTERRUPTED)
     health = [name for entry in comparison.entries for one in entry.repetitions for name in one.health]
@@ -111,7 +116,7 @@ def _compare(args: argparse.Namespace) -> Any:
     case = _case(args, of_scenario, truth)
     arms = parse_arms(args.estimators, of_estimators, case.estimator, default_registry())
     design = Design(budget, args.repeat, case.seed if args.seed is None else args.seed, args.workers)
-    with Progress(case.name, case.problem) as progress:
+    with Progress(case.name, case.problem, display(args)) as progress:
 
         def watch(name: str) -> Any:
             progress.label, progress.began = f"{case.name}  {name}", time.monotonic()
@@ -188,12 +193,15 @@ def _write(comparison: Any, content: dict[str, Any], args: argparse.Namespace) -
     return [*files, "comparison.png"]
 
 
-def _show(comparison: Any, written: list[str]) -> None:
-    from rich.console import Console
+def _show(comparison: Any, written: list[str], mode: Mode) -> None:
+    from avrare.report.comparison import brief, headline, notes, table
+    from avrare.report.console import screen
 
-    from avrare.report.comparison import headline, notes, table
-
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen(mode)
+    if mode == "quiet":
+        for line in brief(comparison):
+            console.print(line, markup=False)
+        return
     console.width = max(console.width, _WIDTH)
     first, *others = headline(comparison)
     console.print(first, style="bold", markup=False)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from avrare.cli.parser import display
 from avrare.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def _paired(args: argparse.Namespace) -> Paired:
     seed = definitions[0].seed if args.seed is None else args.seed
     executor = SerialExecutor() if args.workers == 1 else ProcessExecutor(args.workers)
     rollouts = _rollouts(args.budget, problems[0].steps)
-    with Progress("", problems[0]) as progress:
+    with Progress("", problems[0], display(args)) as progress:
 
         def watch(number: int) -> Progress:
             progress.label = f"{(args.scenario, args.against)[number]}  {number + 1} of 2"
@@ -119,11 +120,14 @@ def _write(folder: Path, content: dict[str, Any]) -> None:
 
 
 def _show(paired: Paired, args: argparse.Namespace) -> None:
-    from rich.console import Console
+    from avrare.report.console import screen
+    from avrare.report.paired import brief, headline, notes, table
 
-    from avrare.report.paired import headline, notes, table
-
-    console = Console(soft_wrap=True, highlight=False)
+    console = screen(display(args))
+    if args.quiet:
+        for line in brief(paired):
+            console.print(line, markup=False)
+        return
     console.width = max(console.width, _WIDTH)
     console.print(headline(paired), style="bold", markup=False)
     console.print()

@@ -69,8 +69,9 @@ def _add(args: argparse.Namespace, database: Any) -> Sequence[str]:
     folder = Path(args.run)
     if not (folder / "scenario.yaml").is_file():
         raise UsageError(f"{folder}: no scenario.yaml in it", "give the folder that `avrare run` has written")
-    new = remember(database, load(folder / "scenario.yaml"), read_failures(folder))
-    return [f"{len(new)} new failures in {database.folder}: {', '.join(new)}" if new else "nothing new"]
+    new, complaints = remember(database, load(folder / "scenario.yaml"), read_failures(folder))
+    told = f"{len(new)} new failures in {database.folder}: {', '.join(new)}" if new else "nothing new"
+    return [told, *complaints]
 
 
 def _cluster(args: argparse.Namespace, database: Any) -> Sequence[str]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from avrare.errors import UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from avrare.report.progress import Mode
 
 
 class Parser(argparse.ArgumentParser):
@@ -46,3 +49,15 @@ def add_scenario_arguments(parser: argparse.ArgumentParser, *, optional: bool = 
         help="override one value, e.g. estimator.rollouts=1000; may be repeated",
     )
     parser.add_argument("--estimator", metavar="NAME", help="replace the estimator block by NAME's defaults")
+
+
+def add_display_arguments(parser: argparse.ArgumentParser) -> None:
+    """``--quiet`` or ``--plain``, for every command that shows progress and a table; read by ``display``."""
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument("--quiet", action="store_true", help="only the verdicts, and what went wrong")
+    shown.add_argument("--plain", action="store_true", help="no colours, nothing redrawn: for logs")
+
+
+def display(args: argparse.Namespace) -> Mode:
+    """How much is shown, and how."""
+    return "quiet" if args.quiet else "plain" if args.plain else "auto"

@@ -119,7 +119,7 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
     if args.csv is None and args.commonroad is None:
         return
     from avrare.failures.export_commonroad import to_commonroad
-    from avrare.failures.export_csv import to_csv
+    from avrare.failures.export_csv import to_csv, vehicle_names
     from avrare.record.trace import Recording
 
     if not found.signals:
@@ -129,6 +129,9 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
     recording = Recording(source, float(scenario.stack.loop.simulator.dt), 0.0, found.signals, scene, names)
     if args.csv is not None:
         _write(args.csv, to_csv(recording))
+        for name, written in zip(names, vehicle_names(names), strict=True):
+            if written != name:
+                print(f"the vehicle {name!r} is called {written!r} there: {name!r} is the ego")
     if args.commonroad is not None:
         _write(args.commonroad, to_commonroad(recording, scenario.name))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.cli.doubts import warn
-from avrare.cli.parser import add_scenario_arguments
+from avrare.cli.parser import add_display_arguments, add_scenario_arguments, display
 from avrare.errors import ExitCode, Interrupted, UsageError
 from avrare.scenario.schema import Scenario
 
@@ -47,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print result.json and nothing else on stdout")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
-    shown = parser.add_mutually_exclusive_group()
-    shown.add_argument("--quiet", action="store_true", help="only the verdicts, and what went wrong")
-    shown.add_argument("--plain", action="store_true", help="no colours, nothing redrawn: for logs")
+    add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -183,13 +181,8 @@ def _run(
     _remember(scenario, results, args)
     pictures = [] if args.no_pictures else _draw(scenario, results, folder)
     if not args.json:
-        _show(definition, results, folder, pictures, _mode(args))
+        _show(definition, results, folder, pictures, display(args))
     return content
-
-
-def _mode(args: argparse.Namespace) -> Any:
-    """How much is shown, and how."""
-    return "quiet" if args.quiet else "plain" if args.plain else "auto"
 
 
 def _drive_known(scenario: Any, args: argparse.Namespace) -> None:
@@ -210,10 +203,10 @@ def _remember(scenario: Any, results: Sequence[Any], args: argparse.Namespace) -
     from avrare.failures.known import remember
 
     found = {result.specification: result.failures for result in results}
-    new = remember(Database(Path(args.failures)), scenario, found)
-    if new:
-        text = f"{len(new)} new failures in {args.failures}: {', '.join(new)}"
-        print(text, file=sys.stderr if args.json else sys.stdout)
+    new, complaints = remember(Database(Path(args.failures)), scenario, found)
+    lines = [f"{len(new)} new failures in {args.failures}: {', '.join(new)}"] if new else []
+    for line in [*lines, *complaints]:
+        print(line, file=sys.stderr if args.json else sys.stdout)
 
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
@@ -235,7 +228,7 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
         journal = checkpoint and checkpoint.journal(f"{definition.name}/{group[0]}")
         executor = _executor(args)
         counted = definition.confidence if estimator.name == "mc" else None
-        with Progress(f"{label}  {estimator.name}", problem, _mode(args), counted, stop) as progress:
+        with Progress(f"{label}  {estimator.name}", problem, display(args), counted, stop) as progress:
             if journal:
                 progress.began -= journal.seconds
             results += run(problem, estimator, executor, settings, progress, journal, stop)

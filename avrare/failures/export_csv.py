@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from itertools import count
 
 import numpy as np
 
@@ -12,11 +13,13 @@ from avrare.driving import Scene
 from avrare.failures.failure import table
 from avrare.record.trace import FIELDS, Recording
 
+_EGO = "ego"
+
 
 def to_csv(recording: Recording) -> str:
     """Text of the file: vehicles where there is a road, else named signals; every number to the last bit.
 
-    Vehicles have a row each for each sample; the ego is called ``ego``.
+    Vehicles have a row each for each sample; the ego is called ``ego``, the others as ``vehicle_names`` says.
     """
     if recording.scene is None:
         columns, values = table(recording.signals)
@@ -31,6 +34,12 @@ def to_csv(recording: Recording) -> str:
     return _text(lines)
 
 
+def vehicle_names(names: Sequence[str]) -> tuple[str, ...]:
+    """What the other vehicles are called in the file: as in the scene, unless one is called as the ego."""
+    free = (f"{_EGO}_{number}" for number in count(2))
+    return tuple(next(one for one in free if one not in names) if name == _EGO else name for name in names)
+
+
 def _vehicles(
     recording: Recording, scene: Scene, t: int
 ) -> list[tuple[str, Sequence[float], tuple[float, float]]]:
@@ -39,8 +48,8 @@ def _vehicles(
     states = np.stack([recording.signals[f"others_{field}"][t] for field in FIELDS], axis=-1)
     sizes = list(zip(scene.lengths.tolist(), scene.widths.tolist(), strict=True))
     return [
-        ("ego", own, (scene.ego_length, scene.ego_width)),
-        *zip(scene.names, states.tolist(), sizes, strict=True),
+        (_EGO, own, (scene.ego_length, scene.ego_width)),
+        *zip(vehicle_names(scene.names), states.tolist(), sizes, strict=True),
     ]
 
 

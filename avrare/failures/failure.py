@@ -11,7 +11,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,12 @@ class Failure:
         digest.update(repr(self.noise.shape).encode())
         digest.update(np.ascontiguousarray(self.noise, dtype="<f8").tobytes())
         return digest.hexdigest()[:8]
+
+    @property
+    def bare(self) -> Failure:
+        """The same failure without its signals."""
+        checksums, values = np.zeros(0, dtype=np.uint32), np.zeros((0, 0), dtype=np.float32)
+        return replace(self, checksums=checksums, columns=(), values=values)
 
     @property
     def norm(self) -> float:

@@ -12,6 +12,8 @@ from avrare.estimation.result import Failures
 from avrare.failures.database import Database
 from avrare.failures.driving import drives
 from avrare.failures.failure import Failure, kept
+from avrare.rollout.problem import Problem
+from avrare.worlds.capabilities import capabilities
 
 KEPT = 10
 """So many new failures of a specification are kept from one run, the worst."""
@@ -94,7 +96,7 @@ def known_lines(database: Database, scenario: BuildableScenario) -> list[str]:
 
 def remember(
     database: Database, scenario: BuildableScenario, found: Mapping[str, Failures], most: int = KEPT
-) -> list[str]:
+) -> tuple[list[str], list[str]]:
     """Add the worst failures of a run to a database.
 
     Args:
@@ -104,21 +106,30 @@ def remember(
         most: Failures of each specification that are kept.
 
     Returns:
-        Ids of those that were not there yet.
+        Ids of those that were not there yet; and a line for each specification of which some cannot be kept,
+        because they do not fail again on their noise.
 
     Raises:
         UsageError: The database cannot be written to, or the tapes do not fit the scenario.
     """
-    new = []
+    new, complaints = [], []
     for name, failures in found.items():
         order = np.argsort(failures.robustness, kind="stable")[:most]
         if not len(order):
             continue
-        tapes = failures.noise[order]
-        for tape, driven in zip(tapes, drives(scenario.problem(name), tapes), strict=True):
+        problem, tapes, lost = scenario.problem(name), failures.noise[order], 0
+        for k, tape, driven in zip(order, tapes, drives(problem, tapes), strict=True):
             if driven.outcome != "fails":  # robustness 0 is a failure for some estimators, and no violation
+                lost += failures.robustness[k] < 0.0
                 continue
             failure = kept(scenario, name, tape, driven)
             if database.add(failure):
                 new.append(failure.id)
-    return new
+        if lost:
+            complaints.append(f"{name}: {lost} of its failures cannot be kept: {_why_lost(problem)}")
+    return new, complaints
+
+
+def _why_lost(problem: Problem) -> str:
+    can = capabilities(problem.system)
+    return "they do not fail again on their noise" + ("" if can.noise else f"; {can.reason}")

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from avrare.failures.shrink import reduce
+from avrare.failures.reduce import reduce
 from avrare.failures.trials import Trials
-from avrare.protocols import Floats
+from avrare.protocols import Bools, Floats
 from avrare.rollout.noise import NoiseSource
 
 _DIRECTIONS = 48
@@ -43,7 +43,19 @@ def nearest(trials: Trials, tape: Floats, seed: int) -> Floats:
     trials.budget = budget
     if not tape.any():
         return tape
-    found = _Descent(trials, tape, seed).run()
+    return descend(trials, tape, seed)
+
+
+def descend(trials: Trials, tape: Floats, seed: int = 0, within: Bools | None = None) -> Floats:
+    """A failing tape nearer to the origin, from one that fails, without zeroing first.
+
+    Args:
+        trials: Runs tapes and holds the budget.
+        tape: (steps + 1, noise_size) that fails, and is not zero.
+        seed: Of the random directions.
+        within: (noise_size,) channels that may change; None: all.
+    """
+    found = _Descent(trials, tape, seed, within).run()
     return reduce(trials, found) if trials.left else found
 
 
@@ -53,11 +65,12 @@ class _Descent:
     ``direction`` has length 1; the tape there times ``norm`` fails.
     """
 
-    def __init__(self, trials: Trials, tape: Floats, seed: int) -> None:
+    def __init__(self, trials: Trials, tape: Floats, seed: int, within: Bools | None) -> None:
         self.trials = trials
         self.noise = NoiseSource(seed, trials.shape[1])
         self.norm = float(np.linalg.norm(tape))
         self.direction = tape / self.norm
+        self.within = 1.0 if within is None else within
         self.turn = _FIRST_TURN
         self.tapes: Floats = np.zeros((0, *trials.shape))
         self.robustness: Floats = np.zeros(0)
@@ -96,6 +109,7 @@ class _Descent:
         steps = np.arange(self.trials.shape[0])
         random = self.noise.normals(0, number, np.arange(_DIRECTIONS)[:, None], steps)
         used = self.direction != 0.0
+        random *= self.within
         random[: _DIRECTIONS // 2] *= used if used.sum() > 1 else 1.0
         lengths = np.maximum(np.sqrt(np.einsum("nsc,nsc->n", random, random)), 1e-300)
         return [_unit(self.direction + self.turn * z) for z in random / lengths[:, None, None]]

@@ -52,14 +52,21 @@ class Trials:
         self.rollouts = 0
         self.errors = 0
         self.doing = ""
-        self.short = False  # a search has left something out for want of rollouts
         self.passing = passing
+        self._norms: list[Floats] = []
+        self._failed: list[Bools] = []
         self.progress = progress
 
     @property
     def left(self) -> int:
         """Rollouts that are left."""
         return max(self.budget - self.rollouts, 0)
+
+    def least(self) -> tuple[float, int]:
+        """Norm of the smallest tape that failed (inf: none did), and how many smaller ones were run."""
+        norms, fails = np.concatenate([[], *self._norms]), np.concatenate([[], *self._failed]) > 0
+        least = float(norms[fails].min(initial=np.inf))
+        return least, int((norms < least).sum())
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -71,7 +78,10 @@ class Trials:
         source = islice(iter(tapes), self.left)
         parts = []
         while chunk := list(islice(source, self.problem.chunk)):
-            parts.append(self._run(np.stack(chunk), scored))
+            tapes = np.stack(chunk)
+            parts.append(self._run(tapes, scored))
+            self._norms.append(np.sqrt(np.einsum("nsc,nsc->n", tapes, tapes)))
+            self._failed.append(parts[-1].fails)
             self.rollouts += len(chunk)
             if self.progress is not None:
                 self.progress(self.doing, self.rollouts)

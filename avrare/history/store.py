@@ -25,6 +25,12 @@ class Connection(Protocol):
     def run(self, statement: str, values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
         """The rows of a query, nothing of another statement."""
 
+    def make(self, table: str, statement: str) -> None:
+        """Make a table by a statement, unless it is there."""
+
+    def insert(self, statement: str, values: Mapping[str, Any]) -> bool:
+        """Insert a row; False where another job has inserted its key meanwhile."""
+
     def close(self, keep: bool) -> None:
         """Commit or roll back, and let go."""
 
@@ -49,7 +55,8 @@ class Store:
         self._connection = _connect(url, create)
         if create:
             columns = ", ".join(f"{one.name} {_KINDS[str(one.type)]} NOT NULL" for one in fields(Entry))
-            self._run(f"CREATE TABLE IF NOT EXISTS {_TABLE} ({columns}, PRIMARY KEY (id))")
+            statement = f"CREATE TABLE IF NOT EXISTS {_TABLE} ({columns}, PRIMARY KEY (id))"
+            self._connection.make(_TABLE, statement)
 
     def __enter__(self) -> Store:
         return self
@@ -66,8 +73,8 @@ class Store:
             if self._run(f"SELECT id FROM {_TABLE} WHERE id = :id", id=entry.id):
                 continue
             values = entry.to_dict() | {"changed": int(entry.changed)}
-            self._run(f"INSERT INTO {_TABLE} ({', '.join(names)}) VALUES ({places})", **values)
-            added += 1
+            statement = f"INSERT INTO {_TABLE} ({', '.join(names)}) VALUES ({places})"
+            added += self._connection.insert(statement, values)
         return added
 
     def read(self, scenario: str | None = None, specification: str | None = None) -> list[Entry]:
@@ -117,6 +124,15 @@ class _File:
         except sqlite3.Error as error:
             raise UsageError(f"{self.path}: {error}", "is this a history of avrare?") from None
 
+    def make(self, table: str, statement: str) -> None:
+        """See ``Connection``; nobody else writes since the file was opened."""
+        self.run(statement, {})
+
+    def insert(self, statement: str, values: Mapping[str, Any]) -> bool:
+        """See ``Connection``; nobody else writes since the file was opened."""
+        self.run(statement, values)
+        return True
+
     def close(self, keep: bool) -> None:
         """See ``Connection``."""
         try:
@@ -138,9 +154,11 @@ class _Alchemy:
             problem = f"--store {_shown(url)}: needs SQLAlchemy"
             raise PluginError(problem, "pip install 'avrare[history]'") from None
         self._text, self._error = sqlalchemy.text, sqlalchemy.exc.SQLAlchemyError
+        self._taken = sqlalchemy.exc.IntegrityError
         self._shown = _shown(url)
+        patience = {"timeout": _PATIENCE} if url.startswith("sqlite") else {}
         try:
-            self._connection = sqlalchemy.create_engine(url).connect()
+            self._connection = sqlalchemy.create_engine(url, connect_args=patience).connect()
         except ImportError as error:
             raise PluginError(f"--store {self._shown}: {error}", "install the database's driver") from None
         except self._error as error:
@@ -154,6 +172,27 @@ class _Alchemy:
         except self._error as error:
             problem = f"--store {self._shown}: {_first(error)}"
             raise UsageError(problem, "avrare history add DIR begins a history") from None
+
+    def make(self, table: str, statement: str) -> None:
+        """See ``Connection``; where two jobs make it at once, ``IF NOT EXISTS`` may fail in one of them."""
+        try:
+            self.run(statement, {})
+            self._connection.commit()
+        except (UsageError, self._error):
+            self._connection.rollback()
+            self.run(f"SELECT id FROM {table} WHERE 1 = 0", {})
+
+    def insert(self, statement: str, values: Mapping[str, Any]) -> bool:
+        """See ``Connection``."""
+        try:
+            with self._connection.begin_nested():
+                self._connection.execute(self._text(statement), dict(values))
+        except self._taken:
+            return False
+        except self._error as error:
+            problem = f"--store {self._shown}: cannot be written: {_first(error)}"
+            raise UsageError(problem, "try again, or choose another --store") from None
+        return True
 
     def close(self, keep: bool) -> None:
         """See ``Connection``."""

@@ -18,12 +18,15 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
     ("simulator", "transformed"): "avrare-flows",
     ("estimator", "ess_linear"): "avrare-linear",
     ("simulator", "highway_env"): "avrare-highway-env",
+    ("controller", "path_follower"): "avrare-highway-env",
     ("controller", "policy"): "avrare-policy",
     ("executor", "ray"): "avrare-ray",
     ("simulator", "gymnasium"): "avrare-gymnasium",
     ("simulator", "glider"): "avrare-glider",
     ("controller", "gym_feedback"): "avrare-gymnasium",
     ("controller", "gym_constant"): "avrare-gymnasium",
+    ("simulator", "metadrive"): "avrare-metadrive",
+    ("controller", "metadrive_expert"): "avrare-metadrive",
     ("simulator", "tank"): "avrare-example",
     ("specification", "spillage"): "avrare-example",
 }
@@ -32,6 +35,7 @@ FIRST_PARTY: dict[tuple[str, str], str] = {
 PACKAGES = {
     "PIL": "pillow",
     "cv2": "opencv-python",
+    "metadrive": "metadrive-simulator==0.4.3",  # `metadrive` is somebody else's
     "pyro": "pyro-ppl",
     "sklearn": "scikit-learn",
     "yaml": "pyyaml",

@@ -100,6 +100,16 @@ def markdown(comparison: Comparison) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+def brief(comparison: Comparison) -> list[str]:
+    """A line for each estimator: ``mc: 0.012 (0.0098..0.014)``, or why it cannot."""
+    lines = []
+    for entry, summary in zip(comparison.entries, summaries(comparison), strict=True):
+        found = _mean(summary) if summary else Cell(EMPTY)
+        span = f" ({found.interval})" if found.interval else ""
+        lines.append(f"{entry.arm.label}: {entry.refusal or f'{found.value}{span}'}")
+    return lines
+
+
 def notes(comparison: Comparison) -> list[str]:
     """What a reader should know: refusals, doubtful rows, where the truth comes from."""
     lines = [

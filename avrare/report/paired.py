@@ -53,6 +53,16 @@ def verdict(pair: Pairs, confidence: float) -> str:
     return "not known" if pair.only_first + pair.only_second + pair.undecided else "same"
 
 
+def brief(paired: Paired) -> list[str]:
+    """A line for each specification: ``safe_distance: worse, +0.012 (+0.004 .. +0.02)``."""
+    lines = []
+    for pair in paired.pairs:
+        low, high = pair.interval(paired.confidence)
+        change = f"{signed(pair.difference)} ({signed(low)} .. {signed(high)})"
+        lines.append(f"{pair.specification}: {verdict(pair, paired.confidence)}, {change}")
+    return lines
+
+
 def notes(paired: Paired) -> list[str]:
     """What to know when reading the table."""
     lines = []

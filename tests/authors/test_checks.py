@@ -151,6 +151,37 @@ def test_the_drill_rows_alone_are_the_rows_of_a_batch():
             assert alone[name].tobytes() == value[[row]].tobytes(), name
 
 
+def lasting(**changes):
+    given = {"config": "wrong:Options", "factory": "wrong:lasting", "summary": "for tests", **changes}
+    part = Component(kind="perception", name="tested", **given)
+    return Subject(Row("perception", "tested", "avrare-tested", "1.0", "ok", component=part))
+
+
+def test_the_memory_of_errors_that_last_is_drilled():
+    exercise = Exercise(lasting())
+    assert any(name.startswith("followed x") for name in exercise.outputs)
+    assert {one.status for one in examine(lasting())} == {"passed"}
+
+
+@pytest.mark.parametrize(
+    ("factory", "failed"),
+    [
+        ("forgetful", {"same_noise_same_bits", "rows_are_independent"}),
+        ("smearing", {"rows_are_independent"}),
+        ("scribbling", {"states_are_values"}),
+    ],
+)
+def test_errors_that_last_wrongly_are_noticed(factory, failed):
+    found = examine(lasting(factory=f"wrong:{factory}"))
+    assert failed <= {one.check for one in found if one.status == "failed"}
+
+
+def test_errors_that_last_in_a_shipped_model():
+    persistent = Subject.installed("perception", "naive", persistence={"position": 0.5, "detection": 0.3})
+    assert any(name.startswith("followed x") for name in Exercise(persistent).outputs)
+    assert [one.reason for one in examine(persistent) if one.status == "failed"] == []
+
+
 def test_the_checks_leave_the_generators_alone():
     random.seed(1)
     np.random.seed(1)

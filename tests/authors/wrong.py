@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from avrare.driving import Observation
 from avrare.errors import UsageError
 from avrare.estimation.config import McConfig
 from avrare.estimation.montecarlo import MonteCarlo
@@ -276,3 +277,63 @@ class Deaf(SerialExecutor):
 
 for _kind in (Backwards, Greedy, Once, Deaf):
     globals()[_kind.__name__.lower()] = build(_kind)
+
+
+class Drift:
+    """A perception model whose error along the road is half the last one and something new."""
+
+    noise_size = 3
+
+    def observe(self, world, noise):
+        others = world.others
+        return Observation(np.ones(others.x.shape, bool), others.x + noise, others.y, others.speed)
+
+    def start(self, noise):
+        return noise.copy()
+
+    def follow(self, world, noise, memory):
+        error = 0.5 * memory + noise
+        return self.observe(world, error), error
+
+
+class Forgetful(Drift):
+    """Keeps its memory in itself."""
+
+    def follow(self, world, noise, memory):
+        kept = getattr(self, "kept", None)
+        observation, self.kept = super().follow(
+            world, noise, memory if kept is None else np.resize(kept, noise.shape)
+        )
+        return observation, memory
+
+
+class Smearing(Drift):
+    """Errors begin at the mean of all particles."""
+
+    def start(self, noise):
+        return noise - noise.mean(axis=0)
+
+
+class Scribbling(Drift):
+    """Writes into the memory."""
+
+    def follow(self, world, noise, memory):
+        memory *= 0.5
+        memory += noise
+        return self.observe(world, memory), memory
+
+
+def lasting(config, scene):
+    return Drift()
+
+
+def forgetful(config, scene):
+    return Forgetful()
+
+
+def smearing(config, scene):
+    return Smearing()
+
+
+def scribbling(config, scene):
+    return Scribbling()

@@ -302,3 +302,56 @@ def test_a_damaged_baseline(drive, capsys):
     Path("baselines/drive/0003.json").write_text("{}")
     assert main(["check", drive()]) == 4
     assert "baselines/drive/0003.json: not a baseline" in capsys.readouterr().err
+
+
+def test_quiet_prints_a_line_a_row_and_the_verdict(drive, capsys):
+    assert main(["check", drive(BOUND % 0.1 + "confidence: 0.9\n"), "--quiet"]) == 0
+    found = capsys.readouterr()
+    assert found.out.splitlines()[0].startswith("drive in_lane < 0.1: pass, 0.0")
+    assert found.out.splitlines()[1:] == ["pass, exit code 0"]
+    assert found.err == ""
+    assert main(["check", drive(BOUND % 0.02), "--quiet"]) == 1
+    row, whole = capsys.readouterr().out.splitlines()
+    assert row.startswith("drive in_lane < 0.02: fail, 0.0")
+    assert row.count(": ") == 2  # and why
+    assert whole == "fail, exit code 1"
+    assert main(["check", "drive.yaml", "--quiet", "--plain"]) == 4
+
+
+def test_plain_has_no_control_characters_even_where_colours_are_forced(drive, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    assert main(["check", drive(BOUND % 0.02)]) == 1
+    assert "\x1b[" in capsys.readouterr().out
+    assert main(["check", "drive.yaml", "--plain"]) == 1
+    plain = capsys.readouterr()
+    assert "fail, exit code 1" in plain.out
+    assert "\x1b" not in plain.out + plain.err
+
+
+def test_a_former_result_is_not_written_over(drive, capsys):
+    words = ["check", drive(BOUND % 0.1), "--quiet", "--out", "results"]
+    assert main(words) == 0
+    before = {path: path.read_bytes() for path in Path("results").iterdir()}
+    assert main([*words, "--seed", "3"]) == 4
+    assert "results/check.json: holds the result of an earlier command" in capsys.readouterr().err
+    Path("results/check.json").unlink()
+    assert main(words) == 4
+    assert "results/result.json" in capsys.readouterr().err
+    del before[Path("results/check.json")]
+    assert {path: path.read_bytes() for path in Path("results").iterdir()} == before
+    two = ["check", drive(BOUND % 0.1, "one"), "drive.yaml", "--quiet", "--out", "results"]
+    assert main(two) == 0
+    assert Path("results/one/result.json").exists()
+
+
+def test_an_interrupted_run_is_not_written_over(drive, monkeypatch, capsys):
+    from avrare.record.checkpoint import Checkpoint
+
+    monkeypatch.setattr(Checkpoint, "remove", lambda self: None)  # as if it had been killed at its end
+    assert main(["run", drive(BOUND % 0.1), "--quiet", "--out", "results"]) == 0
+    Path("results/result.json").unlink()
+    assert main(["check", "drive.yaml", "--out", "results"]) == 4
+    error = capsys.readouterr().err
+    assert "holds a run that was interrupted" in error
+    assert "avrare run --resume results goes on with it" in error

@@ -146,3 +146,30 @@ def test_a_folder_that_cannot_be_made(tmp_path, capsys):
     words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", "problem:d_rw_L2.5", "--estimators", "mc", *words]) == 4
     assert "cannot write" in capsys.readouterr().err
+
+
+def test_quiet_prints_a_line_an_estimator(capsys):
+    few = ["--budget", "steps=2e4", "--repeat", "2", "--quiet"]
+    assert main([*WALK, *few]) == 0
+    found = capsys.readouterr()
+    names = [line.rpartition(": ")[0] for line in found.out.splitlines()]
+    assert names == ["mc", "ams:particles=50:discard=10"]
+    assert all(".." in line for line in found.out.splitlines())
+    assert found.err == ""
+    assert main([*WALK, *few, "--plain"]) == 4
+
+
+def test_plain_has_no_control_characters_even_where_colours_are_forced(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    few = ["--budget", "steps=2e4", "--repeat", "2"]
+    assert main([*WALK, *few]) == 0
+    assert "\x1b[" in capsys.readouterr().out
+    assert main([*WALK, *few, "--plain"]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
+def test_quiet_against_another_version(capsys):
+    words = ["--against", LANE_CHANGE, "--budget", "rollouts=3", "--set", "scenario.steps=3", "--quiet"]
+    assert main(["compare", LANE_CHANGE, *words, "--specification", "no_collision"]) == 0
+    assert capsys.readouterr().out == "no_collision: same, 0 (-0.71 .. +0.71)\n"

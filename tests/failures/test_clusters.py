@@ -1,10 +1,12 @@
 """Kinds of failures."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from avrare.errors import UsageError
-from avrare.failures.clusters import cluster
+from avrare.failures.clusters import _components, cluster
 
 
 def three_kinds(sizes=(7, 12, 4), noise=0.3):
@@ -49,6 +51,36 @@ def test_few_or_equal_failures(count):
     found = cluster([np.ones((3, 2))] * count)
     assert found.labels.tolist() == [0] * count
     assert found.medoids == (0,)
+
+
+def test_blocks_change_no_kind(monkeypatch):
+    _, tapes = three_kinds(sizes=(9, 30, 14), noise=1.5)
+    whole = cluster(tapes)
+    monkeypatch.setattr("avrare.failures.clusters._BLOCK", 100)  # of two tapes, and of one row of distances
+    parts = cluster(tapes)
+    assert parts.labels.tolist() == whole.labels.tolist()
+    assert parts.medoids == whole.medoids
+    assert parts.silhouette == pytest.approx(whole.silhouette, rel=1e-9)
+
+
+def test_components_are_the_principal_ones():
+    rng = np.random.default_rng(4)
+    shared = rng.standard_normal((200, 4)) @ rng.standard_normal((4, 300))
+    tapes = (2.0 * shared + rng.standard_normal((200, 300))).reshape(200, 60, 5)
+    flat = tapes.reshape(200, -1) - tapes.reshape(200, -1).mean(axis=0)
+    left, sizes, _ = np.linalg.svd(flat, full_matrices=False)
+    found = _components(list(tapes))
+    np.testing.assert_allclose(np.abs(found[:, :4]), np.abs(left[:, :4] * sizes[:4]), rtol=1e-6, atol=1e-8)
+
+
+def test_memory_does_not_grow_with_the_square_of_the_failures():
+    _, tapes = three_kinds(sizes=(900, 700, 400))
+    tracemalloc.start()
+    found = cluster(tapes)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 150e6  # 2,000 x 2,000 differences of five numbers each would be 160 MB alone, and again
+    assert len(found.medoids) == 3
 
 
 def test_what_cannot_be_sorted():

@@ -8,7 +8,7 @@ import pytest
 from avrare.errors import UsageError
 from avrare.failures.driving import drive, drives
 from avrare.failures.export_commonroad import to_commonroad
-from avrare.failures.export_csv import to_csv
+from avrare.failures.export_csv import to_csv, vehicle_names
 from avrare.record.trace import FIELDS, Recording
 from avrare.record.trace_commonroad import read_commonroad
 from avrare.record.trace_csv import read_csv
@@ -28,6 +28,17 @@ def test_vehicles_in_csv_come_back_to_the_bit(recording, tmp_path):
     for name in (f"{who}_{field}" for who in ("ego", "others") for field in FIELDS):
         np.testing.assert_array_equal(again.signals[name], recording.signals[name])
     np.testing.assert_array_equal(again.signals["gap"], recording.signals["gap"])
+
+
+def test_a_vehicle_that_is_called_as_the_ego_gets_another_name(recording, tmp_path):
+    assert vehicle_names(("ego_2", "ego", "van")) == ("ego_2", "ego_3", "van")
+    assert vehicle_names(("van", "Ego")) == ("van", "Ego")
+    named = replace(recording, scene=replace(recording.scene, names=("ego",)), names=("ego",))
+    (tmp_path / "drive.csv").write_text(to_csv(named))
+    again = read_csv(str(tmp_path / "drive.csv"), "ego", recording.scene.road)
+    assert again.names == ("ego_2",)
+    for name in (f"{who}_{field}" for who in ("ego", "others") for field in FIELDS):
+        np.testing.assert_array_equal(again.signals[name], recording.signals[name])
 
 
 def test_signals_in_csv_come_back_to_the_bit(linear, pushed, tmp_path):

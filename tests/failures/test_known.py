@@ -40,18 +40,33 @@ def test_the_worst_are_remembered_once(linear, pushed, tmp_path):
     tapes = np.stack([factor * pushed for factor in np.linspace(1.0, 2.0, KEPT + 3)] + [0.0 * pushed])
     robustness = linear.problem("near").robustness(tapes)
     database = Database(tmp_path)
-    new = remember(database, linear, {"near": Failures(tapes, robustness, len(tapes))})
+    new, complaints = remember(database, linear, {"near": Failures(tapes, robustness, len(tapes))})
     assert sorted(new) == database.ids()
     assert len(new) == KEPT
+    assert complaints == []
     kept = {database.load(name).robustness for name in new}
     assert kept == set(np.sort(robustness)[:KEPT])
-    assert remember(database, linear, {"near": Failures(tapes, robustness, len(tapes))}) == []
+    assert remember(database, linear, {"near": Failures(tapes, robustness, len(tapes))}) == ([], [])
 
 
 def test_what_does_not_fail_is_not_remembered(linear, pushed, tmp_path):
     tapes = np.stack([0.0 * pushed, pushed])
-    new = remember(Database(tmp_path), linear, {"near": Failures(tapes, np.array([-1.0, 0.0]), 2)})
+    new, complaints = remember(
+        Database(tmp_path), linear, {"near": Failures(tapes, np.array([0.0, -1.0]), 2)}
+    )
+    assert (new, complaints) == ([record(linear, "near", pushed).id], [])
+
+
+def test_failures_that_do_not_come_again_are_told(linear, pushed, tmp_path, monkeypatch):
+    tapes = np.stack([0.0 * pushed, pushed])  # the first failed by chance, not by its noise
+    found = {"near": Failures(tapes, np.array([-1.0, -2.0]), 2)}
+    new, complaints = remember(Database(tmp_path), linear, found)
     assert new == [record(linear, "near", pushed).id]
+    assert complaints == ["near: 1 of its failures cannot be kept: they do not fail again on their noise"]
+    simulator = type(linear.stack.loop.simulator)
+    monkeypatch.setattr(simulator, "lacks", {"noise": "its wind is its own"}, raising=False)
+    [line] = remember(Database(tmp_path), linear, found)[1]
+    assert line.endswith("they do not fail again on their noise; its wind is its own")
 
 
 def test_lines_of_a_database(linear, failure, tmp_path):

@@ -3,7 +3,9 @@
 import json
 import os
 import sqlite3
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -220,6 +222,51 @@ def test_jobs_add_one_after_another(write, monkeypatch):
         assert one.add(found) == 1
     with Store("h.sqlite", create=True) as two:
         assert two.add(found) == 0
+
+
+RACE = """
+import sys, time
+from pathlib import Path
+from avrare.cli.main import main
+Path(sys.argv[1]).touch()
+while not Path("go").exists():
+    time.sleep(0.001)
+sys.exit(main(["history", "add", "runs", "--store", sys.argv[2]]))
+"""
+
+
+@pytest.mark.parametrize("url", ["h.sqlite", "sqlite+pysqlite:///h.db"])
+def test_two_jobs_that_begin_a_history_at_once_both_succeed(write, url):
+    pytest.importorskip("sqlalchemy")
+    for day in range(5):
+        write(day)
+    command, pipe = [sys.executable, "-c", RACE], subprocess.PIPE
+    jobs = [
+        subprocess.Popen([*command, f"ready{k}", url], stdout=pipe, stderr=pipe, text=True) for k in range(2)
+    ]
+    while any(job.poll() is None for job in jobs) and not all(Path(f"ready{k}").exists() for k in range(2)):
+        time.sleep(0.01)
+    Path("go").touch()
+    said = [job.communicate() for job in jobs]
+    assert [job.returncode for job in jobs] == [0, 0], said
+    assert sum(int(out.split()[0]) for out, _ in said) == 5
+    with Store(url) as store:
+        assert len(store.read()) == 5
+
+
+def test_what_another_job_did_meanwhile_is_no_error(write, monkeypatch):
+    pytest.importorskip("sqlalchemy")
+    found, url = entries(Path(write(1))), "sqlite+pysqlite:///h.db"
+    with Store(url, create=True) as one:
+        assert one.add(found) == 1
+    with Store(url, create=True) as two:
+        two._connection.make("avrare_history", "CREATE TABLE avrare_history (id INTEGER)")  # it is there
+        with pytest.raises(UsageError, match="no such table: other"):
+            two._connection.make("other", "CREATE TABLE avrare_history (id INTEGER)")
+        monkeypatch.setattr(two, "_run", lambda *_, **__: [])  # it looked before the other one wrote
+        assert two.add([*found, *entries(Path(write(2)))]) == 1
+    with Store(url) as store:
+        assert len(store.read()) == 2
 
 
 def test_names_are_neither_markup_nor_formulas(write, told):

@@ -23,6 +23,25 @@ setTimeout(() => {
   setTimeout(() => { said.push(cursor.style.left === at); document.title = said.join(" "); }, 300);
 }, 700);
 """
+FRAMES = """
+requestAnimationFrame = (go) => setTimeout(() => go(performance.now()), 16);  // nobody looks: no frames
+const box = document.querySelector(".drive"), canvas = box.querySelector("canvas");
+const slider = box.querySelector("input"), clock = box.querySelector("output");
+const scrub = (to) => {
+  slider.value = to; slider.dispatchEvent(new Event("input"));
+  return [clock.textContent, canvas.toDataURL()];
+};
+const last = Number(slider.max), [start, middle, end, again] = [0, 20, last, 0].map(scrub);
+const frames = [start[1], middle[1], end[1]];
+const said = [start[0], middle[0], end[0], new Set(frames).size, again[1] === start[1]];
+const area = box.querySelector(".over-time .area"), frame = area.getBoundingClientRect();
+const clientX = frame.left + frame.width * 20.5 / (last + 1);
+area.dispatchEvent(new PointerEvent("pointerdown", { clientX, clientY: frame.top + 5, buttons: 1 }));
+said.push(clock.textContent === middle[0], canvas.toDataURL() === middle[1]);
+scrub(0);
+box.querySelector(".play").click();
+setTimeout(() => { said.push(canvas.toDataURL() !== start[1]); document.title = said.join(", "); }, 500);
+"""
 THEMES = """
 const button = document.getElementById("theme"), said = [];
 for (let k = 0; k < 3; k++) {
@@ -50,6 +69,11 @@ def test_the_script_runs_under_the_pages_own_policy(made, browse):
 def test_it_plays_and_pauses(which, browse, request):
     found = browse(report(request.getfixturevalue(which)), MOVED)
     assert title(found) == "Pause true Play true"
+
+
+def test_scrubbing_clicking_and_playing_show_other_frames(lane_change, browse):
+    found = browse(report(lane_change), FRAMES)
+    assert title(found) == "0.00 s, 2.00 s, 3.90 s, 3, true, true, true, true"
 
 
 def test_both_themes(made, browse):

@@ -1,5 +1,6 @@
 """The estimator: right on problems with exact answers, whatever its size, its score and its kernel."""
 
+import re
 from statistics import NormalDist
 
 import numpy as np
@@ -43,6 +44,29 @@ def test_mean_over_true_in_a_hundred_dimensions():
 @pytest.mark.parametrize("id", ["a_beta_-2", "b_linear_d100_p1e-4"])
 def test_lipschitz_with_a_true_bound(id):
     assert abs(off(id, kernel="lipschitz", lipschitz=1.0, runs=60, **SMALL)) < 4.0
+
+
+@pytest.mark.parametrize("second_pass", [True, False])
+def test_a_false_bound_is_noticed(second_pass):
+    options = {"kernel": "lipschitz", "runs": 3, "second_pass": second_pass, **SMALL}
+    assert "lipschitz_exceeded" not in estimate("a_beta_-2", lipschitz=1.0, **options).health
+    found = re.match(
+        r"(\d+) of (\d+) pairs .* by up to (1|0\.9\d+) per unit",
+        estimate("a_beta_-2", lipschitz=0.7, **options).health["lipschitz_exceeded"],
+    )
+    assert found is not None
+    assert 0.05 < int(found[1]) / int(found[2]) < 0.9
+
+
+def test_a_narrower_bracket_is_unbiased_and_cheaper():
+    whole, part = (
+        estimate("a_beta_-2.5", kernel="shrink", bracket=bracket, runs=100, **SMALL)
+        for bracket in (None, 3.0)
+    )
+    assert abs(deviation(part.run_probabilities, reference_problem("a_beta_-2.5").probability)) < 4.0
+    assert part.rollouts < 0.8 * whole.rollouts
+    with pytest.raises(avrare.UsageError, match="bracket is no option of kernel pcn"):
+        estimate("a_beta_-2", bracket=3.0)
 
 
 @pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])

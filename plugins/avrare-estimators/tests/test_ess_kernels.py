@@ -31,6 +31,7 @@ def wrong_surface(size):
 def kernels(size):
     return {
         "shrink": (ShrinkKernel(), ()),
+        "bracket": (ShrinkKernel(2.0), ()),
         "pcn": (PcnKernel(), Size(np.array([0.7]))),
         "surrogate": (SurrogateKernel(), wrong_surface(size)),
         "lipschitz": (LipschitzKernel(1.0), ()),
@@ -50,7 +51,7 @@ def drifted(region, kernel, known, many=MANY, steps=10):
 
 
 @pytest.mark.parametrize("region", REGIONS)
-@pytest.mark.parametrize("name", ["shrink", "pcn", "surrogate", "lipschitz"])
+@pytest.mark.parametrize("name", ["shrink", "bracket", "pcn", "surrogate", "lipschitz"])
 def test_valid_kernels_leave_the_law_as_it_is(region, name):
     if name == "lipschitz" and region == "four_branch":
         pytest.skip("the slope of this score has no bound")
@@ -110,7 +111,9 @@ def _stepped(problem, kernel, known, points, rows):
 
 
 @pytest.mark.parametrize("region", ["two_corners", "half_space"])
-@pytest.mark.parametrize("name", ["shrink", "pcn", "surrogate", "lipschitz", "growing", "bayesian"])
+@pytest.mark.parametrize(
+    "name", ["shrink", "bracket", "pcn", "surrogate", "lipschitz", "growing", "bayesian"]
+)
 def test_no_chain_depends_on_its_neighbours(region, name):
     problem = REGIONS[region].problem()
     kernel, known = kernels(problem.noise_size)[name]
@@ -119,6 +122,32 @@ def test_no_chain_depends_on_its_neighbours(region, name):
         alone = _stepped(problem, kernel, known, starts(region), np.array(rows))
         for field in ("tape", "score", "violated", "robustness"):
             np.testing.assert_array_equal(getattr(alone.state, field), getattr(together.state, field)[rows])
+        if name == "lipschitz":
+            for field, values in vars(batch.take(together.work.seen, np.array(rows))).items():
+                np.testing.assert_array_equal(getattr(alone.work.seen, field), values)
+
+
+def test_slopes_are_those_between_a_chain_and_its_proposals():
+    """Of the score u -> 3 x: no two tapes are farther apart than 3 per unit of length, some nearly so."""
+    tape = np.random.default_rng(1).normal(size=(500, 1, 1))
+    state = replace(rolled_out(linear(1.5, 1).problem(), tape), score=3.0 * tape[:, 0, 0])
+    draw = Draw(NoiseSource(0, 1), 0, np.zeros(500, dtype=np.int64), 1, np.arange(500))
+    for bound, steep in ((3.0, 0), (2.9, 500)):
+        kernel = LipschitzKernel(bound)
+        move = kernel.start((), state, np.full(500, 9.0), draw)
+        found = replace(state, tape=move.proposal, score=3.0 * move.proposal[:, 0, 0])
+        seen = kernel.tell(move, found).work.seen
+        assert (int(seen.pairs.sum()), int(seen.steep.sum())) == (500, steep)
+        np.testing.assert_allclose(seen.most, 3.0, rtol=1e-6)
+
+
+def test_a_broken_rollout_has_no_slope():
+    state = rolled_out(linear(1.5, 1).problem(), np.ones((1, 1, 1)))
+    draw = Draw(NoiseSource(0, 1), 0, np.zeros(1, dtype=np.int64), 1, np.zeros(1, dtype=np.int64))
+    move = LipschitzKernel(1e-9).start((), state, np.full(1, 9.0), draw)
+    found = replace(state, tape=move.proposal, score=np.full(1, -np.inf))
+    seen = LipschitzKernel(1e-9).tell(move, found).work.seen
+    assert (seen.pairs.tolist(), seen.steep.tolist(), seen.most.tolist()) == ([0], [0], [0.0])
 
 
 def test_broken_rollouts_are_never_taken():

@@ -163,7 +163,10 @@ class Kernel(Protocol):
 
     What it learns is a batch with leading axis R, one row a run; it learns in the pilot only, and each level
     keeps what had been learnt there for the pass that counts. One that must know the system, to solve a
-    step in closed form, also has ``of(problem) -> Kernel``.
+    step in closed form, also has ``of(problem) -> Kernel``. One that can see whether what it takes for
+    granted holds also has ``watch(known, info) -> known``, called after every step of either pass (in the
+    pass that counts from ``init`` on, and chains do not move by it), and ``warnings(known)``, health
+    warnings by name.
 
     Attributes:
         note: What is wrong with it; empty for a valid kernel.

@@ -98,7 +98,7 @@ class Descent:
         active: (R,) runs that go on.
         undecided: (R,) weight of rollouts that broke down.
         steps: Levels done.
-        known: What the kernel has learnt.
+        known: What the kernel has learnt, and what it has seen on the way.
         move: The step in hand, of the chains of all active runs.
         moved: Steps done at this level.
         kept: Samples of this level so far, (A C) each.
@@ -204,8 +204,12 @@ class Descent:
     def _step_done(self) -> Descent:
         assert self.move is not None
         move, shape, known = self.move, self.shape, self.known
+        info = Info(move.draw.run, move.accepted, move.work)
         if self.schedule is None:
-            known = self.kernel.adapt(known, Info(move.draw.run, move.accepted, move.work))
+            known = self.kernel.adapt(known, info)
+        watch = getattr(self.kernel, "watch", None)
+        if watch is not None:
+            known = watch(known, info)
         moved = self.moved + 1
         kept = (*self.kept, move.state) if moved % (shape.skip + 1) == 0 else self.kept
         descent = replace(self, known=known, moved=moved, kept=kept)

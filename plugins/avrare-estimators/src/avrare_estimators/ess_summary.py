@@ -38,6 +38,9 @@ def summarise(
         warnings |= health.warn("all_failed")
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
+    seen: Callable[[Any], dict[str, str]] | None = getattr(kernel, "warnings", None)
+    if seen is not None:
+        warnings |= seen(descent.known)
     warnings |= {**_of_weights(descent), **notes}
     return Result(
         specification=plan.names[0],

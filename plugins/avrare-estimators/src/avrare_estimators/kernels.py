@@ -12,7 +12,7 @@ def kernel_of(config: EssConfig) -> Kernel:
         case "shrink":
             from avrare_estimators.shrink import ShrinkKernel
 
-            return ShrinkKernel()
+            return ShrinkKernel() if config.bracket is None else ShrinkKernel(config.bracket)
         case "lipschitz" | "lipschitz_growing":
             from avrare_estimators.lipschitz import GrowingLipschitzKernel, LipschitzKernel
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.estimation import health
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.chains import Draw, Info, Move, Points, Untaught, rotated
@@ -23,6 +24,29 @@ from avrare_estimators.chains import Draw, Info, Move, Points, Untaught, rotated
 _CIRCLE = 2.0 * np.pi
 _MOST_TURNS = 200
 _GROWTH = 1.1
+_ROUNDING = 1e-9
+"""Of the size of two scores: a difference as small tells nothing."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Slopes of the score between proposals and their chains' own tapes, of M chains or R runs.
+
+    Attributes:
+        pairs: (M,) looked at.
+        steep: (M,) of them, those that are steeper than the bound.
+        most: (M,) the steepest, score per unit of length of the tape.
+    """
+
+    pairs: Integers
+    steep: Integers
+    most: Floats
+
+    @staticmethod
+    def none(many: int) -> Seen:
+        """Nothing yet."""
+        zeros = np.zeros(many, dtype=np.int64)
+        return Seen(zeros, zeros, np.zeros(many))
 
 
 @dataclass(frozen=True)
@@ -34,12 +58,14 @@ class Arcs:
         bound: (M,) on the slope, score per radian.
         tried: (M, J) angles.
         short: (M, J) how far below the level their scores are; 0 rules out nothing.
+        seen: What has been noticed of the slope.
     """
 
     other: Floats
     bound: Floats
     tried: Floats
     short: Floats
+    seen: Seen
 
 
 @dataclass(frozen=True)
@@ -93,7 +119,7 @@ class _Elimination:
     @staticmethod
     def _first(state: Points, level: Floats, draw: Draw, other: Floats, bound: Floats) -> Move:
         angle = _CIRCLE * draw.uniforms(np.arange(len(level)), 0)
-        arcs = Arcs(other, bound, angle[:, None], np.zeros((len(level), 0)))
+        arcs = Arcs(other, bound, angle[:, None], np.zeros((len(level), 0)), Seen.none(len(level)))
         return Move.begin(state, level, draw, rotated(state.tape, other, angle), arcs)
 
 
@@ -101,15 +127,52 @@ class LipschitzKernel(_Elimination, Untaught):
     """Valid where ``slope`` bounds the score's slope per unit of Euclidean length of the tape.
 
     On an ellipse with axes a and b the tape moves by at most the largest singular value of (a, b) per radian.
+    No sample proves a bound, but one that a pair of tapes exceeds is none: ``known`` are the slopes seen.
     """
 
     def __init__(self, slope: float) -> None:
         self.slope = slope
 
+    def init(self, runs: int) -> Seen:
+        """Nothing has been seen."""
+        return Seen.none(runs)
+
     def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
         """A fresh ellipse, its own bound, and a first angle."""
         other = draw.tapes()
         return self._first(state, level, draw, other, self.slope * _stretch(state.tape, other))
+
+    def tell(self, move: Move, found: Points) -> Move:
+        """Note the slopes, then go on."""
+        rows, own, old = move.waiting, move.state, move.work.seen
+        apart = found.tape - own.tape[rows]
+        length = np.sqrt(_dot(apart, apart))
+        known = (length > 0.0) & np.isfinite(found.score) & np.isfinite(own.score[rows])
+        new, here = np.where(known, found.score, 0.0), np.where(known, own.score[rows], 0.0)
+        rise = np.maximum(np.abs(new - here) - _ROUNDING * (np.abs(new) + np.abs(here)), 0.0)
+        slope = rise / np.where(known, length, 1.0)
+        pairs, steep, most = old.pairs.copy(), old.steep.copy(), old.most.copy()
+        pairs[rows] += known
+        steep[rows] += slope > self.slope
+        most[rows] = np.maximum(most[rows], slope)
+        return super().tell(replace(move, work=replace(move.work, seen=Seen(pairs, steep, most))), found)
+
+    def watch(self, known: Seen, info: Info) -> Seen:
+        """Add what the chains of each run have seen in a step."""
+        pairs, steep, most = known.pairs.copy(), known.steep.copy(), known.most.copy()
+        np.add.at(pairs, info.run, info.work.seen.pairs)
+        np.add.at(steep, info.run, info.work.seen.steep)
+        np.maximum.at(most, info.run, info.work.seen.most)
+        return Seen(pairs, steep, most)
+
+    def warnings(self, known: Seen) -> dict[str, str]:
+        """Whether the bound is none."""
+        steep, pairs = int(known.steep.sum()), int(known.pairs.sum())
+        if not steep:
+            return {}
+        return health.warn(
+            "lipschitz_exceeded", steep=steep, pairs=pairs, slope=self.slope, most=known.most.max()
+        )
 
 
 class GrowingLipschitzKernel(_Elimination):

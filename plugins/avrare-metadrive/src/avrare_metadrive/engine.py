@@ -1,0 +1,112 @@
+"""The only module that imports MetaDrive; runs in processes of its own, one engine each."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare_metadrive import version
+from avrare_metadrive.config import MetaDriveConfig
+from avrare_metadrive.expert import OTHERS
+from avrare_metadrive.process import serve
+from avrare_metadrive.readings import RANGE, SIGNALS
+
+
+class Engine:
+    """MetaDrive with one car at its start.
+
+    ``begin`` starts it, once in the life of a process: copies of the process are how there come to be more.
+    """
+
+    def __init__(self) -> None:
+        self.environment: Any = None
+        self.lasers = 0
+        self._observation = np.empty(0)
+        self._outcome: dict[str, Any] = {}
+
+    def begin(self, config: MetaDriveConfig) -> Floats:
+        """Start MetaDrive, and see what ``step`` gives (K,), at t = 0.
+
+        Raises:
+            PluginError: It is not the version that this is made for.
+        """
+        version.require()
+        # Physics needs no assets. Without this the engine would fetch them from the network when it starts.
+        import_module("metadrive.engine.base_engine").BaseEngine.try_pull_asset = staticmethod(lambda: None)
+        self.lasers = config.lasers
+        self.environment = import_module("metadrive.envs.metadrive_env").MetaDriveEnv(_options(config))
+        return self.reset()
+
+    def reset(self) -> Floats:
+        """Go back to t = 0."""
+        self._observation, _ = self.environment.reset(seed=self.environment.config["start_seed"])
+        self._outcome = {}
+        return self._numbers()
+
+    def step(self, steering: float, throttle: float) -> Floats:
+        """Go on for 0.1 s; signals in the order of ``SIGNALS``, then what the expert sees, (K,).
+
+        Args:
+            steering: In [-1, 1], left is positive.
+            throttle: In [-1, 1], negative brakes.
+        """
+        self._observation, _, _, _, self._outcome = self.environment.step([steering, throttle])
+        return self._numbers()
+
+    def picture(self, width: int, height: int, scaling: float) -> Any:
+        """Top view around the car, (height, width, 3) of bytes.
+
+        Args:
+            width: In pixels.
+            height: In pixels.
+            scaling: Pixels per metre.
+        """
+        return self.environment.render(
+            mode="topdown", window=False, screen_size=(width, height), scaling=scaling,
+            film_size=(int(500 * scaling), int(500 * scaling)),
+        )  # fmt: skip
+
+    def _numbers(self) -> Floats:
+        car, outcome = self.environment.agent, self._outcome
+        route = car.navigation
+        flags = [bool(outcome.get(name, False)) for name in ("arrive_dest", "crash", "out_of_road")]
+        found = {
+            "x": car.position[0],
+            "y": car.position[1],
+            "heading": car.heading_theta,
+            "speed": car.speed,
+            "completion": route.route_completion,
+            "remaining": route.total_length - route.travelled_length,
+            "nearest": RANGE * self._observation[-self.lasers :].min(),
+            "reward": outcome.get("episode_reward", 0.0),
+            "arrived": flags[0],
+            "crashed": flags[1],
+            "off_road": flags[2],
+            "over": any(flags),
+        }
+        return np.concatenate([[found[name] for name in SIGNALS], self._observation], dtype=np.float64)
+
+
+def _options(config: MetaDriveConfig) -> dict[str, Any]:
+    return {
+        "map": config.map,
+        "traffic_density": config.traffic_density,
+        "traffic_mode": config.traffic_mode,
+        "start_seed": config.start_seed,
+        "num_scenarios": 1,
+        "use_render": False,
+        "log_level": 50,
+        "force_destroy": True,  # else what was before shows after a reset
+        "vehicle_config": {
+            "lidar": {"num_lasers": config.lasers, "distance": RANGE, "num_others": OTHERS},
+        },
+    }
+
+
+if __name__ == "__main__":
+    serve(Connection(int(sys.argv[1])), Engine())
