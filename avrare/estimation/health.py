@@ -36,9 +36,9 @@ MESSAGES = {
     "unchecked": "the second look did not come to failure: nothing vouches that the proposal misses none; "
     "use more rollouts, or compare with splitting",
     "heuristic_kernel": "{note}",
-    "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} allows, "
-    "by up to {most:.3g} per unit of length: it is no bound, and the estimate may be biased; raise it, or use "
-    "kernel shrink",
+    "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} "
+    "allows, by up to {most:.3g} per unit of length: it is no bound, and the estimate may be biased; "
+    "raise it, or use kernel shrink",
     "model_error": "{note}",
     "flow_tails": "{note}",
     "paper_weights": "{note}",
