@@ -9,7 +9,7 @@ from avrare.errors import UsageError
 from avrare_gymnasium.actions import actions
 from avrare_gymnasium.config import ActionNoiseConfig
 from avrare_gymnasium.controller_config import ConstantConfig, FeedbackConfig
-from avrare_gymnasium.controllers import build_constant, build_feedback
+from avrare_gymnasium.controllers import Constant, Feedback, build_constant, build_feedback
 
 TWO, FOUR = spaces.Discrete(2), spaces.Discrete(4, start=1)
 BOX = spaces.Box(np.array([-1.0, -2.0], dtype=np.float32), np.array([1.0, 2.0], dtype=np.float32))
@@ -121,3 +121,19 @@ def test_shapes_of_a_feedback(options):
 def test_noise_on_actions_is_one_of_both(options):
     with pytest.raises(ValueError, match="law random takes a probability"):
         noise(**options)
+
+
+@pytest.mark.parametrize(("space", "width"), [(TWO, 1), (FOUR, 4), (BOX, 2)])
+def test_a_command_that_is_no_number_is_an_error_of_its_rollout(space, width):
+    commands = np.zeros((3, width))
+    commands[1, -1] = np.nan
+    act = actions(space, None)
+    with pytest.raises(ValueError, match="command is NaN"):
+        act(commands, np.zeros((3, 0)))
+    assert len(act(commands[[0, 2]], np.zeros((2, 0)))) == 2
+
+
+@pytest.mark.parametrize("controller", [Feedback([[1.0]]), Constant((0.0,))])
+def test_controllers_need_rows_of_numbers(controller):
+    with pytest.raises(UsageError, match="acts on rows of numbers"):
+        controller.act(None, object())

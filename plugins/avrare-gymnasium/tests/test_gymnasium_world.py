@@ -30,10 +30,14 @@ class Odd(gymnasium.Env):
 
     def __init__(self, kind="calm"):
         self.kind = kind
+        if kind == "longer":
+            self.observation_space = spaces.Box(-np.inf, np.inf, (2,))
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.x = 0.0
+        if self.kind == "stillborn":
+            raise OSError("no display")
         return np.array([self.x]), {}
 
     def step(self, action):
@@ -235,6 +239,8 @@ def test_one_that_is_its_own_master():
             {"env": "CartPole-v1", "noise": {"initial": {"attribute": "wheel", "scale": 1}}},
             "wheel is no state",
         ),
+        ({"env": "Odd-v0", "options": {"kind": "stillborn"}}, "cannot be reset: OSError: no display"),
+        ({"env": "Odd-v0", "options": {"kind": "longer"}}, "observation has 1 number.s., .* 2"),
     ],
 )
 def test_what_cannot_be_built(options, message):

@@ -132,3 +132,10 @@ def test_actions_that_are_none(action):
     sim = simulator(scene="merge", start_seed=1)
     with pytest.raises(UsageError, match="controller"):
         sim.step(sim.reset(np.zeros((2, 0))), action, np.zeros((2, 0)))
+
+
+def test_an_action_that_is_no_number_is_an_error_of_its_rollout():
+    sim = simulator(scene="merge", start_seed=1)
+    for action in (np.full((1, 2), np.nan), Action(np.array([np.nan]), np.zeros(1))):
+        with pytest.raises(ValueError, match="action is NaN"):
+            sim.step(sim.reset(np.zeros((1, 0))), action, np.zeros((1, 0)))

@@ -59,6 +59,7 @@ class DiscreteActions:
             chosen = np.full(len(noise), self.first)
             _check_all(replaced)
         else:
+            _check_numbers(commands)
             chosen = self._chosen(np.reshape(commands, (len(noise), -1)), noise)
         if self.chance is None:
             return chosen
@@ -112,6 +113,7 @@ class BoxActions:
             found = np.size(commands) // len(noise)
             raise UsageError(f"an action has {self.low.size} number(s), but the command {found}")
         else:
+            _check_numbers(commands)
             chosen = np.reshape(commands, shape)
         if self.channel is not None:
             chosen = chosen + self.channel(noise).reshape(shape)
@@ -132,6 +134,12 @@ def _replaced(chance: float | None, noise: Floats) -> NDArray[np.bool_]:
 def _check_all(replaced: NDArray[np.bool_]) -> None:
     if not replaced.all():
         raise UsageError("this environment needs a controller", _NO_CONTROLLER)
+
+
+def _check_numbers(commands: NDArray[Any]) -> None:
+    """An error of the rollout: a comparison would make some action of it, and hide it."""
+    if commands.dtype.kind == "f" and np.isnan(commands).any():
+        raise ValueError("the controller's command is NaN")
 
 
 def _shares(normals: Floats) -> Floats:

@@ -47,10 +47,9 @@ class Feedback:
         Raises:
             UsageError: The observation is none of d numbers.
         """
-        if not isinstance(ego, np.ndarray) or ego.ndim != 2 or ego.shape[1] != self.gain.shape[1]:
-            found = ego.shape[1] if isinstance(ego, np.ndarray) and ego.ndim == 2 else "other"
+        if _seen(ego, "gym_feedback").shape[1] != self.gain.shape[1]:
             raise UsageError(
-                f"the gain has {self.gain.shape[1]} columns, but there are {found} numbers to see",
+                f"the gain has {self.gain.shape[1]} columns, but there are {ego.shape[1]} numbers to see",
                 "give the gain one column for each entry of the observation",
             )
         # No BLAS: a row must not depend on its neighbours.
@@ -73,5 +72,19 @@ class Constant:
         """It remembers nothing."""
 
     def act(self, memory: None, ego: Any, prediction: object | None = None) -> tuple[NDArray[Any], None]:
-        """The action (N,) or (N, m)."""
-        return np.repeat(self.action[None], len(ego), axis=0), None
+        """The action (N,) or (N, m).
+
+        Raises:
+            UsageError: The simulator is a road with vehicles.
+        """
+        return np.repeat(self.action[None], len(_seen(ego, "gym_constant")), axis=0), None
+
+
+def _seen(ego: Any, name: str) -> Floats:
+    """The observations (N, d)."""
+    if not isinstance(ego, np.ndarray) or ego.ndim != 2:
+        raise UsageError(
+            f"the controller {name} acts on rows of numbers, and this simulator shows a {type(ego).__name__}",
+            "it is for the simulator gymnasium and others made by avrare.worlds",
+        )
+    return ego

@@ -45,7 +45,8 @@ class GymWorld:
         self.actions = actions(self.env.action_space, config.noise.action)
         self.noise_size = self.stream.noise_size + self.actions.noise_size
         self.lacks = {"noise": _FREE, "branches": _FREE} if stream.by == "free" else {}
-        self.seen = [0.0] * _size(self.space)
+        self.size = _size(self.space)
+        self.seen = [0.0] * self.size
         self.names = _names(config, len(self.seen))
         self.outcome, self.steps = _BEGUN, 0
         if hasattr(self.env.unwrapped, "snapshot") and hasattr(self.env.unwrapped, "restore"):
@@ -116,6 +117,11 @@ class GymWorld:
     def _flat(self, observation: Any) -> list[float]:
         if not isinstance(observation, np.ndarray):
             observation = np.asarray(spaces.flatten(self.space, observation) if self.nested else observation)
+        if observation.size != self.size:  # it would be read as other signals
+            raise UsageError(
+                f"an observation has {observation.size} number(s), the observation_space {self.size}",
+                "the environment must keep to its observation_space",
+            )
         return observation.ravel().tolist()  # type: ignore[no-any-return]
 
     def _snapshot(self) -> Any:

@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator of this distribution."""
+    """The simulator and the controller of this distribution."""
     return [
         Component(
             kind="simulator",
@@ -14,5 +14,12 @@ def avrare_components() -> list[Component]:
             factory="avrare_highway_env.simulator:build",
             summary="highway-env's merge, highway, intersection and roundabout, with lidar and moody drivers",
             needs=("highway_env",),
-        )
+        ),
+        Component(
+            kind="controller",
+            name="path_follower",
+            config="avrare_highway_env.path_follower_config:PathFollowerConfig",
+            factory="avrare_highway_env.path_follower:build",
+            summary="pure pursuit along waypoints in highway_env, minding what is on the path",
+        ),
     ]

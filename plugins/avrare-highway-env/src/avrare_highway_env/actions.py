@@ -28,6 +28,7 @@ def native_action(action: Any, ego: Vehicles, wheelbase: float) -> Floats:
 
     Raises:
         UsageError: It is neither.
+        ValueError: It is NaN: an error of the rollout.
     """
     if isinstance(action, Action):
         # heading' = v sin(slip) / (wheelbase / 2), tan(slip) = tan(steering) / 2
@@ -41,4 +42,6 @@ def native_action(action: Any, ego: Vehicles, wheelbase: float) -> Floats:
         raise UsageError(
             f"highway_env needs throttle and steering, ({len(ego.x)}, 2), the controller gave {shape}"
         )
+    if np.isnan(action).any():
+        raise ValueError("the controller's action is NaN")
     return np.asarray(np.clip(np.stack([action[:, 0], -action[:, 1]], axis=1), -1.0, 1.0))

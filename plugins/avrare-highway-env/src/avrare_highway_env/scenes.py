@@ -15,6 +15,7 @@ from highway_env.vehicle.objects import Obstacle
 
 from avrare.driving import Road, Scene
 from avrare_highway_env.config import HighwayEnvConfig
+from avrare_highway_env.drivers import LightEgo
 from avrare_highway_env.lanes import flatten
 
 LANE_WIDTH = 4.0
@@ -47,6 +48,10 @@ class Highway(HighwayEnv):  # type: ignore[misc]
 class Intersection(IntersectionEnv):  # type: ignore[misc]
     """The intersection; vehicles come and go."""
 
+    def _make_vehicles(self, n_vehicles: int = 10) -> None:
+        super()._make_vehicles(n_vehicles)
+        self.vehicle.__class__ = LightEgo
+
     def renew(self) -> None:
         """What the environment does after every step: vehicles leave, and others may come."""
         self._clear_vehicles()
@@ -54,7 +59,11 @@ class Intersection(IntersectionEnv):  # type: ignore[misc]
 
 
 class Roundabout(Steered, RoundaboutEnv):  # type: ignore[misc]
-    """The roundabout, with continuous actions."""
+    """The roundabout, with continuous actions; a run is over on any of the straight roads that leave it."""
+
+    def has_arrived(self, vehicle: Any) -> bool:
+        """Whether a vehicle has left, as the intersection says it."""
+        return vehicle.lane_index[1] in ("exr", "sxr", "nxr", "wxr")
 
 
 @dataclass(frozen=True)

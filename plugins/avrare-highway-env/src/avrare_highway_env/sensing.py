@@ -23,10 +23,12 @@ class Ego(Vehicles):
     Attributes:
         steering: (N,) last steering angle, left is positive [rad].
         observation: (N, D) own features, then the rays' distances / range, then their speeds / range.
+        others: Fields (N, V), as they are: for controllers that see everything.
     """
 
     steering: Floats
     observation: Floats
+    others: Vehicles
 
 
 class Sensors:
@@ -72,7 +74,7 @@ class Sensors:
             if self.config.speeds:
                 parts.append(closing(*_velocity(others), *_velocity(ego), hit, self.rays) / reach)
         fields = (ego.x, ego.y, ego.heading, ego.speed, ego.acceleration)
-        return Ego(*fields, steering, np.concatenate(parts, axis=1))
+        return Ego(*fields, steering, np.concatenate(parts, axis=1), others)
 
 
 def _velocity(vehicles: Vehicles) -> tuple[Floats, Floats]:

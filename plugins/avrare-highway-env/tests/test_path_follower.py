@@ -1,0 +1,145 @@
+"""The driver along waypoints: its path, its steering, its gaps, and what it refuses."""
+
+import numpy as np
+import pytest
+from highway_runs import run, simulator, tape
+from pydantic import ValidationError
+
+from avrare.batch import take
+from avrare.driving import Vehicles
+from avrare.errors import UsageError
+from avrare_highway_env.path import Path
+from avrare_highway_env.path_follower import PathFollower, build
+from avrare_highway_env.path_follower_config import PathFollowerConfig
+from avrare_highway_env.sensing import Ego
+
+NORTH = ((2.0, -60.0), (2.0, 60.0))
+ANGLES = np.linspace(0.0, np.pi / 2.0, 13)
+BEND = [(30.0 * np.sin(angle), 30.0 - 30.0 * np.cos(angle)) for angle in ANGLES]
+
+
+def follower(waypoints=NORTH, **options):
+    return build(PathFollowerConfig(waypoints=waypoints, **options))
+
+
+def vehicles(rows):
+    """x, y, heading, speed of each."""
+    x, y, heading, speed = np.moveaxis(np.array(rows, dtype=float), -1, 0)
+    return Vehicles(x, y, heading, speed, 0.0 * x)
+
+
+def ego(here, others=((1e6, 1e6, 0.0, 0.0),)):
+    own = vehicles([here])
+    zero = np.zeros(1)
+    return Ego(*vars(own).values(), zero, np.zeros((1, 6)), vehicles([others]))
+
+
+def wanted(here, others=((1e6, 1e6, 0.0, 0.0),), **options):
+    """Throttle and steering of an ego on the way north."""
+    return follower(**options).act(None, ego(here, others), None)[0][0]
+
+
+def test_places_on_a_path():
+    path = Path([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
+    x, y = np.array([[-3.0, 4.0], [12.0, 7.0]]), np.array([[4.0, 1.0], [3.0, 25.0]])
+    along, off, direction = path.project(x, y)
+    np.testing.assert_allclose(along, [[0.0, 4.0], [13.0, 35.0]])
+    np.testing.assert_allclose(off, [[5.0, 1.0], [2.0, 3.0]])
+    np.testing.assert_allclose(direction, [[0.0, 0.0], [np.pi / 2, np.pi / 2]])
+    np.testing.assert_allclose(path.at(along), [[[0, 4], [10, 10]], [[0, 0], [3, 25]]])
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "message"),
+    [
+        ([], "two waypoints or more, there are 0"), ([[0, 0]], "two waypoints or more, there are 1"),
+        ([[0, 0], [1, 1], [1, 1]], "waypoint 2 is the same"), ([[0, 0], [1, 1, 1]], "waypoints.1"),
+        ([[0, 0], [1, float("nan")]], "finite"),
+    ],
+)  # fmt: skip
+def test_what_is_no_path(waypoints, message):
+    with pytest.raises(ValidationError, match=message):
+        PathFollowerConfig(waypoints=waypoints)
+
+
+def test_it_steers_towards_the_path():
+    up = np.pi / 2
+    assert wanted((2.0, 0.0, up, 8.0))[1] == pytest.approx(0.0, abs=1e-12)
+    assert wanted((2.5, 0.0, up, 8.0))[1] > 0.0 > wanted((1.5, 0.0, up, 8.0))[1]
+    assert wanted((2.0, 0.0, up - 0.1, 8.0))[1] > 0.0 > wanted((2.0, 0.0, up + 0.1, 8.0))[1]
+
+
+def test_it_keeps_its_speed_and_its_distance():
+    here = (2.0, 0.0, np.pi / 2, 8.0)
+    ahead, far, slow = ((2.0, y, np.pi / 2, v) for y, v in ((20.0, 8.0), (40.0, 8.0), (20.0, 4.0)))
+    assert wanted(here)[0] == pytest.approx(0.0, abs=1e-9)
+    assert wanted((*here[:3], 5.0))[0] > 0.0
+    assert 0.0 > wanted(here, [far])[0] > wanted(here, [ahead])[0] > wanted(here, [slow])[0]
+    assert wanted(here, [far, ahead])[0] == wanted(here, [ahead])[0]
+    assert wanted(here, [(6.0, 20.0, np.pi / 2, 4.0)])[0] == wanted(here)[0]
+    assert wanted(here, [(2.0, -20.0, np.pi / 2, 12.0)])[0] == wanted(here)[0]
+
+
+def test_the_gap_is_that_of_the_model():
+    """gap = 20 - 5 m, both 8 m/s: a (1 - (v / v0)^4 - ((s0 + v T) / gap)^2)."""
+    here, leader = (2.0, 0.0, np.pi / 2, 8.0), (2.0, 20.0, np.pi / 2, 8.0)
+    acceleration = 3.0 * (1.0 - 0.8**4 - ((3.0 + 8.0 * 1.0) / 15.0) ** 2)
+    assert wanted(here, [leader], cruise_speed=10.0)[0] == pytest.approx(acceleration / 5.0)
+
+
+def test_who_crosses_is_on_the_path_where_it_reaches_into_the_corridor():
+    here = (2.0, 0.0, np.pi / 2, 8.0)
+    inside, outside = (2.0 + 1.5 + 2.4, 12.0, np.pi, 6.0), (2.0 + 1.5 + 2.6, 12.0, np.pi, 6.0)
+    assert wanted(here, [inside])[0] < -0.5
+    assert wanted(here, [outside])[0] == wanted(here)[0]
+    assert wanted(here, [outside], foresight=1.0)[0] < -0.5
+    gone = (-6.0, 12.0, np.pi, 6.0)
+    assert wanted(here, [gone], foresight=1.0)[0] == wanted(here)[0]
+
+
+def test_it_stops_and_does_not_reverse():
+    driver = follower([(0.0, 0.0), (300.0, 0.0)], cruise_speed=15.0)
+    place, speed, parked = 0.0, 15.0, (120.0, 0.0, 0.0, 0.0)
+    for _ in range(600):
+        throttle = driver.act(None, ego((place, 0.0, 0.0, speed), [parked]), None)[0][0, 0]
+        place, speed = place + 0.1 * speed, speed + 0.5 * throttle
+        assert speed > -1e-9
+    assert speed < 0.1
+    assert 1.0 < 120.0 - place - 5.0 < 6.0
+
+
+def test_it_stays_on_a_bend():
+    """A quarter of a circle of 30 m by the bicycle model of highway-env, 0.1 s steps."""
+    driver, speed = follower(BEND), 8.0
+    x, y, heading = 0.0, 0.0, 0.0
+    for _ in range(50):
+        _, steering = driver.act(None, ego((x, y, heading, speed)), None)[0][0]
+        slip = np.arctan(0.5 * np.tan(steering * np.pi / 4))
+        x, y = x + 0.1 * speed * np.cos(heading + slip), y + 0.1 * speed * np.sin(heading + slip)
+        heading += 0.1 * speed * np.sin(slip) / 2.5
+        assert driver.path.project(np.array([x]), np.array([y]))[1][0] < 0.5
+    assert heading > 1.0
+
+
+def test_a_row_does_not_depend_on_its_neighbours():
+    sim = simulator(scene="intersection", vehicles=5)
+    world = run(sim, tape(sim, 7, 10))[-1]
+    driver = follower(foresight=1.0)
+    whole = driver.act(None, world.ego, None)[0]
+    assert len(np.unique(whole[:, 0])) > 3
+    for rows in ([0], [6, 2], [3, 1, 5]):
+        alone = driver.act(None, take(world.ego, np.array(rows)), None)[0]
+        assert np.array_equal(alone, whole[rows])
+
+
+def test_without_others_the_road_is_free():
+    own = ego((2.0, 0.0, np.pi / 2, 5.0))
+    nobody = Vehicles(*(np.zeros((1, 0)) for _ in range(5)))
+    alone = Ego(own.x, own.y, own.heading, own.speed, own.acceleration, own.steering, own.observation, nobody)
+    assert follower().act(None, alone, None)[0][0, 0] > 0.0
+
+
+@pytest.mark.parametrize("state", [np.zeros((2, 4)), vehicles([(0.0, 0.0, 0.0, 0.0)])])
+def test_other_simulators_are_refused(state):
+    with pytest.raises(UsageError, match="path_follower needs to see the other vehicles"):
+        PathFollower(PathFollowerConfig(waypoints=NORTH)).act(None, state, None)
