@@ -124,6 +124,8 @@ class Terminal:
             [sys.executable, "-m", "avrare", *words],
             stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
             env={**settings, **environment},
+            # a shell that runs the tests in the background lets all below it ignore Ctrl-C
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )  # fmt: skip
         os.close(theirs)
 
