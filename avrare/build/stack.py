@@ -12,7 +12,7 @@ import numpy as np
 
 from avrare.build.closed_loop import ClosedLoop
 from avrare.driving import Scene
-from avrare.errors import FormulaError, PluginError, ScenarioError, UsageError
+from avrare.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
 from avrare.logic.api import FormulaWarning, stl
 from avrare.logic.online import FormulaMonitor
 from avrare.protocols import Specification
@@ -65,10 +65,9 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
     """Refuse a scenario whose noise-free start already breaks a rule: its probability is 1 by construction.
 
     Raises:
-        ScenarioError: Naming the rules and, where they can tell, the vehicles.
+        ScenarioError: Naming the rules and, where they can tell, the vehicles; or what the start raised.
     """
-    state = stack.loop.initial(np.zeros((1, stack.loop.noise_size)))
-    signals = stack.loop.signals(state)
+    signals = _signals_at_start(scenario, stack)
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():
         with _placed(scenario, f"specifications.{name}"):
@@ -84,6 +83,17 @@ def check_start(scenario: Scenario, stack: Stack) -> None:
             problems.append((f"{place}: violated at sample 0 by the noise-free start{culprit}", _START_HINT))
     if problems:
         raise ScenarioError(problems)
+
+
+def _signals_at_start(scenario: Scenario, stack: Stack) -> Mapping[str, Any]:
+    try:
+        return stack.loop.signals(stack.loop.initial(np.zeros((1, stack.loop.noise_size))))
+    except AvrareError:
+        raise
+    except Exception as error:  # a plugin's, not ours
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        place = f"{scenario.path}: the noise-free start raised {reason}"
+        raise ScenarioError([(place, "see what its parts make of their options")]) from error
 
 
 def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:

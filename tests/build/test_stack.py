@@ -47,3 +47,13 @@ def test_a_score_of_signals_that_are_not_there():
     problem = BuildableScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
     with pytest.raises(FormulaError, match="'z'"):
         estimate(problem, "ams", seed=0, particles=20, discard=2, runs=2)
+
+
+def test_a_start_that_raises_is_told_in_a_line(monkeypatch, capsys):
+    def broken(self, noise):
+        raise ValueError("no battery\nat all")
+
+    monkeypatch.setattr("avrare_linear.simulator.LinearSimulator.reset", broken)
+    assert main(["validate", "--build", str(SCENARIOS / "double_integrator.yaml")]) == 4
+    error = capsys.readouterr().err
+    assert "the noise-free start raised ValueError: no battery at all" in error

@@ -92,10 +92,8 @@ class PathFollower:
             gaps.append(np.where(on, gap, np.inf))
             speeds.append(others.speed * np.cos(turned))
         gap, speed = np.concatenate(gaps, axis=1), np.concatenate(speeds, axis=1)
-        nearest = gap.argmin(axis=1)[:, None]
-        return np.take_along_axis(gap, nearest, axis=1)[:, 0], np.take_along_axis(speed, nearest, axis=1)[
-            :, 0
-        ]
+        rows, nearest = np.arange(len(gap)), gap.argmin(axis=1)
+        return gap[rows, nearest], speed[rows, nearest]
 
 
 def build(config: PathFollowerConfig, scene: object | None = None) -> PathFollower:
