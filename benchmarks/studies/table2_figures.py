@@ -79,6 +79,7 @@ def _levels(study: Study, file: Path) -> None:
             )  # fmt: skip
         ax.axhline(0.0, color="#22303c", lw=0.8)
         ax.set(title=f"K = {discard}", xlabel="stage", ylim=(-0.03, 1.03))
+        ax.xaxis.get_major_locator().set_params(integer=True)
         ax.legend(fontsize=7, frameon=False)
     np.atleast_1d(axes)[0].set_ylabel("margin left at the level")
     figure.savefig(file, dpi=110)
