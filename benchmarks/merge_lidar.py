@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import merge_clusters
+from studies import case_table, merge_clusters
 
 import avrare
 from avrare.driving import Vehicles
@@ -138,21 +138,6 @@ def _within(problem: Any, loop: Any, tapes: Any, steps: int) -> float:
     return (time.process_time() - begin) / len(tapes)
 
 
-def report(folder: Path) -> None:
-    print("| estimator | options | probability | 95 % interval | rollouts | steps | health |")
-    print("|---|---|---|---|---|---|---|")
-    for name, options in OPTIONS.items():
-        if (folder / f"{name}.json").exists():
-            found = json.loads((folder / f"{name}.json").read_text())
-            low, high = found["interval"]
-            chosen = ", ".join(f"{key} {value}" for key, value in options.items())
-            print(
-                f"| `{name}` | {chosen} | {found['probability']:.2e} | {low:.1e} to {high:.1e} | "
-                f"{found['rollouts']:,} | {found['simulated_steps']:,} | "
-                f"{', '.join(found['health']) or '-'} |"
-            )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("what", choices=["estimate", "heldout", "overhead", "clusters", "report"])
@@ -172,7 +157,7 @@ def main() -> None:
         case "clusters":
             merge_clusters.draw(SCENARIO, given.results, ROOT / "docs" / "merge-lidar")
         case "report":
-            report(given.results)
+            case_table.show(given.results, OPTIONS)
 
 
 if __name__ == "__main__":

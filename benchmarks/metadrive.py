@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import metadrive_picture
+from studies import case_table, metadrive_picture
 
 import avrare
 
@@ -88,21 +88,6 @@ def _parts() -> tuple[Any, Any]:
     return loop.simulator, loop.controller
 
 
-def report(folder: Path) -> None:
-    print("| estimator | options | probability | 95 % interval | rollouts | steps | health |")
-    print("|---|---|---|---|---|---|---|")
-    for name, options in OPTIONS.items():
-        if (folder / f"{name}.json").exists():
-            found = json.loads((folder / f"{name}.json").read_text())
-            low, high = found["interval"]
-            chosen = ", ".join(f"{key} {value}" for key, value in options.items())
-            print(
-                f"| `{name}` | {chosen} | {found['probability']:.2e} | {low:.1e} to {high:.1e} | "
-                f"{found['rollouts']:,} | {found['simulated_steps']:,} | "
-                f"{', '.join(found['health']) or '-'} |"
-            )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("what", choices=["estimate", "cost", "picture", "report"])
@@ -120,7 +105,7 @@ def main() -> None:
             tapes = np.load(given.results / "mc.npz", allow_pickle=False)["noise"]
             metadrive_picture.draw(*_parts(), tapes, ROOT / "docs" / "metadrive")
         case "report":
-            report(given.results)
+            case_table.show(given.results, OPTIONS)
 
 
 if __name__ == "__main__":
