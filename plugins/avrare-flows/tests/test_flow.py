@@ -5,6 +5,7 @@ import pytest
 
 from avrare.cli.main import main
 from avrare.errors import UsageError
+from avrare_flows.command import read_samples
 from avrare_flows.flow import Flow
 
 torch = pytest.importorskip("torch")
@@ -80,7 +81,21 @@ def test_a_file_holds_all_of_a_flow(kind, size, tmp_path):
 def test_what_is_no_flow_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", format=1, kind="other")
     (tmp_path / "text.npz").write_text("no zip")
+    rough("affine_coupling", 2)[1].save(tmp_path / "flow.npz")
+    whole = (tmp_path / "flow.npz").read_bytes()
+    (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
+    middle = len(whole) // 2
+    (tmp_path / "bit.npz").write_bytes(whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :])
+    with np.load(tmp_path / "flow.npz") as file:
+        arrays = dict(file)
+    for name, change in (
+        ("blocks", {"blocks": 9}),
+        ("size", {"shift": np.zeros(3), "scale": np.ones(3)}),
+        ("nan", {"0.weight0": np.nan * arrays["0.weight0"]}),
+    ):
+        np.savez(tmp_path / f"{name}.npz", **{**arrays, **change})
     for name, text in (
+        *((f"{name}.npz", "is no flow") for name in ("half", "bit", "blocks", "size", "nan")),
         ("other.npz", "is no flow"),
         ("text.npz", "is no flow"),
         ("none.npz", "cannot be read"),
@@ -121,6 +136,9 @@ def test_a_fit_is_a_function_of_its_seed():
         (np.random.default_rng(0).normal(size=(100, 1)), "affine_coupling", "two numbers"),
         (np.random.default_rng(0).normal(size=(9, 2)), "affine_coupling", r"shape \(9, 2\)"),
         (np.full((100, 2), np.nan), "affine_coupling", "not finite"),
+        (np.full((300, 2), 0.1), "affine_coupling", "constant"),  # its standard deviation is 1e-17
+        (np.eye(300)[:, :2], "affine_coupling", "constant"),  # the numbers that differ are held out
+        (1e300 * np.random.default_rng(0).normal(size=(100, 2)), "affine_coupling", "too large"),
         (np.random.default_rng(0).normal(size=(100, 2)), "affine_couplings", "no kind"),
     ],
 )
@@ -151,6 +169,28 @@ def test_the_command_refuses_what_is_no_table(text, tmp_path, capsys):
     assert main(["flow", "fit", str(path), "--out", str(tmp_path / "f.npz")]) == 4
     assert "samples.csv" in capsys.readouterr().err
     assert not (tmp_path / "f.npz").exists()
+
+
+def test_a_mark_of_byte_order_costs_no_row(tmp_path):
+    path = tmp_path / "samples.csv"
+    path.write_text("1,2\n3,4\n", encoding="utf-8-sig")
+    assert read_samples(path).tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+def test_complex_samples_are_refused(tmp_path):
+    np.save(tmp_path / "samples.npy", np.ones((60, 2)) + 1j)
+    with pytest.raises(UsageError, match="complex"):
+        read_samples(tmp_path / "samples.npy")
+
+
+def test_a_descent_that_diverges_is_told():
+    with pytest.raises(UsageError, match="no finite density"):
+        train.fit(np.random.default_rng(0).normal(size=(100, 2)), steps=3, rate=1e300)
+
+
+def test_a_seed_that_is_none_is_refused():
+    with pytest.raises(UsageError, match="seed"):
+        train.fit(np.random.default_rng(0).normal(size=(100, 2)), steps=1, seed=-1)
 
 
 def test_the_command_looks_for_its_folder_first(tmp_path, capsys):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from avrare.errors import UsageError
 from avrare_flows import marginals as m
@@ -60,6 +60,18 @@ def test_a_truncated_normal_is_scipys_even_in_a_tail(low, high):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     np.testing.assert_allclose(law.log_density(found), peer.logpdf(found), rtol=1e-7)
     assert law.log_density(np.array([low - 1.0, high + 1.0])).tolist() == [-np.inf, -np.inf]
+
+
+@pytest.mark.parametrize("freedom", [0.5, 1.0, 2.5, 3.0, 10.0, 300.0])
+def test_the_far_tails_of_students_law_go_on(freedom):
+    law = m.StudentT(freedom)
+    z = np.linspace(5.0, {0.5: 18.0, 1.0: 26.0}.get(freedom, 36.0), 500)
+    x = m.of_normal(law, z)
+    assert (np.diff(x) > 0.0).all()
+    assert np.array_equal(m.of_normal(law, -z), -x)
+    np.testing.assert_allclose(m.to_normal(law, x), z, rtol=1e-9)
+    cauchy = m.of_normal(m.StudentT(1.0), np.array([-37.0]))  # -1 / (pi p) so far out
+    np.testing.assert_allclose(cauchy, -1.0 / (np.pi * special.ndtr(-37.0)), rtol=1e-11)
 
 
 def test_nothing_is_left_between_ends_that_hold_nothing():

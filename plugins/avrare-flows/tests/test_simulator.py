@@ -120,6 +120,18 @@ def test_mistakes_are_told_without_a_traceback(extra, text, tmp_path):
         _ = scenario(tmp_path, SUM.format(extra=extra)).stack
 
 
+def test_only_a_simulator_with_normal_noise_is_wrapped():
+    noise = {"law": "exponential"}
+    linear = {"plugin": "linear", "states": ["x"], "A": [[1]], "initial": {"mean": [0]}}
+    inner = {"plugin": "transformed", "noise": noise, "simulator": linear}
+    with pytest.raises(AvrareError, match="another transformed"):
+        build(TransformedConfig(noise=noise, simulator=inner))
+    pytest.importorskip("avrare_single_track")
+    road = {"plugin": "single_track", "ego": {"x": 0.0, "y": 0.0, "speed": 10.0}}
+    with pytest.raises(AvrareError, match="'single_track' has no noise"):
+        build(TransformedConfig(noise=noise, simulator=road))
+
+
 def test_options_of_the_other_simulator_are_checked(tmp_path):
     with pytest.raises(AvrareError, match="unknown option 'state'"):
         _ = scenario(tmp_path, SUM.format(extra="").replace("states:", "state:")).stack

@@ -90,10 +90,20 @@ def test_a_rewritten_scenario_has_the_new_value(parameter, loop, tmp_path):
         )
         if name in ("spread", "process", "measurement"):
             found, given = (factor @ factor.swapaxes(1, 2) for factor in (found, given))
-        if (parameter, name) in (("process_noise", "observer"), ("measurement_noise", "observer")):
-            continue  # the Kalman gain follows the noise
         np.testing.assert_allclose(found, given, rtol=1e-8, atol=1e-12)
     assert scenario.definition.resolved["simulator"]["initial"]["mean"] == [0.0, 1.0]
+
+
+def test_a_kalman_gain_does_not_follow_the_noise_that_was_synthesised(loop, tmp_path):
+    """The scenario written is the system that the command has estimated."""
+    scenario = avrare.load(loop)
+    system = system_of(scenario.problem("low"))
+    changed = rewritten(scenario.definition.resolved, "measurement_noise", 0.1 * system.measurement)
+    np.testing.assert_allclose(changed["simulator"]["observer"]["gain"], system.observer, rtol=1e-8)
+    assert (
+        rewritten(scenario.definition.resolved, "mean", system.mean)["simulator"]["observer"]
+        == (scenario.definition.resolved["simulator"]["observer"])
+    )
 
 
 def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
@@ -115,10 +125,14 @@ def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
         (["--parameter", "mean", "--rate", "-1"], "positive rate"),
         (["--parameter", "mean", "--steps", "0"], "at least one iteration"),
         (["--parameter", "mean", "--out", "nowhere/x.yaml"], "there is no folder nowhere"),
+        (["--parameter", "mean", "--out", "."], "is a folder"),
+        (["--parameter", "mean", "--chains", "1"], "at least 2 chains"),
+        (["--parameter", "mean", "--runs", "0"], "1 run"),
+        (["--parameter", "mean", "--moves", "-1"], "negative number of moves"),
     ],
 )
 def test_mistakes_are_told(arguments, text, capsys):
-    assert main(["synthesize", str(SQUARES), *arguments, *QUICK]) == 4
+    assert main(["synthesize", str(SQUARES), *QUICK, *arguments]) == 4
     assert text in capsys.readouterr().err
 
 

@@ -29,6 +29,8 @@ def execute(args: argparse.Namespace) -> int:
     """Fit, write the flow, and say how good it is on samples held out."""
     if not Path(args.out).parent.is_dir():
         raise UsageError(f"{args.out}: there is no folder {Path(args.out).parent}")
+    if Path(args.out).is_dir():
+        raise UsageError(f"{args.out}: is a folder")
     samples = read_samples(Path(args.samples))
     try:
         from avrare_flows.train import fit
@@ -55,12 +57,14 @@ def read_samples(path: Path) -> Floats:
     try:
         if path.suffix == ".npy":
             table = np.load(path, allow_pickle=False)
+            if np.iscomplexobj(table):
+                raise ValueError("its numbers are complex")
         else:
-            with path.open() as file:
+            with path.open(encoding="utf-8-sig") as file:  # a mark of byte order is no name
                 names = any(not _number(word) for word in file.readline().split(","))
             with warnings.catch_warnings():  # an empty file is told below
                 warnings.simplefilter("ignore", UserWarning)
-                table = np.loadtxt(path, delimiter=",", skiprows=int(names), ndmin=2)
+                table = np.loadtxt(path, delimiter=",", skiprows=int(names), ndmin=2, encoding="utf-8-sig")
         rows = np.asarray(table, dtype=np.float64)
     except OSError as error:
         raise UsageError(f"{path}: {(error.strerror or str(error)).lower()}") from error

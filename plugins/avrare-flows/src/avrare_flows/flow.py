@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,11 @@ from avrare_flows.blocks import AffineCoupling, Block, Network, SplineAutoregres
 
 KINDS = ("affine_coupling", "spline_autoregressive")
 _FORMAT = 1
+_DAMAGED = (
+    ValueError, LookupError, EOFError, TypeError, AttributeError, ArithmeticError, NotImplementedError,
+    RuntimeError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What reading a file raises that is no flow, or no longer one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +104,7 @@ class Flow:
             return _of_arrays(arrays)
         except OSError as error:
             raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except (ValueError, KeyError, EOFError, TypeError, AttributeError) as error:
+        except _DAMAGED as error:
             hint = "make one with `avrare flow fit SAMPLES --out flow.npz`"
             raise UsageError(f"{path}: is no flow ({error})", hint) from error
 
@@ -120,4 +127,17 @@ def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
     shift, scale = (arrays[name].astype(np.float64) for name in ("shift", "scale"))
     if shift.ndim != 1 or shift.shape != scale.shape or not (scale > 0.0).all():
         raise ValueError("shift and scale do not fit")
-    return Flow(kind, tuple(blocks), shift, scale, int(arrays["samples"]))
+    flow = Flow(kind, tuple(blocks), shift, scale, int(arrays["samples"]))
+    _try(flow)
+    return flow
+
+
+def _try(flow: Flow) -> None:
+    """Complains of blocks of another size, which may pass by broadcasting, and of what is not finite."""
+    size = flow.noise_size
+    for block in flow.blocks:
+        if isinstance(block, AffineCoupling) and len(block.network.biases[-1]) != 2 * (size - size // 2):
+            raise ValueError(f"a block is not made for {size} numbers a row")
+    x, log_det = flow.warp(np.zeros((1, size)))
+    if x.shape != (1, size) or not np.isfinite(x).all() or not np.isfinite(log_det).all():
+        raise ValueError("its arrays do not fit each other, or are not finite")

@@ -17,6 +17,8 @@ from avrare.errors import UsageError
 from avrare.protocols import Floats
 
 Number = float | Floats
+_LOST = -40.0
+"""Logarithm of what is lost beside 1."""
 Tails = tuple[Floats, Floats]
 """P(X <= x) and P(X > x)."""
 
@@ -215,7 +217,7 @@ class StudentT:
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
         """See ``Marginal``."""
         v = self.freedom
-        unit = by_tail(lower, upper, lambda p: special.stdtrit(v, p), lambda p: -special.stdtrit(v, p))
+        unit = by_tail(lower, upper, lambda p: _student(v, p), lambda p: -_student(v, p))
         return np.asarray(self.location + self.scale * unit)
 
     def tails(self, x: Floats) -> Tails:
@@ -255,6 +257,20 @@ class Uniform:
         """See ``Marginal``."""
         inside = np.greater_equal(x, self.low) & np.less_equal(x, self.high)
         return np.where(inside, -np.log(np.asarray(self.high) - self.low), -np.inf)
+
+
+def _student(freedom: Number, p: Floats) -> Floats:
+    """Student's quantile for p up to 0.5; SciPy's saturates at tiny p, and turns its sign.
+
+    With w = v / (v + x^2), P(X <= x) is half the incomplete beta function of w, and w^(v/2) / (v/2 B) times
+    half where w is lost beside 1.
+    """
+    half = 0.5 * np.asarray(freedom)
+    log_w = (_log(2.0 * p) + np.log(half) + special.betaln(half, 0.5)) / half
+    far = log_w < _LOST
+    with np.errstate(over="ignore"):
+        beyond = -np.exp(0.5 * (np.log(2.0 * half) - log_w))
+    return np.asarray(np.where(far, beyond, special.stdtrit(freedom, np.where(far, 0.5, p))))
 
 
 def Exponential(scale: Number = 1.0) -> Weibull:

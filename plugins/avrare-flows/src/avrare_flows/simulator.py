@@ -34,9 +34,13 @@ def build(config: TransformedConfig, scene: object | None = None) -> Transformed
 
     Raises:
         PluginError: Nobody provides the other simulator, or it cannot be loaded.
-        UsageError: Its options, a law or the number of laws do not fit.
+        UsageError: Its options, a law or the number of laws do not fit, or it has no noise.
     """
     inner = _inner(config.simulator)
+    if isinstance(inner, TransformedSimulator):  # it takes normal numbers, and would get others
+        raise UsageError("transformed cannot hold another transformed", "give all laws in one of them")
+    if inner.noise_size == 0:
+        raise UsageError(f"simulator {config.simulator['plugin']!r} has no noise to transform")
     law: Law
     if config.flow is not None:
         from avrare_flows.flow import Flow

@@ -23,6 +23,8 @@ _BATCH, _HELD_OUT, _LOOK = 512, 0.1, 50
 _BINS, _LEAST_BOUND, _ROOM = 12, 5.0, 1.25
 """Bins of a spline; it bends up to so many standard deviations, or so far beyond the farthest sample."""
 _FEWEST = 50
+_CONSTANT = 1e-12
+"""Spread of a column, over its largest number, that is rounding."""
 _BLOCKS = {"affine_coupling": 6, "spline_autoregressive": 2}
 _pyro: Any = distributions  # has no types of its own
 _transforms: Any = transforms
@@ -63,12 +65,12 @@ def fit(
     Raises:
         UsageError: The samples or an option do not fit.
     """
-    data = _checked(samples, kind, steps, blocks)
+    data = _checked(samples, kind, steps, blocks, seed)
     many = blocks or _BLOCKS[kind]
     size = data.shape[1]
     order = np.random.default_rng(seed).permutation(len(data))
     held, kept = np.split(data[order], [max(10, round(_HELD_OUT * len(data)))])
-    shift, scale = kept.mean(axis=0), kept.std(axis=0)
+    shift, scale = _moments(kept)
     bound = max(_LEAST_BOUND, _ROOM * float(np.abs((kept - shift) / scale).max()))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -80,7 +82,7 @@ def fit(
     return Fit(Flow(kind, found, shift, scale, len(data)), -loss - extent, normal, step)
 
 
-def _checked(samples: Floats, kind: str, steps: int, blocks: int | None) -> Floats:
+def _checked(samples: Floats, kind: str, steps: int, blocks: int | None, seed: int) -> Floats:
     data = np.asarray(samples, dtype=np.float64)
     data = data[:, None] if data.ndim == 1 else data
     if kind not in KINDS:
@@ -90,13 +92,28 @@ def _checked(samples: Floats, kind: str, steps: int, blocks: int | None) -> Floa
             f"samples have shape {data.shape}, or numbers that are not finite",
             f"give at least {_FEWEST} rows of noise, (M, n)",
         )
-    if (data.std(axis=0) == 0.0).any():
-        raise UsageError("a column of the samples is constant", "leave it out: it needs no flow")
     if kind == "affine_coupling" and data.shape[1] < 2:
         raise UsageError("affine_coupling needs two numbers a row", "use --kind spline_autoregressive")
     if steps < 1 or (blocks is not None and blocks < 1):
         raise UsageError("a fit needs at least one step and one block")
+    if not 0 <= seed < 2**63:
+        raise UsageError(f"the seed must be at least 0 and below 2^63, not {seed}")
     return data
+
+
+def _moments(kept: Floats) -> tuple[Floats, Floats]:
+    """Mean and standard deviation (n,) of the columns that are fitted; a constant has one of rounding."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        shift, scale = kept.mean(axis=0), kept.std(axis=0)
+    if not np.isfinite(scale).all():
+        raise UsageError(
+            "the samples are too large for their standard deviation", "give them in another unit"
+        )
+    if not (scale > _CONSTANT * np.abs(kept).max(axis=0)).all():
+        raise UsageError(
+            "a column of the samples is constant, or nearly so", "leave it out: it needs no flow"
+        )
+    return shift, scale
 
 
 def _block(kind: str, size: int, hidden: int, bound: float = _LEAST_BOUND) -> list[Any]:
@@ -129,8 +146,8 @@ def _descend(
     optimiser = torch.optim.Adam(weights, lr=rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     zero = torch.zeros(size, dtype=torch.float64)
-    base = _pyro.Normal(zero, torch.ones_like(zero)).to_event(1)
-    law = _pyro.TransformedDistribution(base, [transform for part in parts for transform in part])
+    base = _pyro.Normal(zero, torch.ones_like(zero), validate_args=False).to_event(1)
+    law = _pyro.TransformedDistribution(base, [one for part in parts for one in part], validate_args=False)
     best: tuple[tuple[Block, ...], float, int] = (), math.inf, 0
     for step in range(1, steps + 1):
         optimiser.zero_grad()

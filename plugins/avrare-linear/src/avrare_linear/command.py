@@ -53,6 +53,8 @@ def execute(args: argparse.Namespace) -> int:
 
     if args.out is not None and not Path(args.out).parent.is_dir():
         raise UsageError(f"{args.out}: there is no folder {Path(args.out).parent}")
+    if args.out is not None and Path(args.out).is_dir():
+        raise UsageError(f"{args.out}: is a folder")
     scenario = avrare.load(args.scenario, args.set)
     problem = scenario.problem(_specification(args.specification, scenario.specifications))
     seed = scenario.definition.seed if args.seed is None else args.seed
@@ -86,6 +88,7 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Step
     formula: Any = getattr(problem.monitors[0], "formula", None)
     if formula is None:
         raise UsageError(f"synthesis needs a formula, and {problem.names[0]} is none")
+    effort = Effort(args.chains, args.runs, args.moves)
     print(f"{'step':<6}{'p':<11}{'slope of log p':<16}largest entry")
     count = iter(range(args.steps))
 
@@ -94,7 +97,6 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Step
         largest = float(abs(step.parameter).max())
         print(f"{next(count):<6}{step.probability:<11.3g}{slope:<16.3g}{largest:.4g}", flush=True)
 
-    effort = Effort(args.chains, args.runs, args.moves)
     return synthesise(
         system, formula, problem.steps, ATTRIBUTES[args.parameter], rate=args.rate, iterations=args.steps,
         target=args.target, least=args.least, effort=effort, seed=seed, told=told,

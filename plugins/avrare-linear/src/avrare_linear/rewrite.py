@@ -10,6 +10,8 @@ import numpy as np
 
 from avrare.errors import UsageError
 from avrare.protocols import Floats
+from avrare_linear.config import LinearConfig
+from avrare_linear.simulator import from_config
 from avrare_linear.system import LinearSystem
 
 ATTRIBUTES = {
@@ -24,6 +26,7 @@ ATTRIBUTES = {
 }
 """Parameter -> the attribute of ``LinearSystem`` that holds it, or a factor of it."""
 _DIGITS = 9
+_MOVE_KALMAN = ("covariance", "process_noise", "measurement_noise")
 
 
 def has(system: LinearSystem, parameter: str) -> bool:
@@ -33,7 +36,9 @@ def has(system: LinearSystem, parameter: str) -> bool:
 
 
 def rewritten(resolved: dict[str, Any], parameter: str, value: Floats) -> dict[str, Any]:
-    """A copy of a resolved scenario with another parameter.
+    """A copy of a resolved scenario with another parameter, and that only.
+
+    A Kalman gain is written out where it would follow the noise: the system of ``value`` has the old one.
 
     Args:
         resolved: Plain data; its simulator is ``linear``.
@@ -47,6 +52,11 @@ def rewritten(resolved: dict[str, Any], parameter: str, value: Floats) -> dict[s
     simulator = scenario["simulator"]
     if simulator["plugin"] != "linear":
         raise UsageError("the system is not linear", "use `simulator: {plugin: linear, ...}`")
+    if parameter in _MOVE_KALMAN and simulator.get("observer") is not None:
+        options = {key: option for key, option in simulator.items() if key != "plugin"}
+        observer = from_config(LinearConfig.model_validate(options)).observer
+        if observer is not None:
+            _WRITERS["observer"](simulator, observer)
     _WRITERS[parameter](simulator, value)
     return scenario
 

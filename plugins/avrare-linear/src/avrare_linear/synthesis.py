@@ -43,11 +43,18 @@ class Effort:
         chains: Of a run of nested levels.
         runs: Independent runs.
         moves: Further steps of each chain among the failures; the tapes of all of them give the gradient.
+
+    Raises:
+        UsageError: They are too few.
     """
 
     chains: int = 50
     runs: int = 4
     moves: int = 20
+
+    def __post_init__(self) -> None:
+        if self.chains < 2 or self.runs < 1 or self.moves < 0:
+            raise UsageError("synthesis needs at least 2 chains, 1 run, and no negative number of moves")
 
 
 @dataclass(frozen=True)
