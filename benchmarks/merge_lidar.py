@@ -7,7 +7,7 @@
     python benchmarks/merge_lidar.py report
 
 ``estimate`` keeps its result and the failing tapes in the results folder, from which ``clusters`` draws and
-``report`` prints. All three estimates take about 25 CPU minutes.
+``report`` prints. All three estimates take about 20 CPU minutes.
 """
 
 from __future__ import annotations

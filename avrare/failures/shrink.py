@@ -87,16 +87,16 @@ def shrink(problem: Problem, tape: Floats, budget: int = BUDGET, progress: Progr
 
 def _searched(trials: Trials, tape: Floats) -> Floats:
     """A small failing tape: by one reduction where that is enough, else the best of several searches."""
-    enough, budget = ENOUGH * float(np.linalg.norm(tape)), trials.budget
+    enough, budget = ENOUGH * _norm(tape), trials.budget
     small = reduce(trials, tape)
     for number in range(_RESTARTS):
-        if np.linalg.norm(small) <= enough or not trials.left:
+        if _norm(small) <= enough or not trials.left:
             return small
         trials.budget = trials.rollouts + trials.left // (_RESTARTS + 1 - number)
         other = reduce(trials, tape, mixed(number))
         trials.budget = budget
         small = min(small, other, key=_norm)
-    if np.linalg.norm(small) <= enough or not trials.left:
+    if _norm(small) <= enough or not trials.left:
         return small
     turned = descend(trials, small, within=np.asarray(small.any(axis=0)))
     return turned if _norm(turned) <= max(_WORTH * _norm(small), enough) else small

@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 import avrare
 from avrare.build.closed_loop import ClosedLoop
-from avrare.errors import PluginError, UsageError
+from avrare.errors import AvrareError, PluginError, UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.worlds import capabilities
 from avrare_gymnasium.config import GymnasiumConfig
@@ -239,13 +239,25 @@ def test_one_that_is_its_own_master():
             {"env": "CartPole-v1", "noise": {"initial": {"attribute": "wheel", "scale": 1}}},
             "wheel is no state",
         ),
-        ({"env": "Odd-v0", "options": {"kind": "stillborn"}}, "cannot be reset: OSError: no display"),
-        ({"env": "Odd-v0", "options": {"kind": "longer"}}, "observation has 1 number.s., .* 2"),
     ],
 )
 def test_what_cannot_be_built(options, message):
     with pytest.raises(UsageError, match=message):
         build(GymnasiumConfig(**options))
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [("stillborn", "start raised OSError: no display"), ("longer", "observation has 1 number.s., .* 2")],
+)
+def test_a_start_that_cannot_be_is_told_before_anything_runs(kind, message, tmp_path):
+    path = tmp_path / "odd.yaml"
+    path.write_text(
+        f"name: odd\nsteps: 2\nsimulator: {{plugin: gymnasium, env: Odd-v0, options: {{kind: {kind}}}, "
+        'signals: {x: 0}}\nspecifications: {low: {stl: "always (x < 1)"}}\nestimator: {plugin: mc}\n'
+    )
+    with pytest.raises(AvrareError, match=message):
+        avrare.load(path).problem("low")
 
 
 def test_a_missing_package(monkeypatch):

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import functools
 
-import numpy as np
-
-from avrare.errors import AvrareError, UsageError
 from avrare.worlds.channel import Channel
 from avrare.worlds.noisy import Noisy
 from avrare.worlds.simulator import Worlds
@@ -22,20 +19,10 @@ def build(config: GymnasiumConfig, scene: object | None = None) -> Worlds:
         UsageError: There is no such environment, or an option does not fit it.
         PluginError: It needs a package that is not installed.
     """
-    worlds = Worlds(
+    return Worlds(
         functools.partial(make_world, config), dt=config.dt, copy=config.copy_by,
         step_timeout=config.step_timeout, reuse=config.reuse,
     )  # fmt: skip
-    try:
-        worlds.reset(np.zeros((1, worlds.noise_size)))
-    except AvrareError:
-        raise
-    except Exception as error:
-        raise UsageError(
-            f"environment {config.env!r} cannot be reset: {type(error).__name__}: {error}",
-            "`reset:` are the options of every reset",
-        ) from error
-    return worlds
 
 
 def make_world(config: GymnasiumConfig) -> World:
