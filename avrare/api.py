@@ -70,9 +70,10 @@ def estimate(
         return run(problem, built, executor, settings)[0]
     if not isinstance(checkpoint, (str, os.PathLike)):
         raise UsageError(f"checkpoint is the path of a folder, not {checkpoint!r}")
-    saved = Checkpoint.open(Path(checkpoint), described(problem, estimator, built, settings))
-    result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
-    saved.remove()
+    task = described(problem, estimator, built, settings)
+    with Checkpoint.open(Path(checkpoint), task).held() as saved:
+        result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
+        saved.remove()
     return result
 
 

@@ -69,12 +69,11 @@ def execute(args: argparse.Namespace) -> int:
         scenarios = scenarios or _saved(args, out)
     for scenario in scenarios:
         warn(scenario.warnings)
-    folders = [rundir.choose(out, one.name, len(scenarios) > 1) for one in scenarios]
-    checkpoint = (
-        checkpoint_run.begin(out, scenarios, budget, args.resume is not None) if out is not None else None
-    )
-    contents = _run_all(zip(scenarios, folders, strict=True), args, budget, checkpoint)
-    if checkpoint is not None:
+    names = [scenario.name for scenario in scenarios]
+    out = out or rundir.fresh(names)
+    folders = [rundir.choose(out, name, len(scenarios) > 1) for name in names]
+    with checkpoint_run.begin(out, scenarios, budget, args.resume is not None) as checkpoint:
+        contents = _run_all(zip(scenarios, folders, strict=True), args, budget, checkpoint)
         checkpoint.remove()
     return _ended(args, contents)
 
@@ -130,8 +129,6 @@ def _run_all(
     from avrare.execute.window import WorkerDied
     from avrare.record.checkpoint import SaveError
 
-    if checkpoint is None:
-        return [_run(scenario, folder, args, budget, None, None) for scenario, folder in pairs]
     try:
         with Stopping() as stop:
             return [_run(scenario, folder, args, budget, checkpoint, stop) for scenario, folder in pairs]
@@ -225,12 +222,11 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
     for group in groups:
         problem = scenario.problem(group)
         label = group[0] if len(group) == 1 else f"{definition.name} ({len(group)} specifications)"
-        journal = checkpoint and checkpoint.journal(f"{definition.name}/{group[0]}")
+        journal = checkpoint.journal(f"{definition.name}/{group[0]}")
         executor = _executor(args)
         counted = definition.confidence if estimator.name == "mc" else None
         with Progress(f"{label}  {estimator.name}", problem, display(args), counted, stop) as progress:
-            if journal:
-                progress.began -= journal.seconds
+            progress.began -= journal.seconds
             results += run(problem, estimator, executor, settings, progress, journal, stop)
         _tell_restarts(executor)
     return [_judged(definition, result) for result in results]

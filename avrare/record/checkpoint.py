@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.errors import ExitCode, UsageError
+from avrare.record.alone import Taken, alone
 from avrare.record.checkpoint_chunk import decode, decode_seconds, digest, encode
 from avrare.record.whole import write_whole
 from avrare.rollout.request import Request, Rollouts
@@ -99,6 +100,22 @@ class Checkpoint:
     def chunks(self) -> int:
         """Chunks that are saved."""
         return sum(1 for _ in self.folder.rglob("*.npz"))
+
+    @contextmanager
+    def held(self) -> Iterator[Checkpoint]:
+        """Keep others out of the folder: two runs that go on in it would get into each other's way.
+
+        Raises:
+            UsageError: Somebody else is at work in it.
+        """
+        try:
+            with _refused(self.folder), alone(self.folder / INDEX):
+                yield self
+        except Taken:
+            raise UsageError(
+                f"{self.folder}: another avrare is at work in this folder",
+                "wait until it is done, or choose another folder",
+            ) from None
 
     def remove(self) -> None:
         """Take the checkpoint away: its task is done. The index goes last; what is not ours stays."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,15 @@ from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
 
 
-def begin(out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool) -> Checkpoint:
-    """Begin the run's checkpoint in ``out``, or go on with it.
+@contextmanager
+def begin(
+    out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool
+) -> Iterator[Checkpoint]:
+    """Begin the run's checkpoint in ``out``, or go on with it; nobody else can while it is entered.
 
     Raises:
-        UsageError: It is that of another run, there is one that is not to be gone on with, or the folder
-            cannot be written to.
+        UsageError: It is that of another run, there is one that is not to be gone on with, somebody is at
+            work on it, or the folder cannot be written to.
     """
     folder = out / FOLDER
     if len(scenarios) > 1 and any(one.name == FOLDER for one in scenarios):
@@ -31,21 +35,27 @@ def begin(out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resum
             "run it alone, or give it another name",
         )
     if not resume and read_index(folder) is not None:
-        old = Checkpoint(folder, {})
+        _clear(folder)
+    with Checkpoint.open(folder, _task(scenarios, budget), _paths(scenarios)).held() as checkpoint:
+        try:
+            for one in scenarios:
+                (folder / one.name).mkdir(exist_ok=True)
+                write_durably(folder / one.name / SCENARIO, dump(one.resolved).encode())
+        except OSError as error:
+            raise UsageError(f"{folder}: cannot save a checkpoint here: {error.strerror}") from None
+        yield checkpoint
+
+
+def _clear(folder: Path) -> None:
+    """Take a checkpoint away that holds nothing yet, and nobody's."""
+    with Checkpoint(folder, {}).held() as old:
         if old.chunks:
             raise UsageError(
-                f"{out}: holds a run that was interrupted",
-                f"avrare run --resume {out} goes on with it; else remove {folder} or choose another --out",
+                f"{folder.parent}: holds a run that was interrupted",
+                f"avrare run --resume {folder.parent} goes on with it; else remove {folder} or choose "
+                "another --out",
             )
         old.remove()
-    checkpoint = Checkpoint.open(folder, _task(scenarios, budget), _paths(scenarios))
-    try:
-        for one in scenarios:
-            (folder / one.name).mkdir(exist_ok=True)
-            write_durably(folder / one.name / SCENARIO, dump(one.resolved).encode())
-    except OSError as error:
-        raise UsageError(f"{folder}: cannot save a checkpoint here: {error.strerror}") from None
-    return checkpoint
 
 
 def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any]:

@@ -6,7 +6,8 @@ import json
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,23 +25,38 @@ from avrare.scenario.yaml import dump
 SCHEMA = 1
 
 
-def choose(out: str | Path | None, name: str, several: bool) -> Path:
-    """The folder of a run: ``out`` (a folder inside it when there are several scenarios), or a new one.
+def choose(out: str | Path, name: str, several: bool) -> Path:
+    """The folder of one scenario of a run: ``out``, or a folder inside it when there are several.
+
+    Raises:
+        UsageError: It cannot be made.
+    """
+    folder = Path(out) / name if several else Path(out)
+    with _refused(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def fresh(names: Sequence[str]) -> Path:
+    """A new folder under ``runs/`` for a run of these scenarios.
 
     Raises:
         UsageError: It cannot be made.
     """
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    folder = Path("runs") / f"{name}-{stamp}" if out is None else Path(out) / name if several else Path(out)
+    folder = Path("runs") / f"{names[0] if len(names) == 1 else f'{len(names)}-scenarios'}-{stamp}"
+    with _refused(folder):
+        return _make_new(folder)
+
+
+@contextmanager
+def _refused(folder: Path) -> Iterator[None]:
     try:
-        if out is None:
-            return _make_new(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        yield
     except OSError as error:
         raise UsageError(
             f"{folder}: cannot make this folder: {error.strerror}", "choose another --out"
         ) from error
-    return folder
 
 
 def _make_new(folder: Path) -> Path:

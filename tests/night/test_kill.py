@@ -119,14 +119,17 @@ def test_the_second_signal_leaves_at_once(night):
     assert "0 chunks are saved" in err
 
 
-def test_without_a_folder_ctrl_c_just_ends_it(night):
-    process = night.start(night.scenario(), AVRARE_TOY_PAUSE="0.05")
-    wait_for(lambda: (night.folder / "runs").exists())
-    time.sleep(0.5)
+def test_without_a_folder_ctrl_c_saves_as_well(night):
+    process = night.start(night.scenario(), AVRARE_TOY_PAUSE="0.01")
+    wait_for(lambda: list((night.folder / "runs").rglob("*.npz")))
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=20)
     assert process.returncode == 2
-    assert err == "interrupted\n"
+    (folder,) = (night.folder / "runs").iterdir()
+    night.run("--resume", folder)
+    night.run(night.scenario(), "--out", "whole")
+    assert f"runs/{folder.name} goes on" in err
+    assert night.result(folder) == night.result("whole")
 
 
 def test_no_room_left(night):

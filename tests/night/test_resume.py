@@ -305,3 +305,42 @@ def test_an_error_in_the_midst_keeps_what_is_saved(night, monkeypatch, capsys):
     assert run(night.scenario(), "--out", "torn") == 2
     assert len(night.saved("torn")) == 40
     assert "40 chunks are saved" in capsys.readouterr().err
+
+
+def test_a_run_that_nobody_named_goes_on_too(night, interrupted, capsys):
+    words = (night.scenario(name="one"), night.scenario(name="two"))
+    interrupted(5, *words)
+    (folder,) = Path("runs").iterdir()
+    assert f"hint: avrare run --resume {folder} goes on" in capsys.readouterr().err
+    assert run("--resume", folder) == 0
+    assert run(*words, "--out", "whole") == 0
+    for name in ("one", "two"):
+        assert night.result(folder, name) == night.result("whole", name)
+
+
+def test_only_one_goes_on_in_a_folder(night, interrupted, capsys):
+    scenario = night.scenario()
+    interrupted(2, scenario, "--out", "torn")
+    with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).held():
+        for words in (["--resume", "torn"], [scenario, "--resume", "torn"], [scenario, "--out", "torn"]):
+            capsys.readouterr()
+            assert run(*words) == 4
+            assert "another avrare is at work in this folder" in capsys.readouterr().err
+    assert len(night.saved("torn")) == 2
+    assert run("--resume", "torn") == 0
+
+
+def test_nor_takes_away_what_has_saved_nothing_yet(night, capsys):
+    begun = checkpoint.Checkpoint.open(Path("torn/checkpoint"), {"another": "task"})
+    with begun.held():
+        assert run(night.scenario(), "--out", "torn") == 4
+    assert "another avrare is at work in this folder" in capsys.readouterr().err
+    assert checkpoint.read_index(Path("torn/checkpoint"))["task"] == {"another": "task"}
+
+
+def test_a_file_system_without_locks_keeps_nobody_out(night, monkeypatch):
+    def refuse(file, operation):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    assert run(night.scenario(), "--out", "done") == 0

@@ -1,13 +1,18 @@
 """Where a run's files go."""
 
-from avrare.record.rundir import choose
+from avrare.record.rundir import choose, fresh
 
 
 def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    folders = [choose(None, "lane_change", several=False) for _ in range(5)]
+    folders = [fresh(["lane_change"]) for _ in range(5)]
     assert len(set(folders)) == 5
     assert all(folder.is_dir() and folder.name.startswith("lane_change-") for folder in folders)
+
+
+def test_several_scenarios_share_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert fresh(["one", "two"]).name.startswith("2-scenarios-")
 
 
 def test_a_folder_that_was_named_is_used_again(tmp_path):
