@@ -1,14 +1,15 @@
 """Is the riccati backend of the controller `mpc` the controller that the casadi backend is, and how fast?
 
     OMP_NUM_THREADS=1 python benchmarks/mpc.py [--rollouts 60]
-    OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--set KEY=VALUE ...] [--results DIR]
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--pair casadi ipopt] [--set KEY=VALUE ...]
 
 The first form drives lane changes with the casadi backend and solves every programme of every later step
 again from the same warm start: by ipopt to a tolerance of 1e-9 (the reference), by the casadi backend's
 solver, and by the riccati backend. "Same" is a cost within 1e-3 of the reference, absolutely or relatively;
 "better" is lower; "lost" is a plan that is said to be found and leaves a hard bound.
 
-The second form drives each noise tape with both backends and compares their failures of each rule: pairs on
+The second form drives each noise tape with both backends (or with ipopt instead of fatrop, which shows how
+far two solvers of the same kind part) and compares their failures of each rule: pairs on
 which they differ, and McNemar's exact test. It works in blocks, each a file in the results folder, named
 after the scenario's fingerprint; what is there is not run again: it may be stopped and resumed, and blocks
 may be shared out with --first and --last. The fingerprint knows options and versions, not the solver's code:
@@ -43,7 +44,11 @@ from avrare_mpc.solver import NlpSolver
 
 SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change.yaml"
 RESULTS = Path(__file__).parent / "results" / "mpc"
-BACKENDS = ("casadi", "riccati")
+SYSTEMS = {
+    "casadi": ["controller.backend=casadi"],
+    "riccati": ["controller.backend=riccati"],
+    "ipopt": ["controller.backend=casadi", "controller.solver=ipopt"],
+}
 SAME, SLACK, BLOCK = 1e-3, 1e-6, 250
 Floats = NDArray[np.float64]
 
@@ -195,7 +200,7 @@ def _spread(values: Floats) -> str:
 
 
 def paired(scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
-    """Run the blocks that are missing of the scenarios, one for each backend."""
+    """Run the blocks that are missing of the scenarios, one for each system."""
     results.mkdir(parents=True, exist_ok=True)
     built: dict[str, BuildableScenario] = {}
     for block in blocks:
@@ -212,7 +217,7 @@ def block_file(scenario: Scenario, seed: int, block: int) -> str:
 
 
 def drive_block(scenario: BuildableScenario, seed: int, block: int, file: Path) -> None:
-    """``BLOCK`` rollouts with one backend, into ``file``."""
+    """``BLOCK`` rollouts of one system, into ``file``."""
     problem = scenario.problem(scenario.specifications)
     noise, index = NoiseSource(seed, problem.noise_size), np.arange(block * BLOCK, (block + 1) * BLOCK)
     began = time.process_time()
@@ -240,8 +245,8 @@ def drive_block(scenario: BuildableScenario, seed: int, block: int, file: Path) 
     print(f"{file.name}: {spent:.1f} CPU s, {outcome.violated.sum(axis=0)} failures", flush=True)
 
 
-def compare(scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
-    """Print failures of each rule under both backends, discordant pairs and McNemar's exact test."""
+def compare(systems: list[str], scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
+    """Print failures of each rule under both systems, discordant pairs and McNemar's exact test."""
     from scipy.stats import binomtest
 
     pairs = []
@@ -258,11 +263,11 @@ def compare(scenarios: list[Scenario], blocks: range, seed: int, results: Path) 
     )
     total = len(one["error"])
     print(f"{total} rollouts of {SCENARIO.stem} with the same noise, seed {seed}")
-    for backend, data in zip(BACKENDS, (one, two), strict=True):
+    for name, data in zip(systems, (one, two), strict=True):
         counts = {key[6:]: int(data[key].sum()) for key in data if key.startswith("count_")}
         each = 1e3 * data["seconds"].sum() / total
-        print(f"{backend:8s} {each:7.2f} ms a rollout, errors {data['error'].sum()}, {counts}")
-    columns = f"{BACKENDS[0]:>8s} {BACKENDS[1]:>8s}  only one   p (McNemar)"
+        print(f"{name:8s} {each:7.2f} ms a rollout, errors {data['error'].sum()}, {counts}")
+    columns = f"{systems[0]:>8s} {systems[1]:>8s}  only one   p (McNemar)"
     print(f"{'rule':20s} {columns}  |d robustness| 50% 90% 99%")
     for i, name in enumerate(pairs[0][0]["names"]):
         left, right = one["violated"][:, i], two["violated"][:, i]
@@ -281,6 +286,7 @@ def main() -> None:
     parser.add_argument("--rollouts", type=int, default=60)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--paired", type=int, metavar="N", help="compare closed loops on N noise tapes")
+    parser.add_argument("--pair", nargs=2, choices=SYSTEMS, default=["casadi", "riccati"])
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for avrare run")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--first", type=int, default=0, help="first block to run")
@@ -289,10 +295,10 @@ def main() -> None:
     if args.paired is None:
         agreement(args.rollouts, args.seed)
     else:
-        scenarios = [load(SCENARIO, [*args.set, f"controller.backend={backend}"]) for backend in BACKENDS]
+        scenarios = [load(SCENARIO, [*args.set, *SYSTEMS[name]]) for name in args.pair]
         blocks = range(-(-args.paired // BLOCK))
         paired(scenarios, blocks[args.first : args.last], args.seed, args.results)
-        compare(scenarios, blocks, args.seed, args.results)
+        compare(args.pair, scenarios, blocks, args.seed, args.results)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/profile_stack.py [SCENARIO] [ROLLOUTS] [KEY=VALUE...]
 
 Wraps the parts of the built stack in process-time clocks and runs one chunk after another, as a worker.
+Visibility is a part of perception that has its own clock.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
+from avrare_gp_pem import model, parametric
 
 PARTS = ("simulator", "perception", "tracker", "controller")
 
@@ -52,6 +54,7 @@ def main(path: str, rollouts: int, settings: list[str]) -> None:
         loop, problem.monitors, 1, NoiseSource(0, problem.noise_size), _rollouts(0, 1)
     )  # loads and compiles
     spent: dict[str, float] = defaultdict(float)
+    _time_visibility(spent)
     for name in PARTS:
         if getattr(loop, name) is not None:
             setattr(loop, name, Timed(getattr(loop, name), spent, name))
@@ -61,10 +64,16 @@ def main(path: str, rollouts: int, settings: list[str]) -> None:
     for first in range(0, rollouts, problem.chunk):
         simulate(loop, monitors, problem.steps, noise, _rollouts(first, min(first + problem.chunk, rollouts)))
     total = time.process_time() - began
+    spent["perception"] -= spent["visibility"]
     spent["bookkeeping"] = total - sum(spent.values())
     print(f"{path}: {total / rollouts:.4f} CPU s a simulation of {problem.steps} steps, {rollouts} rollouts")
     for label, seconds in sorted(spent.items(), key=lambda item: -item[1]):
         print(f"  {label:12s} {1e3 * seconds / rollouts:8.2f} ms  {seconds / total:6.1%}")
+
+
+def _time_visibility(spent: dict[str, float]) -> None:
+    for module in (model, parametric):
+        module.visibility = Timed(module, spent, "visibility").visibility  # type: ignore[attr-defined]
 
 
 def _rollouts(first: int, end: int) -> Request:

@@ -253,3 +253,21 @@ def test_cheapest_keeps_the_first_of_equals():
     inf = np.inf
     cost = np.array([[3.0, 2.0, 2.0 - 1e-9], [inf, inf, inf], [inf, 5.0, 1.0], [-1.0, -2.0, inf]])
     assert cheapest(cost).tolist() == [1, -1, 2, 1]
+
+
+@needs_numba
+@pytest.mark.parametrize("damage", [b"", b"\0" * 100])
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_machine_code_that_was_cut_short_is_made_anew(tmp_path, monkeypatch, damage, ending):
+    monkeypatch.setattr(jit.numba.config, "CACHE_DIR", str(tmp_path))
+
+    def double(x):
+        return 2.0 * x
+
+    assert jit.entry(double)(2.0) == 4.0
+    (file,) = tmp_path.rglob(f"*.{ending}")
+    whole = file.read_bytes()
+    file.write_bytes(damage)
+    assert jit.entry(double)(2.0) == 4.0
+    assert len(file.read_bytes()) == len(whole)
+    assert jit.entry(double)(3.0) == 6.0

@@ -126,11 +126,11 @@ def test_rows_are_the_same_bits_in_any_batch(lane_change, programmes, both):
 
 def test_other_memory_layouts_are_not_compiled_anew(lane_change, programmes, both):
     start, x, y, rows, guesses = programmes
-    known = len(solve_without_bounds.signatures)
+    known = len(solve_without_bounds.compiled.signatures)
     apart = np.asfortranarray(x)
     apart.flags.writeable = False
     found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(
         start, apart, y, rows[::5].astype(np.int32), np.asfortranarray(guesses)[::5]
     )
     assert np.array_equal(found.cost, both[0].cost[::5])
-    assert len(solve_without_bounds.signatures) == known
+    assert len(solve_without_bounds.compiled.signatures) == known

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -36,9 +37,34 @@ def entry(function: Function) -> Function:
     if not COMPILED:
         return function
     try:
-        return numba.njit(cache=True, **_OPTIONS)(function)  # type: ignore[no-any-return]
+        return _Entry(function)  # type: ignore[return-value]
     except RuntimeError:  # neither the package nor the user's cache folder can be written to
         return numba.njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+
+
+class _Entry:
+    """Machine code on disk, made anew where a loss of power has cut it short.
+
+    Attributes:
+        compiled: What numba made of the function.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self.compiled = numba.njit(cache=True, **_OPTIONS)(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        try:
+            return self.compiled(*arguments)
+        except (EOFError, pickle.UnpicklingError):
+            self._forget()
+            return self.compiled(*arguments)
+
+    def _forget(self) -> None:
+        module = Path(self._function.__code__.co_filename).stem
+        for file in Path(self.compiled.stats.cache_path).glob(f"{module}.*.nb[ci]"):
+            file.unlink(missing_ok=True)
+        self.compiled = numba.njit(cache=True, **_OPTIONS)(self._function)
 
 
 def sources_digest() -> str:
