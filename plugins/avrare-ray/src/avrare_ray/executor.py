@@ -115,7 +115,7 @@ class RayExecutor:
             options["runtime_env"] = self.config.runtime_env
         try:
             with _own_sigterm():
-                self._ray.init(log_to_driver=False, **options)
+                self._ray.init(log_to_driver=False, logging_level="warning", **options)
         except Exception as error:  # of many kinds: no such host, another version, no right to
             where = self.config.address or "on this machine"
             text = " ".join(str(error).split())
