@@ -33,7 +33,7 @@ format: .venv/test.stamp  ## mend what can be mended
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-docs: .venv/test.stamp  ## build the documentation site in docs/_build
+docs: .venv/test.stamp  ## build the documentation site in build/docs
 	$(BIN)/mkdocs build --strict
 
 clean:  ## remove .venv and what the tools left

@@ -106,6 +106,15 @@ def site(tmp_path_factory):
     return folder, done
 
 
+def test_the_place_of_the_site_is_a_good_one():
+    """As ``make docs`` has it; below it is built elsewhere."""
+    config = pytest.importorskip("mkdocs.config").load_config(str(ROOT / "mkdocs.yml"))
+    ignored = subprocess.run(
+        ["git", "check-ignore", "--quiet", config.site_dir], cwd=ROOT, capture_output=True, check=False
+    )
+    assert ignored.returncode in (0, 128)  # 128: not a clone of the repository
+
+
 def test_the_site_builds_without_a_warning(site):
     folder, done = site
     assert done.returncode == 0, done.stderr
