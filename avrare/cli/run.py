@@ -13,7 +13,7 @@ from typing import Any
 
 from avrare.cli.doubts import warn
 from avrare.cli.parser import add_display_arguments, add_scenario_arguments, display
-from avrare.errors import ExitCode, Interrupted, UsageError
+from avrare.errors import AvrareError, ExitCode, Interrupted, UsageError
 from avrare.scenario.schema import Scenario
 
 
@@ -70,11 +70,16 @@ def execute(args: argparse.Namespace) -> int:
     for scenario in scenarios:
         warn(scenario.warnings)
     names = [scenario.name for scenario in scenarios]
-    out = out or rundir.fresh(names)
-    folders = [rundir.choose(out, name, len(scenarios) > 1) for name in names]
-    with checkpoint_run.begin(out, scenarios, budget, args.resume is not None) as checkpoint:
-        contents = _run_all(zip(scenarios, folders, strict=True), args, budget, checkpoint)
-        checkpoint.remove()
+    home = out or rundir.fresh(names)
+    try:
+        folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
+        with checkpoint_run.begin(home, scenarios, budget, args.resume is not None) as checkpoint:
+            contents = _run_all(zip(scenarios, folders, strict=True), args, budget, checkpoint)
+            checkpoint.remove()
+    except AvrareError:
+        if out is None:
+            rundir.remove_empty(home)
+        raise
     return _ended(args, contents)
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from avrare.errors import UsageError
+from avrare.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.budget import Budget
 from avrare.record.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index, write_durably
 from avrare.scenario.fingerprint import fingerprint
@@ -43,7 +43,14 @@ def begin(
                 write_durably(folder / one.name / SCENARIO, dump(one.resolved).encode())
         except OSError as error:
             raise UsageError(f"{folder}: cannot save a checkpoint here: {error.strerror}") from None
-        yield checkpoint
+        try:
+            yield checkpoint
+        except AvrareError as error:
+            if (
+                error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN) and not checkpoint.chunks
+            ):  # nothing has begun
+                checkpoint.remove()
+            raise
 
 
 def _clear(folder: Path) -> None:

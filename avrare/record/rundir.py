@@ -7,7 +7,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,13 @@ def fresh(names: Sequence[str]) -> Path:
     folder = Path("runs") / f"{names[0] if len(names) == 1 else f'{len(names)}-scenarios'}-{stamp}"
     with _refused(folder):
         return _make_new(folder)
+
+
+def remove_empty(folder: Path) -> None:
+    """Take a run's folders away as far as nothing is in them."""
+    for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
+        with suppress(OSError):
+            path.rmdir()
 
 
 @contextmanager

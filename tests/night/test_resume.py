@@ -318,6 +318,17 @@ def test_a_run_that_nobody_named_goes_on_too(night, interrupted, capsys):
         assert night.result(folder, name) == night.result("whole", name)
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_a_run_that_is_refused_leaves_nothing(night, several):
+    words = [night.scenario("{plugin: ams, particles: 50, discard: 10}")]
+    words += [night.scenario(name="two")] if several else []
+    assert run(*words, "--budget", "rollouts=10") == 4
+    assert list(Path("runs").iterdir()) == []
+    assert run(*words, "--budget", "rollouts=10", "--out", "kept") == 4
+    assert Path("kept").exists()
+    assert not Path("kept/checkpoint").exists()
+
+
 def test_only_one_goes_on_in_a_folder(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
