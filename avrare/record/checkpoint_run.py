@@ -46,9 +46,8 @@ def begin(
         try:
             yield checkpoint
         except AvrareError as error:
-            if (
-                error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN) and not checkpoint.chunks
-            ):  # nothing has begun
+            refused = error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN)
+            if refused and not checkpoint.chunks:
                 checkpoint.remove()
             raise
 
