@@ -12,9 +12,9 @@ compares the variance of runs with what Eq. 21 says of each; ``bounds`` draws Eq
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -200,4 +200,8 @@ def _figure(width: float, height: float) -> tuple[Figure, Axes]:
 
 if __name__ == "__main__":
     commands = {"levels": levels, "betas": betas, "squares": squares, "spread": spread, "bounds": bounds}
-    commands[sys.argv[1]](*map(Path, sys.argv[2:]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("command", choices=commands)
+    parser.add_argument("files", nargs="*", type=Path, metavar="FILE")
+    args = parser.parse_args()
+    commands[args.command](*args.files)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import cells
+from studies import cells, pages
 
 import avrare
 from avrare.testing.problem import ReferenceProblem
@@ -229,8 +229,7 @@ def write(results: Path) -> None:
         begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
         head, rest = text.split(begin)
         text = head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1]
-    PAGE.write_text(text)
-    print(f"{PAGE} written")
+    pages.put(PAGE, text, results)
 
 
 def _load(results: Path, cell: str) -> dict[str, np.ndarray] | None:

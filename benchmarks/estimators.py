@@ -19,7 +19,7 @@ import os
 import sys
 from pathlib import Path
 
-from studies import cells, peers, tables
+from studies import cells, pages, peers, tables
 
 REPORT = Path(__file__).parent.parent / "docs" / "estimators.md"
 
@@ -35,8 +35,7 @@ def main(argv: list[str]) -> None:
     args.results.mkdir(parents=True, exist_ok=True)
     if not args.report_only:
         run_missing(args.results, args.only, args.workers)
-    REPORT.write_text(tables.report(args.results))
-    print(f"{REPORT} written")
+    pages.put(REPORT, tables.report(args.results), args.results)
 
 
 def run_missing(results: Path, only: str, workers: int) -> None:

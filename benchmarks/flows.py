@@ -10,9 +10,9 @@ may be stopped and go on. ``learned`` fits flows to samples of the noise and est
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -189,10 +189,17 @@ def learned(samples: int) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "learned":
-        learned(int(sys.argv[2]) if len(sys.argv) > 2 else 20_000)
-    elif sys.argv[1] == "report":
-        report(Path(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name in ("run", "report"):
+        commands.add_parser(name).add_argument("path", type=Path, metavar="OUT.jsonl")
+    commands.choices["run"].add_argument("runs", type=int, nargs="?", default=20, metavar="RUNS")
+    commands.choices["run"].add_argument("problems", nargs="*", metavar="PROBLEM", help="part of a name")
+    commands.add_parser("learned").add_argument("samples", type=int, nargs="?", default=20_000)
+    args = parser.parse_args()
+    if args.command == "learned":
+        learned(args.samples)
     else:
-        run(Path(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 20, sys.argv[4:])
-        report(Path(sys.argv[2]))
+        if args.command == "run":
+            run(args.path, args.runs, args.problems)
+        report(args.path)

@@ -10,8 +10,8 @@ docs/case-glider.md.
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from studies import pages
 
 import avrare
 from avrare.estimation.loop import Settings
@@ -131,7 +132,7 @@ def report(store: Path) -> None:
                 )
     begin, end = "<!-- estimates -->\n", "<!-- end of estimates -->"
     head, rest = PAGE.read_text().split(begin)
-    PAGE.write_text(head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1])
+    pages.put(PAGE, head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1], store.parent)
 
 
 def fly(problem: avrare.Problem, tapes: Floats) -> Flights:
@@ -281,8 +282,14 @@ def _figure(
 
 
 if __name__ == "__main__":
-    command, path = sys.argv[1], Path(sys.argv[2])
-    if command == "estimate":
-        estimate(path, sys.argv[3:])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("command", choices=("estimate", "pictures", "report"))
+    parser.add_argument("path", type=Path, metavar="OUT")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(CASES))
+    args = parser.parse_args()
+    if unknown := set(args.cases) - set(CASES):
+        parser.error(f"there is no case {min(unknown)!r}, only {', '.join(CASES)}")
+    if args.command == "estimate":
+        estimate(args.path, args.cases)
     else:
-        {"pictures": pictures, "report": report}[command](path)
+        {"pictures": pictures, "report": report}[args.command](args.path)

@@ -15,8 +15,8 @@ of their own (``cat`` joins them).
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -120,9 +120,13 @@ def report(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    kind, path = sys.argv[1], Path(sys.argv[2])
-    if kind == "report":
-        report(path)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("kind", choices=(*DEFAULTS, "report"))
+    parser.add_argument("path", type=Path, metavar="OUT.jsonl")
+    parser.add_argument("count", type=int, nargs="?", help="chunks, or seeds")
+    parser.add_argument("shard", nargs="?", default="0/1", metavar="SHARD/SHARDS")
+    args = parser.parse_args()
+    if args.kind == "report":
+        report(args.path)
     else:
-        count = int(sys.argv[3]) if len(sys.argv) > 3 else DEFAULTS[kind]
-        work(kind, path, count, sys.argv[4] if len(sys.argv) > 4 else "0/1")
+        work(args.kind, args.path, args.count or DEFAULTS[args.kind], args.shard)

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies import table2_figures, table2_page
+from studies import pages, table2_figures, table2_page
 
 import avrare
 from avrare.build.scenario import BuildableScenario
@@ -134,8 +134,8 @@ def main() -> None:
             for done, line in enumerate(pool.imap_unordered(run, tasks), 1):
                 print(f"{done}/{len(tasks)}  {line}", flush=True)
     study = table2_page.read(args.results, truth)
-    table2_figures.draw(study, ROOT / "docs" / "table2")
-    (ROOT / "docs" / "table2.md").write_text(table2_page.page(study), encoding="utf-8")
+    if pages.put(ROOT / "docs" / "table2.md", table2_page.page(study), args.results):
+        table2_figures.draw(study, ROOT / "docs" / "table2")
 
 
 if __name__ == "__main__":

@@ -7,8 +7,10 @@ import pickle
 import subprocess
 import sys
 from importlib.metadata import entry_points
+from typing import Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from avrare.authors.subject import Subject
 from avrare.plugin.hookspecs import GROUP
@@ -80,13 +82,18 @@ def options_are_described(subject: Subject) -> None:
         for one in _models(subject.model)
         for name, field in one.model_fields.items()
     ]
-    bare = [place for place, _, field in options if not field.description]
+    bare = [place for place, _, field in options if not (field.description or _is_tag(field))]
     assert not bare, f"no description: {', '.join(bare)}"
     numbers = [
         (place, name, field.description) for place, name, field in options if field.annotation is float
     ]
     unitless = [place for place, name, text in numbers if _lacks_unit(name, text or "")]
     assert not unitless, f"no unit in brackets: {', '.join(unitless)}"
+
+
+def _is_tag(field: FieldInfo) -> bool:
+    """With one value only, that tells apart the members of a union."""
+    return get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
 
 
 def _lacks_unit(name: str, description: str) -> bool:

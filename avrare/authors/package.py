@@ -41,7 +41,9 @@ def check_name(name: str, kind: str, registry: Registry) -> str:
     if kind not in KINDS:
         raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))
     short = name.removeprefix("avrare-")
-    if not _NAME.fullmatch(short) or len(short) > _MOST or keyword.iskeyword(short):
+    if keyword.iskeyword(short):
+        raise UsageError(f"{name!r} is a word of Python", "choose another name; for example wind_gusts")
+    if not _NAME.fullmatch(short) or len(short) > _MOST:
         raise UsageError(
             f"{name!r} is no name for a plugin",
             f"small letters, digits, '-' and '_' between them, at most {_MOST}; for example wind_gusts",

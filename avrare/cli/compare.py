@@ -69,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Compare, show and write what was found."""
     from avrare.compare.document import document
+    from avrare.record.whole import ready
 
     if args.scenario == "problem:":
         return _list_problems()
@@ -78,6 +79,8 @@ def execute(args: argparse.Namespace) -> int:
         return compare_against.execute(args)
     args.repeat = _REPEAT if args.repeat is None else args.repeat
     _check(args)
+    if args.out:
+        ready(Path(args.out), "--out")
     comparison = _compare(args)
     content = document(comparison)
     written = _write(comparison, content, args) if args.out else []

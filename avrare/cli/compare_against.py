@@ -23,9 +23,12 @@ _ONLY_FOR_ESTIMATORS = ("estimators", "truth", "repeat")
 
 def execute(args: argparse.Namespace) -> int:
     """Drive both, show the difference of every specification."""
+    from avrare.record.whole import ready
     from avrare.report.paired import document
 
     _check(args)
+    if args.out:
+        ready(Path(args.out), "--out")
     paired = _paired(args)
     content = document(paired)
     if args.out:

@@ -86,6 +86,9 @@ def _cluster(args: argparse.Namespace, database: Any) -> Sequence[str]:
     scenario = load(args.scenario, args.set)
     stored, complaints = database.all(scenario.name)
     wanted = [one for one in stored if args.specification in (None, one.specification)]
+    if not wanted:
+        hint = f"`avrare run {args.scenario} --failures {database.folder}` stores what it finds"
+        raise UsageError(f"{database.folder}: no failure of {_of(args, scenario)} is stored", hint)
     failures = [one.failure for one in rerun(scenario, wanted) if one.outcome == "still fails"]
     if not failures:
         raise UsageError(
@@ -96,6 +99,10 @@ def _cluster(args: argparse.Namespace, database: Any) -> Sequence[str]:
     small = [tapes[k] if args.shrink else _small(args, scenario, failures[k]) for k in found.medoids]
     words = [describe(scenario, tape) for tape in small]
     return [*complaints, *cluster_lines(scenario, failures, found, words)]
+
+
+def _of(args: argparse.Namespace, scenario: Any) -> str:
+    return str(scenario.name if args.specification is None else f"{scenario.name}: {args.specification}")
 
 
 def _small(args: argparse.Namespace, scenario: Any, failure: Any) -> Any:

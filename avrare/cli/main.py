@@ -113,7 +113,7 @@ def _top_parser() -> Parser:
     parser = Parser(
         prog="avrare",
         usage="avrare [-h] [--version] [--traceback] COMMAND ...",
-        description=avrare.__doc__,
+        description=(avrare.__doc__ or "").partition("\n")[0],
         epilog=f"commands:\n{listing}\n\n'avrare COMMAND --help' says more.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

@@ -77,5 +77,7 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
             spent = seconds.get(row.distribution)
             texts.insert(3, "" if spent is None else f"{1000.0 * spent:.0f} ms")
         table.add_row(*texts)
+    for column in table.columns:
+        column.overflow = "fold"  # a name or a pip line that is cut is of no use
     # A pipe has no width: give it enough that nothing wraps.
     Console(width=None if sys.stdout.isatty() else 240).print(table)

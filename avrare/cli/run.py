@@ -69,12 +69,13 @@ def execute(args: argparse.Namespace) -> int:
         scenarios = scenarios or _saved(args, out)
     for scenario in scenarios:
         warn(scenario.warnings)
+    built = _built(scenarios, budget)
     names = [scenario.name for scenario in scenarios]
     home = out or rundir.fresh(names)
     try:
         folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
         with checkpoint_run.begin(home, scenarios, budget, args.resume is not None) as checkpoint:
-            contents = _run_all(zip(scenarios, folders, strict=True), args, budget, checkpoint)
+            contents = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:
         if out is None:
@@ -121,13 +122,24 @@ def _saved(args: argparse.Namespace, out: Path) -> list[Scenario]:
     return scenarios
 
 
+def _built(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
+    """Ready to be run; what would be found out only after hours is asked now."""
+    from avrare.build.scenario import BuildableScenario
+    from avrare.cli.foreseen import refuse_what_cannot_begin
+
+    built = [BuildableScenario(scenario) for scenario in scenarios]
+    for one in built if len(built) > 1 else ():
+        refuse_what_cannot_begin(one, budget)
+    return built
+
+
 def _overrides(args: argparse.Namespace) -> list[str]:
     seed = [f"seed={args.seed}"] if args.seed is not None else []
     return [*args.set, *seed, *_until(args.until)]
 
 
 def _run_all(
-    pairs: Iterable[tuple[Scenario, Path]], args: argparse.Namespace, budget: Any, checkpoint: Any
+    pairs: Iterable[tuple[Any, Path]], args: argparse.Namespace, budget: Any, checkpoint: Any
 ) -> list[dict[str, Any]]:
     """The contents of all result.json; an interruption says how to go on."""
     from avrare.execute.stopping import Stopping
@@ -138,7 +150,8 @@ def _run_all(
         with Stopping() as stop:
             return [_run(scenario, folder, args, budget, checkpoint, stop) for scenario, folder in pairs]
     except (Interrupted, KeyboardInterrupt) as error:
-        message = f"interrupted, {checkpoint.chunks} chunks are saved"
+        many = checkpoint.chunks
+        message = f"interrupted, {many} {'chunk is' if many == 1 else 'chunks are'} saved"
         raise Interrupted(message, f"{_command(checkpoint)} goes on") from error
     except (SaveError, WorkerDied) as error:
         error.hint = f"{error.hint}; what is done is saved, {_command(checkpoint)} goes on"
@@ -170,12 +183,11 @@ def _until(text: str | None) -> list[str]:
 
 
 def _run(
-    definition: Scenario, folder: Path, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
+    scenario: Any, folder: Path, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
 ) -> dict[str, Any]:
-    from avrare.build.scenario import BuildableScenario
     from avrare.record import rundir
 
-    scenario = BuildableScenario(definition)
+    definition = scenario.definition
     _drive_known(scenario, args)
     results = _estimates(scenario, args, budget, checkpoint, stop)
     content = rundir.document(definition, results)

@@ -61,7 +61,10 @@ def reference_case(id: str) -> Case:
     Raises:
         UsageError: There is none of that name.
     """
-    reference = reference_problem(id)
+    try:
+        reference = reference_problem(id)
+    except UsageError as error:
+        raise UsageError(error.message, error.hint or "avrare compare problem: lists them") from None
     return Case(id, "", reference.problem(), Truth(reference.probability, "exact"))
 
 

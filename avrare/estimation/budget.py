@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from avrare.errors import UsageError, did_you_mean
 
 KINDS = ("steps", "rollouts", "seconds")
+MOST = 1e15
+"""More than a century of anything."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,7 @@ class Budget:
 
     Attributes:
         kind: "steps" (simulated steps), "rollouts" or "seconds".
-        amount: Positive.
+        amount: Positive, at most 1e15.
 
     Raises:
         UsageError: Another kind or amount.
@@ -28,8 +30,9 @@ class Budget:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UsageError(f"unknown budget {self.kind!r}", did_you_mean(str(self.kind), KINDS))
-        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount < float("inf")):
-            raise UsageError(f"budget {self.kind} must be a positive number, not {self.amount!r}")
+        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= MOST):
+            wanted = f"a positive number up to {MOST:g}"
+            raise UsageError(f"budget {self.kind} must be {wanted}, not {self.amount!r}")
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:

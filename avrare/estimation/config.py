@@ -16,13 +16,14 @@ class McConfig(BaseModel):
     rollouts: int = Field(
         default=1000,
         ge=1,
+        le=10**15,
         description="rollouts of each run; with relative_error or threshold, the most (default 1e6 then)",
     )
     early_stop: bool = Field(
         default=False,
         description="end a rollout once no verdict can change; robustness is then that of the samples so far",
     )
-    runs: int = Field(default=1, ge=1, description="independent repetitions behind one interval")
+    runs: int = Field(default=1, ge=1, le=10**6, description="independent repetitions behind one interval")
     relative_error: float | None = Field(
         default=None, ge=1e-3, lt=1.0, description="stop when the estimate is as exact as this"
     )

@@ -74,23 +74,9 @@ def run(
             give what the journal has kept of it.
         Interrupted: ``stop`` was true before the end.
     """
-    if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
-        raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
-    check_names(settings.suppress)
-    if estimator.single and len(problem.names) > 1:
-        raise UsageError(
-            f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
-        )
-    require(problem.system, estimator.name, getattr(estimator, "needs", ()))
-    given, prepare = problem, getattr(estimator, "prepare", None)
-    if prepare is not None:
-        problem = prepare(given)
-    noise = NoiseSource(settings.seed, problem.noise_size)
-    plan = Plan(
-        problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
-        settings.max_error_rate,
-    )  # fmt: skip
-    work = Work(problem, noise, scored=estimator.single)
+    given = problem
+    problem, plan = planned(given, estimator, settings)
+    work = Work(problem, plan.noise, scored=estimator.single)
     drive = _Drive(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
     executor.open(work)
     with closing(executor):
@@ -103,6 +89,31 @@ def run(
         for column, result in enumerate(estimator.estimate(state))
     ]
     return [replace(result, seconds=seconds) for result in results]
+
+
+def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
+    """The problem as the estimator will have it, and what it is told of it; nothing is driven.
+
+    Raises:
+        UsageError: As of ``run``, before it begins.
+    """
+    if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
+        raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
+    check_names(settings.suppress)
+    if estimator.single and len(problem.names) > 1:
+        raise UsageError(
+            f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
+        )
+    require(problem.system, estimator.name, getattr(estimator, "needs", ()))
+    prepare = getattr(estimator, "prepare", None)
+    if prepare is not None:
+        problem = prepare(problem)
+    noise = NoiseSource(settings.seed, problem.noise_size)
+    plan = Plan(
+        problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
+        settings.max_error_rate,
+    )  # fmt: skip
+    return problem, plan
 
 
 class _Drive:

@@ -135,7 +135,7 @@ class MonteCarlo:
             worst=self._worst(state, robustness),
             robustness=robustness,
             counts=total_counts([outcome]),
-            diagnostics={"used_rollouts": trials} if stopping else {},
+            diagnostics={"used_rollouts": trials, "goal_reached": bool(stop)} if stopping else {},
         )
 
     def _stopping(self, plan: Plan) -> Stopping | None:

@@ -6,6 +6,27 @@ import os
 import tempfile
 from pathlib import Path
 
+from avrare.errors import UsageError
+
+
+def ready(folder: Path, option: str) -> None:
+    """Make a folder and see that it takes files: asked before work that would be lost if it did not.
+
+    Args:
+        folder: Where the results go.
+        option: What named it, for the hint.
+
+    Raises:
+        UsageError: It cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        text = f"{folder}: cannot write: {error.strerror or error}"
+        raise UsageError(text, f"choose another {option}") from error
+
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole or not at all, in UTF-8.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import zipfile
 import zlib
 from datetime import UTC, datetime
@@ -63,9 +64,8 @@ def read_result(path: Path) -> dict[str, Any]:
     if not file.is_file():
         inside = sorted(one.parent.name for one in path.glob("*/result.json")) if path.is_dir() else []
         hint = f"it holds several runs; give one of them: {', '.join(inside)}" if inside else None
-        unfinished = "it is not finished: avrare run --resume goes on with it"
         if (path / "checkpoint").is_dir():
-            hint = unfinished
+            hint = f"it is not finished: avrare run --resume {shlex.quote(str(path))} goes on with it"
         raise UsageError(
             f"{path}: no result.json in it", hint or "give the folder that `avrare run --out` has written"
         )
@@ -124,4 +124,6 @@ def read_arrays(path: Path, hint: str = _AGAIN) -> dict[str, NDArray[Any]]:
         zipfile.BadZipFile, zlib.error,
     ) as error:  # fmt: skip
         reason = " ".join(str(error).split())[:120] or type(error).__name__
+        if "pickle" in reason:  # NumPy's advice is to trust the file
+            reason = "it holds something else than arrays"
         raise UsageError(f"{path}: cannot be read: {reason}", hint) from None

@@ -67,7 +67,7 @@ def headline(comparison: Comparison) -> list[str]:
     case, design, truth = comparison.case, comparison.design, comparison.truth
     p = "p unknown" if truth is None else f"p = {_short(truth.probability, 4)} ({truth.source})"
     budget = f"{design.budget.amount:,.0f} {design.budget.kind} for each estimate"
-    seeds = f"{design.repeat} repetitions from seed {design.seed}"
+    seeds = f"{design.repeat} repetition{'s' * (design.repeat > 1)} from seed {design.seed}"
     return [f"{case.title}  {p}", f"{budget}, {seeds}, {case.confidence:.0%} intervals"]
 
 

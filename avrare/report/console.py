@@ -51,8 +51,10 @@ def screen(mode: Mode) -> Console:
 
 def show(console: Console, view: Table) -> None:
     """Print a table at its own width: a terminal that is too narrow wraps it, and no number is cut."""
-    wide = Measurement.get(console, console.options.update(max_width=_WIDEST), view).maximum
-    console.print(view, width=max(wide, console.width), crop=False, soft_wrap=True)
+    room = console.options.update(max_width=_WIDEST)
+    # The ``width`` of ``print`` only narrows.
+    console.width = max(console.width, Measurement.get(console, room, view).maximum)
+    console.print(view)
 
 
 def verdicts(name: str, results: Sequence[Result]) -> list[str]:
@@ -70,6 +72,11 @@ def notes(results: Sequence[Result]) -> list[str]:
     for result in results:
         for name, message in result.health.items():
             lines.setdefault(f"warning {name}: {message}", []).append(result.specification)
+        if result.diagnostics.get("goal_reached") is False:
+            short = (
+                "the run's end came before what `relative_error` or `threshold` asks for: give more rollouts"
+            )
+            lines.setdefault(short, []).append(result.specification)
         troubles = {name: n for name, n in result.counts.items() if n and name != "solves"}
         if troubles:
             text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in troubles.items())

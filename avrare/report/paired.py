@@ -69,9 +69,8 @@ def notes(paired: Paired) -> list[str]:
     for pair in paired.pairs:
         differ = pair.only_first + pair.only_second
         if 0 < differ < FEW:
-            lines.append(
-                f"{pair.specification}: only {differ} rollouts came out differently; more rollouts tell more"
-            )
+            few = f"{differ} rollout{'s' * (differ > 1)}"
+            lines.append(f"{pair.specification}: only {few} came out differently; more rollouts tell more")
     broken = paired.pairs[0].undecided
     if broken:
         lines.append(

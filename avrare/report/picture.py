@@ -17,6 +17,12 @@ from avrare.estimation.result import Result
 from avrare.protocols import Floats
 
 _MOMENTS = 6
+_WIDTH, _ROW = 12.0, 1.05
+"""Of the picture, and the least height of a moment [inches]."""
+_LONGEST = 300.0
+"""A road beyond this [m] is not drawn whole: cars would be specks."""
+_BEHIND, _AHEAD = 70.0, 150.0
+"""What is drawn of it then, from the ego [m]."""
 _EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
 _SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
 
@@ -70,12 +76,21 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     from matplotlib.figure import Figure
 
     chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
-    figure = Figure(figsize=(12.0, 1.05 * len(chosen) + 0.9), layout="constrained")
+    figure = Figure(figsize=(_WIDTH, _ROW * len(chosen) + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True, sharey=True))
+    follow = scene.road.end - scene.road.begin > _LONGEST
+    axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=not follow, sharey=True))
     for ax, frame in zip(axes, chosen, strict=True):
         draw_road(ax, scene)
+        if follow:
+            x = float(frame.world.ego.x[0])
+            ax.set_xlim(x - _BEHIND, x + _AHEAD)
         draw_frame(ax, frame, scene)
+    for ax, frame in zip(axes, chosen, strict=True):  # they share an axis, which each road has set anew
+        _make_room(ax, frame)
+    (left, right), (low, high) = axes[-1].get_xlim(), axes[-1].get_ylim()
+    row = (high - low) / (right - left) * _WIDTH + (0.35 if follow else 0.15)
+    figure.set_figheight(max(row, _ROW) * len(chosen) + 0.9)
     axes[-1].set_xlabel("x [m]")
     figure.suptitle(title, fontsize=11, x=0.01, ha="left")
     handles, labels = axes[-1].get_legend_handles_labels()
@@ -138,6 +153,18 @@ def draw_road(ax: Any, scene: Scene) -> None:
     ax.tick_params(labelsize=7)
     for side in ("top", "right", "left", "bottom"):
         ax.spines[side].set_visible(False)
+
+
+def _make_room(ax: Any, frame: Frame) -> None:
+    """Widen the axes to vehicles beside the lanes, as on a ramp, and to the name above the highest one."""
+    left, right = ax.get_xlim()
+    x, y = (
+        np.append(getattr(frame.world.others, key)[0], getattr(frame.world.ego, key)[0]) for key in ("x", "y")
+    )
+    seen = y[(x >= left) & (x <= right)]
+    low, high = ax.get_ylim()
+    if seen.size:
+        ax.set_ylim(min(low, seen.min() - 1.8), max(high, seen.max() + 4.0))
 
 
 def draw_frame(

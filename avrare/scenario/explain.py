@@ -34,6 +34,10 @@ _EXPECTED = {
 }
 
 
+_COUNTED = r"should have \2, found \3"
+"""How many entries there are too few or too many, without the type that only the code knows."""
+
+
 @dataclass(frozen=True)
 class Problem:
     """One thing that is wrong.
@@ -164,17 +168,32 @@ def _words(
     if first["type"] in ("literal_error", "enum"):
         choices = re.findall(r"'([^']*)'", first["ctx"]["expected"])
         text = f"should be {first['ctx']['expected']}, found {describe(node)}"
-        near = did_you_mean(str(node.value), choices)
+        near = _respelt(str(node.value), choices) or did_you_mean(str(node.value), choices)
         return text, near if near and near.startswith("did") else about
+    if first["type"] == "union_tag_invalid":
+        context = first["ctx"]
+        tags = re.findall(r"'([^']*)'", context["expected_tags"])
+        hint = _respelt(context["tag"], tags) or did_you_mean(context["tag"], tags)
+        key = context["discriminator"].strip("'")
+        return f"{key} should be one of {', '.join(tags)}, found {context['tag']!r}", hint or about
     return _message(first["msg"], node), about
+
+
+def _respelt(word: str, choices: list[str]) -> str | None:
+    """For a word that differs in capitals alone."""
+    return next((f"did you mean {one!r}?" for one in choices if one.casefold() == word.casefold()), None)
 
 
 def _message(message: str, node: Node) -> str:
     """Pydantic's own words, in one line and our style."""
     text = " ".join(message.split())
     text = re.sub(r"^(Value error|Assertion failed), ", "", text).replace("Input should", "should")
+    text = re.sub(
+        r"^(\w+) should have (at (?:least|most) \d+ \w+) after validation, not (\w+)", _COUNTED, text
+    )
     text = text[:1].lower() + text[1:] if text[1:2].islower() else text
-    shown = isinstance(node.value, (dict, list)) or describe(node) in text
+    told = re.search(rf"(?<![\w.]){re.escape(describe(node))}(?![\w.])", text)
+    shown = isinstance(node.value, (dict, list)) or told is not None
     return text if shown else f"{text}, found {describe(node)}"
 
 
@@ -197,9 +216,9 @@ def describe(node: Node) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return "a mapping"
+        return "a mapping" if value else "an empty mapping"
     if isinstance(value, list):
-        return "a list"
+        return "a list" if value else "an empty list"
     text = repr(value)
     if isinstance(value, str):
         return f"the string {text}" if len(text) <= 60 else f"the string {text[:50]}...'"

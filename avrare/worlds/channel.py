@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.errors import UsageError, did_you_mean
 from avrare.protocols import Floats
 
 Law = Literal["normal", "uniform", "laplace"]
@@ -35,7 +35,7 @@ class Channel:
         law: Of the noise.
 
     Raises:
-        UsageError: There is not one scale for each number.
+        UsageError: There is not one scale for each number, one is below 0, or nobody knows the law.
     """
 
     size: int
@@ -45,6 +45,10 @@ class Channel:
     def __post_init__(self) -> None:
         if isinstance(self.scale, tuple) and len(self.scale) != self.size:
             raise UsageError(f"{len(self.scale)} scales for {self.size} numbers", "give one, or one for each")
+        if not np.all((np.asarray(self.scale) >= 0.0) & np.isfinite(self.scale)):
+            raise UsageError(f"a scale of noise must be 0 or a finite number above it, not {self.scale!r}")
+        if self.law not in get_args(Law):
+            raise UsageError(f"unknown law {self.law!r} of noise", did_you_mean(self.law, get_args(Law)))
 
     def __call__(self, normals: Floats) -> Any:
         """What is added, (..., size), from standard normals (..., size)."""

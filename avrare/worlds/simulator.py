@@ -81,6 +81,11 @@ class Worlds:
             raise UsageError(
                 f"copy must be one of the known ways, not {copy!r}", did_you_mean(copy, get_args(Copy))
             )
+        if not callable(make):
+            raise UsageError(
+                f"worlds are made by calling a class or a function, not {type(make).__name__} objects",
+                f"hand over what makes a world: {type(make).__name__}, not {type(make).__name__}()",
+            )
         if step_timeout is not None and not 0.0 < step_timeout < 1e6:
             raise UsageError(f"step_timeout must be a positive number of seconds, not {step_timeout!r}")
         self.settings = make, dt, copy, step_timeout, reuse

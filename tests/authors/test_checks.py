@@ -129,6 +129,19 @@ def test_what_cannot_be_built_is_skipped_with_a_reason():
     assert reason == "no defaults for weight: give --set, or the model an example"
 
 
+@pytest.mark.parametrize("factory", ["steered", "asking"])
+def test_a_simulator_that_wants_an_action_is_not_called_wrong(factory):
+    outcomes = list(examine(subject("simulator", factory=f"wrong:{factory}")))
+    assert {one.status for one in outcomes} == {"passed", "skipped"}
+    (reason,) = {one.reason for one in outcomes if one.status == "skipped"}
+    assert reason.startswith("it wants an action, which only its own controller knows: ")
+
+
+def test_an_error_of_its_own_is_no_wish_for_an_action():
+    outcomes = list(examine(subject("simulator", factory="wrong:mistyped")))
+    assert {one.reason for one in outcomes if one.status == "failed"} == {"TypeError: can only add numbers"}
+
+
 def test_every_check_is_a_sentence():
     for kind in KINDS:
         for check in checks_of(kind):
@@ -137,10 +150,22 @@ def test_every_check_is_a_sentence():
 
 
 def test_the_conformance_of_what_is_shipped():
-    """One of each kind; those of the plugins are in their own tests."""
-    for kind, name in (("tracker", "imm"), ("executor", "serial")):
-        failed = [one for one in examine(Subject.installed(kind, name)) if one.status == "failed"]
-        assert failed == []
+    failed = [one for one in examine(Subject.installed("executor", "serial")) if one.status == "failed"]
+    assert failed == []
+
+
+PARTS = [
+    row
+    for row in default_registry().rows()
+    if row.component
+    and row.kind not in ("estimator", "executor")
+    and row.name != "mpc"  # that solves for long
+]
+
+
+@pytest.mark.parametrize("row", PARTS, ids=lambda row: f"{row.kind}-{row.name}")
+def test_the_conformance_of_every_installed_part(row):
+    assert [one.reason for one in examine(Subject(row)) if one.status == "failed"] == []
 
 
 def test_the_drill_rows_alone_are_the_rows_of_a_batch():

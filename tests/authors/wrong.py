@@ -133,6 +133,23 @@ class Fussy(Walk):
         return super().step(world, action, noise)
 
 
+class Steered(Walk):
+    """Nothing is wrong with it: it reads what its controller says."""
+
+    def step(self, world, action, noise):
+        return World(world.x + noise[:, 0] + action[:, 0])
+
+
+class Asking(Walk):
+    def step(self, world, action, noise):
+        raise UsageError("this walk needs a controller")
+
+
+class Mistyped(Walk):
+    def step(self, world, action, noise):
+        raise TypeError("can only add numbers")
+
+
 class Stepless:
     dt, noise_size = 0.1, 1
 
@@ -141,7 +158,20 @@ def build(kind):
     return lambda config, scene=None: kind()
 
 
-for _kind in (Listing, Rolling, Remembering, Sociable, Writing, Opaque, Fussy, Stepless):
+_KINDS = (
+    Listing,
+    Rolling,
+    Remembering,
+    Sociable,
+    Writing,
+    Opaque,
+    Fussy,
+    Stepless,
+    Steered,
+    Asking,
+    Mistyped,
+)
+for _kind in _KINDS:
     globals()[_kind.__name__.lower()] = build(_kind)
 
 

@@ -31,7 +31,7 @@ def test_files_are_numbered_and_the_newest_is_read(scenario, estimate, tmp_path)
     assert found.entries["rule"].evidence == LogNormal(1e-3, 0.1, 9)
     assert found.scenario == scenario.resolved
     assert found.versions == scenario.versions
-    assert found.versions["avrare-toy"] == "1.0"
+    assert found.versions["avrare-gusts"] == "1.0"
 
 
 @pytest.mark.parametrize("law", [Binomial(0, 10), Binomial(5, 1000), LogNormal(1e-3, 0.1, 9)], ids=str)

@@ -297,3 +297,17 @@ def test_schema_holds_the_options_of_every_component(capsys):
     names = [choice["properties"]["plugin"]["const"] for choice in schema["properties"]["estimator"]["oneOf"]]
     assert names == ["mc", "toy"]
     assert "specifications" in schema["properties"]["estimator"]["oneOf"][0]["properties"]
+
+
+def test_plugins_on_a_narrow_terminal_cuts_no_name(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert main(["plugins"]) == 0
+    assert "…" not in capsys.readouterr().out
+
+
+def test_help_says_what_avrare_is_and_not_how_it_is_made(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert "how likely is this driving stack" in text
+    assert "import" not in text

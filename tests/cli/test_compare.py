@@ -141,11 +141,22 @@ def test_wrong_words_are_answered_in_words(capsys, words, code, message):
     assert "Traceback" not in error
 
 
-def test_a_folder_that_cannot_be_made(tmp_path, capsys):
+def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").write_text("")
+    monkeypatch.setattr("avrare.compare.study.compare", pytest.fail)
     words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", "problem:d_rw_L2.5", "--estimators", "mc", *words]) == 4
     assert "cannot write" in capsys.readouterr().err
+    monkeypatch.setattr("avrare.compare.paired.compare_pairs", pytest.fail)
+    words = ["--against", LANE_CHANGE, "--out", str(tmp_path / "file" / "run")]
+    assert main(["compare", LANE_CHANGE, *words]) == 4
+    assert "cannot write" in capsys.readouterr().err
+
+
+def test_a_reference_problem_that_there_is_not(capsys):
+    words = ["--estimators", "mc", "--budget", "steps=1e4"]
+    assert main(["compare", "problem:nothing_like_it", *words]) == 4
+    assert "hint: avrare compare problem: lists them" in capsys.readouterr().err
 
 
 def test_quiet_prints_a_line_an_estimator(capsys):

@@ -106,7 +106,6 @@ def test_nothing_is_overwritten(tmp_path, capsys):
         "Mine",
         "1st",
         "a b",
-        "class",
         "é",
         "a--b",
         "a-",
@@ -124,6 +123,12 @@ def test_bad_names_get_one_clear_line(name, tmp_path, capsys):
     assert len(lines) == 2
     assert lines[0] == f"{name!r} is no name for a plugin"
     assert lines[1].startswith("hint: small letters, digits")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_word_of_python_is_no_name(tmp_path, capsys):
+    assert main(["new", "plugin", f"--out={tmp_path}", "--kind", "tracker", "class"]) == 4
+    assert capsys.readouterr().err.startswith("'class' is a word of Python\nhint: choose another name")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -109,6 +109,36 @@ def test_wrong_words_are_answered_in_words(tmp_path, capsys, words, code, messag
     assert "Traceback" not in error
 
 
+TANK = """\
+name: {name}
+steps: 4
+simulator: {{plugin: tank}}
+specifications:
+  low: {{stl: "always (level < 1.9)"}}
+estimator: {estimator}
+"""
+
+
+@pytest.mark.parametrize(
+    ("second", "words", "code", "message"),
+    [
+        ("{plugin: ams, particles: 50}", ["--budget", "rollouts=60"], 4, "second: a budget of rollouts=60"),
+        ("{plugin: mc, rollouts: 5}", [], 0, ""),
+    ],
+)
+def test_what_stops_a_later_scenario_is_told_before_the_first_runs(
+    tmp_path, monkeypatch, capsys, second, words, code, message
+):
+    ran, files = [], {"first": "{plugin: mc, rollouts: 5}", "second": second}
+    monkeypatch.setattr("avrare.record.rundir.write", lambda folder, *rest: ran.append(folder.name))
+    for name, estimator in files.items():
+        (tmp_path / f"{name}.yaml").write_text(TANK.format(name=name, estimator=estimator))
+    paths = [str(tmp_path / f"{name}.yaml") for name in files]
+    assert main(["run", *paths, "--out", str(tmp_path / "out"), "--quiet", *words]) == code
+    assert message in capsys.readouterr().err
+    assert ran == ([] if code else ["first", "second"])
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs a file where a folder should be")
 def test_a_folder_that_cannot_be_made(tmp_path, capsys):
     (tmp_path / "file").write_text("")

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import avrare
+from avrare.errors import UsageError
 from avrare.estimation import loop
 from avrare.estimation.budget import Budget
 from avrare.estimation.config import McConfig
-from avrare.estimation.loop import Settings, run
+from avrare.estimation.loop import Settings, planned, run
 from avrare.estimation.montecarlo import MonteCarlo
 from avrare.estimation.verdict import verdict
 from avrare.execute.serial import SerialExecutor
@@ -156,3 +158,20 @@ def test_warnings_can_be_suppressed_by_name():
         avrare.estimate(task, suppress=["horizon"])
     with pytest.raises(avrare.UsageError, match="cannot be suppressed"):
         avrare.estimate(task, suppress=["errors"])
+
+
+@pytest.mark.parametrize("amount", [1e16, 1e30, float("inf"), float("nan"), 0.0, -1.0])
+@pytest.mark.parametrize("kind", ["steps", "rollouts", "seconds"])
+def test_a_budget_beyond_reason_is_refused(kind, amount):
+    with pytest.raises(UsageError, match="must be a positive number up to 1e"):
+        Budget(kind, amount)
+    assert Budget.parse(f"{kind}=1e15") == Budget(kind, 1e15)
+
+
+def test_the_largest_numbers_of_rollouts_are_numbers_still():
+    estimator = MonteCarlo(McConfig(rollouts=10**15, runs=10**6))
+    _, plan = planned(problem(), estimator, Settings())
+    request = estimator.ask(estimator.init(plan)[0])
+    assert request.particle.tolist() == list(range(request.rows))
+    with pytest.raises(ValidationError):
+        McConfig(rollouts=10**15 + 1)

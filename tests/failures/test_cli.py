@@ -175,7 +175,11 @@ def test_falsify_that_finds_nothing(avrare):
         (["failures"], "ACTION"),
         (["failures", "blob", "0"], "there is no failure '0'"),
         (["failures", "add", "none"], "no scenario.yaml in it"),
-        (["failures", "cluster", SCENARIO], "none of its 0 failures fails"),
+        (["failures", "cluster", SCENARIO], "no failure of double_integrator is stored"),
+        (
+            ["failures", "cluster", SCENARIO, "--specification", "far"],
+            "no failure of double_integrator: far is stored",
+        ),
         (["failures", "cluster", SCENARIO, "--budget", "-1"], "--budget must be at least 0"),
     ],
 )

@@ -104,3 +104,18 @@ def test_rollouts_that_are_none(tmp_path, changes):
     )
     with pytest.raises(UsageError, match="left is damaged"):
         read_rollouts(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"hello", b"(dp0\n.", b"\x80\x04}."])
+def test_nobody_is_advised_to_trust_a_file(tmp_path, content):
+    (tmp_path / "failures.npz").write_bytes(content)
+    with pytest.raises(UsageError, match="it holds something else than arrays") as caught:
+        read_failures(tmp_path)
+    assert "pickle" not in caught.value.message
+
+
+def test_the_hint_on_a_run_that_is_not_finished_names_its_folder(tmp_path):
+    (tmp_path / "my run" / "checkpoint").mkdir(parents=True)
+    with pytest.raises(UsageError) as caught:
+        read_result(tmp_path / "my run")
+    assert f"avrare run --resume '{tmp_path}/my run' goes on with it" in caught.value.hint

@@ -6,7 +6,7 @@ from rich.console import Console
 
 import avrare
 from avrare.estimation.plan import Info
-from avrare.report.console import Progress, notes, number, table
+from avrare.report.console import Progress, notes, number, show, table
 
 
 class Still:
@@ -51,11 +51,28 @@ def test_the_table_fits_eighty_columns_and_cuts_no_word(problem):
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_a_narrow_terminal_cuts_no_number_either(problem):
+    result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
+    console = Console(width=30, record=True, soft_wrap=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    show(console, table("title", [result]))
+    text = console.export_text()
+    assert "…" not in text
+    for part in ("specification", "probability", number(result.probability), number(result.interval[1], 2)):
+        assert part in text
+
+
 def test_a_warning_shared_by_all_stands_once(problem):
     result = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
     assert "single_run" in result.health
     lines = notes([result, result])
     assert sum("single_run" in line for line in lines) == 1
+
+
+@pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])
+def test_a_goal_that_was_not_reached_is_told(problem, goal):
+    (line,) = notes([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
+    assert "give more rollouts" in line
+    assert notes([avrare.estimate(problem, "mc", threshold=0.9, seed=3)]) == []
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,12 @@
-import pytest
+from typing import Annotated, Literal
 
+import pytest
+from pydantic import BaseModel, ConfigDict, Field
+
+from avrare.scenario.explain import _message, check
 from avrare.scenario.jsonschema import scenario_schema
+from avrare.scenario.source import Mark, Node
+from avrare.scenario.yaml import parse
 
 
 def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
@@ -26,12 +32,23 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
             "should be 'calm' or 'dense', found the string 'clam'",
             "did you mean 'calm'?",
         ),
+        (
+            "simulator.mode=CALM",
+            "should be 'calm' or 'dense', found the string 'CALM'",
+            "did you mean 'calm'?",
+        ),
         ("simulator.wet=yes", "should be true or false, found the string 'yes'", "write true or false"),
         ("simulator.gap=true", "should be a number, found true", "gap: initial gap [m]"),
         ("simulator.gap=12 m", "should be a number, found the string '12 m'", "gap: initial gap [m]"),
         ("simulator.lanes=2.5", "should be a whole number, found 2.5", "lanes: number of lanes"),
         ("simulator.lanes=0", "should be greater than or equal to 1, found 0", "lanes: number of lanes"),
         ("simulator.size=big", "should be a number or a list, found the string 'big'", None),
+        ("specifications={}", "should have at least 1 item, found 0", "specifications: name"),
+        (
+            "estimator.specifications=[]",
+            "should be a list of specification names, found an empty list",
+            "leave it",
+        ),
         ("simulator.label=3", "should be a string, found 3", None),
         ("tracker.delay=13", "13 is unlucky", "delay: steps of delay"),
         ("tracker.dealy=1", "unknown key", "did you mean 'delay'?"),
@@ -144,3 +161,40 @@ def test_the_schema_lists_the_warnings_that_can_be_suppressed(registry):
     names = scenario_schema(registry)["properties"]["suppress"]["items"]["enum"]
     assert {"ties", "extinct", "not_deterministic"} <= set(names)
     assert "errors" not in names
+
+
+class _Normal(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    law: Literal["normal"]
+
+
+class _Uniform(_Normal):
+    law: Literal["uniform"]
+
+
+class _Noise(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    noise: Annotated[_Normal | _Uniform, Field(discriminator="law")]
+
+
+@pytest.mark.parametrize(
+    ("law", "hint"), [("norml", "did you mean 'normal'?"), ("x", "known: normal, uniform")]
+)
+def test_a_kind_that_is_not_known_is_told_in_our_words(law, hint):
+    found, (problem,) = check(_Noise, parse(f"noise: {{law: {law}}}".encode(), "s.yaml"))
+    assert found is None
+    assert problem.message == f"s.yaml:1:8: noise: law should be one of normal, uniform, found '{law}'"
+    assert problem.hint == hint
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "should be at least 0.001, found 0"),
+        (0.01, "should be 0.01 or none"),
+        (1, "should be below 1.5, found 1"),
+    ],
+)
+def test_what_was_found_is_told_unless_the_message_says_it(value, text):
+    mark = Mark("s.yaml")
+    assert _message(text.partition(",")[0], Node(value, mark, mark)) == text

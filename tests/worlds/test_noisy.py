@@ -30,6 +30,19 @@ def test_a_scale_for_each_number():
         Channel(3, (1.0, 3.0))
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"law": "norml"}, "unknown law 'norml'"),
+        ({"scale": -1.0}, "a scale of noise must be 0 or a finite number above it, not -1.0"),
+        ({"scale": (1.0, float("nan"))}, "a scale of noise must be 0 or a finite"),
+    ],
+)
+def test_a_channel_that_means_nothing_is_refused(given, message):
+    with pytest.raises(UsageError, match=message):
+        Channel(2, **given)
+
+
 def test_every_channel_reads_its_own_numbers(toys):
     def make():
         return Noisy(

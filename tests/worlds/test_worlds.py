@@ -161,6 +161,12 @@ def test_no_world():
         as_system(dict)
 
 
+def test_a_world_is_not_what_makes_worlds(toys):
+    with pytest.raises(UsageError, match="by calling a class or a function, not Walk objects") as caught:
+        as_system(toys.Walk())
+    assert caught.value.hint == "hand over what makes a world: Walk, not Walk()"
+
+
 def test_signals_that_change(toys):
     class Odd(toys.Walk):
         def signals(self):

@@ -167,6 +167,8 @@ def test_static_problem_is_monte_carlo():
     same = avrare.estimate(task, rollouts=40, runs=5)
     np.testing.assert_array_equal(result.run_probabilities, same.run_probabilities)
     assert result.interval == same.interval
+    rare = avrare.Problem(Static(), avrare.stl("always (x < 9)"), 0)
+    assert "nothing to branch from" in estimate(rare, runs=5).health["extinct"]
 
 
 def test_health_of_scattered_runs():

@@ -97,7 +97,7 @@ def test_what_is_no_flow_is_refused(tmp_path):
     for name, text in (
         *((f"{name}.npz", "is no flow") for name in ("half", "bit", "blocks", "size", "nan")),
         ("other.npz", "is no flow"),
-        ("text.npz", "is no flow"),
+        ("text.npz", r"is no flow \(not an .npz file\)"),
         ("none.npz", "cannot be read"),
     ):
         with pytest.raises(UsageError, match=text):
@@ -136,6 +136,16 @@ def test_a_fit_is_a_function_of_its_seed():
         (np.random.default_rng(0).normal(size=(100, 1)), "affine_coupling", "two numbers"),
         (np.random.default_rng(0).normal(size=(9, 2)), "affine_coupling", r"shape \(9, 2\)"),
         (np.full((100, 2), np.nan), "affine_coupling", "not finite"),
+        (
+            np.r_[np.eye(99, 2), [[1.5, np.inf]]],
+            "affine_coupling",
+            "row 100 of the samples, 1.5, inf, is not",
+        ),
+        (
+            np.random.default_rng(0).normal(size=(100, 2)) * [1, 0],
+            "affine_coupling",
+            "column 2 of the samples",
+        ),
         (np.full((300, 2), 0.1), "affine_coupling", "constant"),  # its standard deviation is 1e-17
         (np.eye(300)[:, :2], "affine_coupling", "constant"),  # the numbers that differ are held out
         (1e300 * np.random.default_rng(0).normal(size=(100, 2)), "affine_coupling", "too large"),
@@ -159,6 +169,21 @@ def test_the_command_fits_a_file(name, tmp_path, capsys):
     assert main(["flow", "fit", str(path), "--out", str(tmp_path / "f.npz"), "--steps", "5"]) == 0
     assert "2 numbers a row, 200 samples" in capsys.readouterr().out
     assert Flow.load(tmp_path / "f.npz").noise_size == 2
+
+
+def test_one_number_is_not_several(tmp_path, capsys):
+    path = tmp_path / "samples.csv"
+    np.savetxt(path, np.random.default_rng(0).exponential(size=200))
+    assert main(["flow", "fit", str(path), "--out", str(tmp_path / "f.npz"), "--steps", "5"]) == 0
+    assert "1 number a row, 200 samples" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n"])
+def test_a_file_without_rows_is_told_so(text, tmp_path, capsys):
+    path = tmp_path / "samples.csv"
+    path.write_text(text)
+    assert main(["flow", "fit", str(path), "--out", str(tmp_path / "f.npz")]) == 4
+    assert "samples.csv: holds no row of noise" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", [None, "a,b\n1,x\n", ""])

@@ -165,6 +165,7 @@ def test_convert_then_too_few_rows(tmp_path, capsys):
         (["convert", "none.txt", "none.txt", "--out", "x.csv"], "none.txt: no such file"),
         (["score", "pointpillarz", "none.csv"], "none.csv: no such file"),
         (["fit", "none.csv", "--name", "..", "--out", "x"], "no name of a file"),
+        (["fit", "none.csv", "--name", "", "--out", "x"], "no name of a file"),
         (["fit", "none.csv", "--seed", "-1", "--out", "x"], "'-1' is not a whole number from 0 on"),
         ([], "required"),
     ],

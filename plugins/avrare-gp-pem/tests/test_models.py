@@ -133,7 +133,7 @@ def test_unknown_model_is_a_usage_error(make, tmp_path):
         build_gp(GpPemConfig(model=str(tmp_path / "none.npz")), make.scene(1))
     broken = tmp_path / "broken.npz"
     broken.write_bytes(b"nonsense")
-    with pytest.raises(UsageError, match="no perception model"):
+    with pytest.raises(UsageError, match=r"no perception model: not an \.npz file"):
         build_gp(GpPemConfig(model=str(broken)), make.scene(1))
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     with pytest.raises(UsageError, match="'format' is missing"):

@@ -67,7 +67,7 @@ def test_a_box_is_kept():
         (BOX, None, None, "needs a controller"),
         (TWO, {"law": "random", "probability": 0.5}, None, "needs a controller"),
         (TWO, None, np.zeros((3, 2)), "1 number\\(s\\), not 2"),
-        (BOX, None, np.zeros((3, 1)), "2 number\\(s\\), but the command 1"),
+        (BOX, None, np.zeros((3, 1)), "2 number\\(s\\), the controller's command 1"),
         (FOUR, None, np.array([1, 2, 0]), "not all among 1..4"),
         (TWO, {"scale": 1.0}, np.array([1, 0, 1]), "cannot be added"),
     ],

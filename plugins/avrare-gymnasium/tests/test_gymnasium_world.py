@@ -279,6 +279,8 @@ def test_a_missing_package(monkeypatch):
         ({"env": "CartPole-v1", "signals": {"a b": 1}}, "cannot name a signal"),
         ({"env": "CartPole-v1", "signals": {"x": -1}}, "count from 0"),
         ({"env": "CartPole-v1", "copy": "clone"}, "copy"),
+        ({"env": "CartPole-v1", "noise": {"action": {"scale": -1.0}}}, "greater than or equal to 0"),
+        ({"env": "CartPole-v1", "noise": {"observation": {"scale": [0.1, -1.0]}}}, "or equal to 0"),
     ],
 )
 def test_what_a_scenario_may_not_say(options, message):

@@ -116,13 +116,28 @@ def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
 
 
 @pytest.mark.parametrize(
+    "options", [["--steps", "1"], ["--target", "0.5"], ["--rate", "1e9", "--steps", "2"]]
+)
+def test_a_scenario_that_has_not_changed_is_not_said_to_be(options, tmp_path, capsys):
+    out = tmp_path / "same.yaml"
+    arguments = ["synthesize", str(SQUARES), "--parameter", "mean", "--out", str(out)]
+    assert main([*arguments, *QUICK, *options]) == 0
+    text = capsys.readouterr().out
+    assert "no step was better than the start: the mean stays as it is" in text
+    assert f"{out}: the scenario as it was" in text
+    assert "fresh estimates" not in text
+    assert yaml.safe_load(out.read_text())["simulator"]["initial"]["mean"] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--parameter", "gain"], "the system has no gain"),
+        (["--parameter", "gain"], "the system has no gain\nhint: it has mean, covariance, "),
         (["--parameter", "observer"], "the system has no observer"),
         (["--parameter", "gian"], "invalid choice: 'gian'"),
         (["--parameter", "mean", "--specification", "cleer"], "no specification 'cleer'"),
-        (["--parameter", "mean", "--rate", "-1"], "positive rate"),
+        (["--parameter", "mean", "--rate", "-1"], "positive, finite rate"),
+        (["--parameter", "mean", "--rate", "inf"], "positive, finite rate"),
         (["--parameter", "mean", "--steps", "0"], "at least one iteration"),
         (["--parameter", "mean", "--out", "nowhere/x.yaml"], "there is no folder nowhere"),
         (["--parameter", "mean", "--out", "."], "is a folder"),
@@ -133,7 +148,9 @@ def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
 )
 def test_mistakes_are_told(arguments, text, capsys):
     assert main(["synthesize", str(SQUARES), *QUICK, *arguments]) == 4
-    assert text in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert text in told.err
+    assert told.out == ""
 
 
 def test_one_of_several_specifications_must_be_named(loop, capsys):

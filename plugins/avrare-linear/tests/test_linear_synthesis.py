@@ -174,5 +174,5 @@ def test_descent_stops_where_it_is_told_to():
     assert [step.parameter[0] for step in every] == [0.5**k for k in range(6)]
     assert len(descend(bowl, start, rate=0.25, iterations=50, target=0.01)) == 5
     assert len(descend(bowl, start, rate=0.25, iterations=50, tolerance=0.1)) == 4
-    with pytest.raises(avrare.UsageError, match="positive rate"):
+    with pytest.raises(avrare.UsageError, match="positive, finite rate"):
         descend(bowl, start, rate=0.0, iterations=5)

@@ -213,6 +213,11 @@ class TestRulesFiles:
                 "mine.yaml: definitions: 'nonsense'",
                 "write",
             ),
+            (
+                "definitions: a(b) = speed((b)\nrules: {push: {formula: x}}",
+                "mine.yaml: definitions.a: brackets do not match: a(b) = speed((b)",
+                "",
+            ),
         ],
     )
     @pytest.mark.parametrize("asked", [{"rule": "push"}, {"formula": "always speed(ego) > 1"}])
@@ -235,6 +240,12 @@ class TestRulesFiles:
         finding = told(rule="push", rules_file=tmp_path / name)
         assert finding.message.startswith(f"{tmp_path / name}: {reason}")
         assert finding.option == "rules_file"
+
+    def test_a_parameter_that_is_no_option(self, mine):
+        path = mine('rules: {push: {formula: "always stands(ego)", parameters: [cut_in_tim, reaction_time]}}')
+        finding = told(rule="push", rules_file=path)
+        assert finding.message == f"{path}: rules.push.parameters: 'cut_in_tim' is no option of a rule"
+        assert finding.hint == "did you mean 'cut_in_time'?"
 
     def test_no_text(self, mine):
         path = mine("")

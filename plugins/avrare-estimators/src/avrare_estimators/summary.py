@@ -20,6 +20,11 @@ from avrare_estimators.population import Tapes
 if TYPE_CHECKING:
     from avrare_estimators.splitting import AmsState
 
+_STATIC = (
+    "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw no "
+    "failure count as 0; use ess"
+)
+
 
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """The result of runs that have all ended."""
@@ -30,6 +35,8 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     roots = [_roots(state, r) for r in range(state.runs)]
     extinct = int((values == 0.0).sum())
     warnings = health.of_runs(values.tolist(), extinct, roots)
+    if plan.steps == 0:  # more particles or fewer discards are no cure
+        warnings |= {name: _STATIC for name in ("extinct", "extinct_runs") if name in warnings}
     killed = [count for levels in state.levels for _, count in levels]
     warnings |= health.of_ties(killed, config.discard, config.particles)
     warnings |= health.of_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)

@@ -40,7 +40,8 @@ def execute(args: argparse.Namespace) -> int:
     kind = args.kind or ("affine_coupling" if samples.shape[1] > 1 else "spline_autoregressive")
     found = fit(samples, kind, steps=args.steps, seed=args.seed, blocks=args.blocks)
     found.flow.save(args.out)
-    print(f"{args.out}: {kind}, {samples.shape[1]} numbers a row, {len(samples)} samples")
+    numbers = f"{samples.shape[1]} number{'s' if samples.shape[1] > 1 else ''}"
+    print(f"{args.out}: {kind}, {numbers} a row, {len(samples)} samples")
     print(f"log density of samples held out: {found.held_out:.4f} nat a row (step {found.step})")
     print(f"that of a normal law:            {found.normal:.4f}")
     if found.held_out < found.normal:
@@ -71,7 +72,9 @@ def read_samples(path: Path) -> Floats:
     except (ValueError, TypeError, EOFError) as error:
         raise UsageError(f"{path}: is no table of numbers: {error}", "one row of noise a line") from error
     rows = rows[:, None] if rows.ndim == 1 else rows
-    if rows.ndim != 2 or not rows.size:
+    if not rows.size:
+        raise UsageError(f"{path}: holds no row of noise")
+    if rows.ndim != 2:
         raise UsageError(f"{path}: has shape {rows.shape}, not rows of noise (M, n)")
     return rows
 

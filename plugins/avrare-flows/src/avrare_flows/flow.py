@@ -106,7 +106,8 @@ class Flow:
             raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from error
         except _DAMAGED as error:
             hint = "make one with `avrare flow fit SAMPLES --out flow.npz`"
-            raise UsageError(f"{path}: is no flow ({error})", hint) from error
+            reason = error if zipfile.is_zipfile(path) else "not an .npz file"  # NumPy talks of pickles there
+            raise UsageError(f"{path}: is no flow ({reason})", hint) from error
 
 
 def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:

@@ -87,10 +87,14 @@ def _checked(samples: Floats, kind: str, steps: int, blocks: int | None, seed: i
     data = data[:, None] if data.ndim == 1 else data
     if kind not in KINDS:
         raise UsageError(f"there is no kind of flow {kind!r}", did_you_mean(kind, KINDS))
-    if data.ndim != 2 or len(data) < _FEWEST or not np.isfinite(data).all():
+    if data.ndim != 2 or len(data) < _FEWEST:
+        raise UsageError(f"samples have shape {data.shape}", f"give at least {_FEWEST} rows of noise, (M, n)")
+    bad = np.flatnonzero(~np.isfinite(data).all(axis=1))
+    if len(bad):
+        numbers = ", ".join(f"{number:g}" for number in data[bad[0]])
         raise UsageError(
-            f"samples have shape {data.shape}, or numbers that are not finite",
-            f"give at least {_FEWEST} rows of noise, (M, n)",
+            f"row {bad[0] + 1} of the samples, {numbers}, is not finite",
+            f"{len(bad)} of {len(data)} rows are like this",
         )
     if kind == "affine_coupling" and data.shape[1] < 2:
         raise UsageError("affine_coupling needs two numbers a row", "use --kind spline_autoregressive")
@@ -109,9 +113,11 @@ def _moments(kept: Floats) -> tuple[Floats, Floats]:
         raise UsageError(
             "the samples are too large for their standard deviation", "give them in another unit"
         )
-    if not (scale > _CONSTANT * np.abs(kept).max(axis=0)).all():
+    still = np.flatnonzero(scale <= _CONSTANT * np.abs(kept).max(axis=0))
+    if len(still):
         raise UsageError(
-            "a column of the samples is constant, or nearly so", "leave it out: it needs no flow"
+            f"column {still[0] + 1} of the samples is constant, or nearly so",
+            "leave it out: it needs no flow",
         )
     return shift, scale
 

@@ -84,7 +84,7 @@ def _convert(args: argparse.Namespace) -> None:
 
 def _fit(args: argparse.Namespace) -> None:
     _need("torch", "scipy", "matplotlib", *(["pyro"] if args.model == "gp" else []))
-    if Path(args.name).name != args.name or args.name == "..":
+    if Path(args.name).name != args.name or args.name in ("", ".."):
         raise UsageError(f"--name: {args.name!r} is no name of a file", "the folder goes into --out")
     from avrare_gp_pem.fitting import Plan, fit_model
     from avrare_gp_pem.report import provenance, write_report

@@ -80,7 +80,8 @@ def load(path: Path) -> FittedPem:
     except KeyError as error:
         raise UsageError(f"{path}: no perception model: {error.args[0]!r} is missing") from None
     except _NO_MODEL as error:
-        raise UsageError(f"{path}: no perception model: {error}") from None
+        reason = error if zipfile.is_zipfile(path) else "not an .npz file"  # NumPy talks of pickles there
+        raise UsageError(f"{path}: no perception model: {reason}") from None
 
 
 def save(path: Path, model: FittedPem) -> None:

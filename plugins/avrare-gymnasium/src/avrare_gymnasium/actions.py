@@ -111,7 +111,10 @@ class BoxActions:
             _check_all(replaced)
         elif np.size(commands) != len(noise) * self.low.size:
             found = np.size(commands) // len(noise)
-            raise UsageError(f"an action has {self.low.size} number(s), but the command {found}")
+            raise UsageError(
+                f"an action here has {self.low.size} number(s), the controller's command {found}",
+                "`gain` has one row and `action` one entry for each",
+            )
         else:
             _check_numbers(commands)
             chosen = np.reshape(commands, shape)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from importlib.metadata import entry_points
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 OUTCOMES = ("reward", "terminated", "truncated")
 """Signals beside the observation's."""
-Scale = float | tuple[float, ...]
+_Size = Annotated[float, Field(ge=0.0)]
+Scale = _Size | tuple[_Size, ...]
 
 
 class _Model(BaseModel):
@@ -86,6 +87,12 @@ class NoiseConfig(_Model):
 
 class GymnasiumConfig(_Model):
     """Options of the simulator ``gymnasium``."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"env": "Pendulum-v1", "noise": {"action": {"law": "random", "probability": 1.0}}}]
+        }
+    )
 
     env: str = Field(min_length=1, description="id of a registered environment, e.g. CartPole-v1")
     options: dict[str, Any] = Field(default_factory=dict, description="keyword arguments of the environment")

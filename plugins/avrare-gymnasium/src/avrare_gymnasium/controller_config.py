@@ -12,7 +12,12 @@ Vector = tuple[float, ...]
 class FeedbackConfig(BaseModel):
     """Options of the controller ``gym_feedback``: u = offset - gain (observation - reference)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        json_schema_extra={"examples": [{"gain": [[1.0]]}]},
+    )
 
     gain: tuple[Vector, ...] = Field(
         min_length=1, description="commands x observation; for a discrete space: commands as below"
@@ -35,6 +40,11 @@ class FeedbackConfig(BaseModel):
 class ConstantConfig(BaseModel):
     """Options of the controller ``gym_constant``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        json_schema_extra={"examples": [{"action": 0}]},
+    )
 
     action: int | Vector = Field(description="a number of a discrete space, or the entries of a box")

@@ -12,7 +12,12 @@ Waypoints = tuple[tuple[float, float], ...]
 class PathFollowerConfig(BaseModel):
     """Options of the controller ``path_follower``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        json_schema_extra={"examples": [{"waypoints": [[2.0, -60.0], [2.0, 60.0]]}]},
+    )
 
     waypoints: Waypoints = Field(
         description="x and y of two or more points of the path [m], in the scene's frame; it is straight in "

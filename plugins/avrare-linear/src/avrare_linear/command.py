@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="scenario file whose simulator is linear")
     parser.add_argument("--parameter", required=True, choices=_PARAMETERS, help="what may change")
     parser.add_argument("--specification", metavar="NAME", help="of a scenario that has several")
-    parser.add_argument("--steps", type=int, default=10, metavar="N", help="gradients at most (10)")
+    parser.add_argument(
+        "--steps", type=int, default=10, metavar="N", help="gradients at most, the first at the start (10)"
+    )
     parser.add_argument(
         "--rate", type=float, metavar="R", help="of the descent on log p; without: 1 / slope^2 at the start"
     )
@@ -60,15 +62,27 @@ def execute(args: argparse.Namespace) -> int:
     seed = scenario.definition.seed if args.seed is None else args.seed
     steps = _descend(args, problem, seed)
     best = min(steps, key=lambda step: step.probability)
-    changed = _changed(problem, args.parameter, best)
-    print("fresh estimates:")
-    for name, one in (("before", problem), ("after", changed)):
-        found = avrare.estimate(one, "ess_linear", seed=seed + _CONFIRM, chains=2 * args.chains)
-        low, high = found.interval
-        print(f"  {name:<7}{found.probability:.3g}   {found.confidence:.0%}: {low:.3g} .. {high:.3g}")
+    said = f"the scenario with its {args.parameter} changed"
+    if best is steps[0]:
+        print(f"no step was better than the start: the {args.parameter} stays as it is")
+        said = "the scenario as it was"
+    else:
+        _compare(problem, _changed(problem, args.parameter, best), seed + _CONFIRM, 2 * args.chains)
     if args.out is not None:
         _write(Path(args.out), scenario.definition.resolved, args.parameter, best)
+        print(f"{args.out}: {said}")
     return int(ExitCode.PASS)
+
+
+def _compare(problem: Problem, changed: Problem, seed: int, chains: int) -> None:
+    """Estimates that the descent has not chosen among."""
+    import avrare
+
+    print("fresh estimates:")
+    for name, one in (("before", problem), ("after", changed)):
+        found = avrare.estimate(one, "ess_linear", seed=seed, chains=chains)
+        low, high = found.interval
+        print(f"  {name:<7}{found.probability:.3g}   {found.confidence:.0%}: {low:.3g} .. {high:.3g}")
 
 
 def _specification(name: str | None, known: tuple[str, ...]) -> str:
@@ -84,18 +98,21 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Step
 
     system = system_of(problem)
     if not has(system, args.parameter):
-        raise UsageError(f"the system has no {args.parameter}")
+        there = ", ".join(parameter for parameter in ATTRIBUTES if has(system, parameter))
+        raise UsageError(f"the system has no {args.parameter}", f"it has {there}")
     formula: Any = getattr(problem.monitors[0], "formula", None)
     if formula is None:
         raise UsageError(f"synthesis needs a formula, and {problem.names[0]} is none")
     effort = Effort(args.chains, args.runs, args.moves)
-    print(f"{'step':<6}{'p':<11}{'slope of log p':<16}largest entry")
     count = iter(range(args.steps))
 
     def told(step: Step) -> None:
         slope = float((step.gradient**2).sum()) ** 0.5
         largest = float(abs(step.parameter).max())
-        print(f"{next(count):<6}{step.probability:<11.3g}{slope:<16.3g}{largest:.4g}", flush=True)
+        number = next(count)
+        if number == 0:  # not before: a wrong option is told by then
+            print(f"{'step':<6}{'p':<11}{'slope of log p':<16}largest entry")
+        print(f"{number:<6}{step.probability:<11.3g}{slope:<16.3g}{largest:.4g}", flush=True)
 
     return synthesise(
         system, formula, problem.steps, ATTRIBUTES[args.parameter], rate=args.rate, iterations=args.steps,
@@ -125,4 +142,3 @@ def _write(path: Path, resolved: dict[str, Any], parameter: str, step: Step) -> 
         write_text(path, dump(rewritten(resolved, parameter, step.parameter)))
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from error
-    print(f"{path}: the scenario with its {parameter} changed")

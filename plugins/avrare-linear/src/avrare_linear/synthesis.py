@@ -7,6 +7,7 @@ hardly depends on how rare failures are.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -181,10 +182,10 @@ def descend(
         told: Called with each step.
 
     Raises:
-        UsageError: The rate is not positive or there is no iteration.
+        UsageError: The rate is not positive and finite, or there is no iteration.
     """
-    if (rate is not None and not rate > 0.0) or iterations < 1:
-        raise UsageError("gradient descent needs a positive rate and at least one iteration")
+    if (rate is not None and not 0.0 < rate < math.inf) or iterations < 1:
+        raise UsageError("gradient descent needs a positive, finite rate and at least one iteration")
     done: list[Step] = []
     value = start
     for iteration in range(iterations):

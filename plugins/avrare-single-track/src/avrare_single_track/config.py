@@ -5,9 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from avrare_mpc.config import TrajectoryPlan
+
+_TAKEN = ("ego", "others")
+"""What formulas call the vehicle under test, and all the rest."""
 
 
 class RoadConfig(BaseModel):
@@ -74,11 +77,23 @@ class VehicleConfig(BaseModel):
         default=None, description="goals of the planner that scripts it; without: constant velocity"
     )
 
+    @field_validator("name")
+    @classmethod
+    def _is_free(cls, name: str) -> str:
+        if name in _TAKEN:
+            raise ValueError(f"{name!r} means something else in formulas: call the vehicle another name")
+        return name
+
 
 class SingleTrackConfig(BaseModel):
     """Options of the simulator ``single_track``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        json_schema_extra={"examples": [{"ego": {"x": 0.0, "y": 1.75, "speed": 20.0}}]},
+    )
 
     dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
     road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")

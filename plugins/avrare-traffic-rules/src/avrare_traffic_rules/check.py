@@ -10,7 +10,7 @@ from avrare.errors import FormulaError, UsageError, did_you_mean
 from avrare.logic import formula as f
 from avrare.logic.api import Formula, stl
 from avrare.plugin.finding import Finding
-from avrare_traffic_rules.config import TrafficRuleConfig
+from avrare_traffic_rules.config import Parameters, TrafficRuleConfig
 from avrare_traffic_rules.definitions import DEFINITIONS
 from avrare_traffic_rules.rulebook import Rulebook, unfit
 from avrare_traffic_rules.vocabulary import Definitions
@@ -73,6 +73,11 @@ def _broken_file(config: TrafficRuleConfig) -> Iterator[Finding]:
     if config.rule is not None and config.rule not in book.rules:
         message = f"{config.rules_file or 'this package'} has no rule {config.rule!r}"
         yield Finding(message, did_you_mean(config.rule, book.rules), "rule")
+        return
+    for name in book.rules[config.rule].parameters if config.rule is not None else ():
+        if name not in Parameters.model_fields:
+            message = f"{config.rules_file}: rules.{config.rule}.parameters: {name!r} is no option of a rule"
+            yield Finding(message, did_you_mean(name, Parameters.model_fields), "rules_file")
 
 
 def _unfit_options(config: TrafficRuleConfig) -> Iterator[Finding]:

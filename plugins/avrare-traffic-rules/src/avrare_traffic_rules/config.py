@@ -24,9 +24,10 @@ _LIMITS = {"ge": "at least", "gt": "above", "lt": "below"}
 def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> Any:
     """A parameter; ``title``, ``unit`` and ``source`` also serve the catalogue."""
     bounds = "".join(f", {_LIMITS[kind]} {limit:g}" for kind, limit in limits.items())
-    words = f"{text} [{unit}]{bounds} {source}" if unit else f"{text}{bounds} {source}"
+    words = f"{text} [{unit}]{bounds}" if unit else f"{text}{bounds}"
+    words += f"; {source}" if source != "ours" else ""
     extra: Any = {"unit": unit, "source": source}
-    return Field(default=default, title=text, description=words.strip(), json_schema_extra=extra, **limits)
+    return Field(default=default, title=text, description=words, json_schema_extra=extra, **limits)
 
 
 class Scales(BaseModel):
@@ -106,6 +107,8 @@ class Parameters(BaseModel):
 
 class TrafficRuleConfig(Parameters):
     """Options of the specification ``traffic_rules``: a rule by name, or a formula."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"rule": "R_G1"}]})
 
     rules_file: Path | None = Field(
         default=None,

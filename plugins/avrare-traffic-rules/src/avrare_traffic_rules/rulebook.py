@@ -117,6 +117,8 @@ def _statements(text: str, name: str) -> dict[str, str]:
         words = " ".join(statement.split())
         head = re.match(r"(\w+)\s*(\(|=)", words)
         if head is not None:
+            if any(words.count(left) != words.count(right) for left, right in ("()", "[]")):
+                raise UsageError(f"{name}: definitions.{head.group(1)}: brackets do not match: {words}")
             statements[head.group(1)] = words
         elif words and not words.startswith("#"):
             raise UsageError(f"{name}: definitions: {words!r}", "write name(a, b) = formula")

@@ -75,6 +75,6 @@ def driver(config, scene):
 @hookimpl
 def avrare_components():
     return [
-        Component("simulator", "gusts", "avrare_toy:SimulatorConfig", "avrare_toy:simulator", "wind"),
-        Component("controller", "driver", "avrare_toy:DriverConfig", "avrare_toy:driver", "steers"),
+        Component("simulator", "gusts", "avrare_gusts:SimulatorConfig", "avrare_gusts:simulator", "wind"),
+        Component("controller", "driver", "avrare_gusts:DriverConfig", "avrare_gusts:driver", "steers"),
     ]

@@ -1,0 +1,33 @@
+"""Pages of measured tables, which a study of fewer cells must not empty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def put(page: Path, text: str, results: Path) -> bool:
+    """Write a page anew, unless rows of its tables would be lost: then it is left beside the results.
+
+    Results are not kept with the repository, so a fresh clone has the page and none of its cells.
+
+    Args:
+        page: Of the documentation.
+        text: What it would say now.
+        results: Folder of the study.
+
+    Returns:
+        Whether the page has been written.
+    """
+    old = _rows(page.read_text(encoding="utf-8")) if page.exists() else 0
+    enough = _rows(text) >= old
+    where = page if enough else results / page.name
+    where.write_text(text, encoding="utf-8")
+    print(
+        f"{where} written"
+        + ("" if enough else f"; {page} stays, its tables have {old} rows, not {_rows(text)}")
+    )
+    return enough
+
+
+def _rows(text: str) -> int:
+    return sum(line.startswith("|") for line in text.splitlines())
