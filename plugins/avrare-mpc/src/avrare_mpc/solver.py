@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare_mpc.nlp import Nlp
+from avrare_mpc.uninterrupted import uninterrupted
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +100,8 @@ class _Compiled:
     def __call__(self, guess: Floats, parameters: Floats) -> tuple[Floats | None, float]:
         self._guess[:] = guess
         self._parameters[:] = parameters
-        self._evaluate()
+        with uninterrupted():
+            self._evaluate()
         good = (
             self._buffer.stats()["success"] and np.isfinite(self._found).all() and np.isfinite(self._cost[0])
         )

@@ -14,6 +14,7 @@ from avrare.errors import UsageError
 from avrare_mpc.config import TrajectoryPlan
 from avrare_mpc.nlp import Node, NodeCost, build_nlp, lane_cost
 from avrare_mpc.plan import STAGE, STATES
+from avrare_mpc.uninterrupted import uninterrupted
 
 Floats = NDArray[np.float64]
 
@@ -72,7 +73,8 @@ def plan_trajectory(
     problem = {"x": nlp.variables, "p": nlp.parameters, "f": nlp.cost, "g": nlp.constraints}
     solver = ca.nlpsol("trajectory", "ipopt", problem, options)
     start = [start_x, start_y, start_speed, start_heading]
-    found = solver(x0=0.0, p=start, lbg=nlp.lower, ubg=nlp.upper)
+    with uninterrupted():
+        found = solver(x0=0.0, p=start, lbg=nlp.lower, ubg=nlp.upper)
     stats = solver.stats()
     if not stats["success"]:
         raise UsageError(
