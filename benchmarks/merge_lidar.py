@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py estimate mc|ams|ess [--workers 2]
     OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py heldout [--runs 400]
     OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py overhead
-    OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py clusters
+    OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py clusters [--pictures docs/merge-lidar]
     python benchmarks/merge_lidar.py report
 
 ``estimate`` keeps its result and the failing tapes in the results folder, from which ``clusters`` draws and
@@ -145,6 +145,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--results", type=Path, default=ROOT / "runs" / "merge_lidar")
+    parser.add_argument("--pictures", type=Path, help="where clusters draws; by default beside the results")
     given = parser.parse_args()
     match given.what:
         case "estimate":
@@ -155,7 +156,7 @@ def main() -> None:
         case "overhead":
             overhead()
         case "clusters":
-            merge_clusters.draw(SCENARIO, given.results, ROOT / "docs" / "merge-lidar")
+            merge_clusters.draw(SCENARIO, given.results, given.pictures or given.results)
         case "report":
             case_table.show(given.results, OPTIONS)
 
