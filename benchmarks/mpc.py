@@ -12,8 +12,8 @@ The second form drives each noise tape with both backends (or with ipopt instead
 far two solvers of the same kind part) and compares their failures of each rule: pairs on
 which they differ, and McNemar's exact test. It works in blocks, each a file in the results folder, named
 after the scenario's fingerprint; what is there is not run again: it may be stopped and resumed, and blocks
-may be shared out with --first and --last. The fingerprint knows options and versions, not the solver's code:
-after a change of that, use another folder.
+of 250 may be shared out, or compared in part, with --first and --last. The fingerprint knows options and
+versions, not the solver's code: after a change of that, use another folder.
 """
 
 from __future__ import annotations
@@ -267,16 +267,20 @@ def compare(systems: list[str], scenarios: list[Scenario], blocks: range, seed: 
         counts = {key[6:]: int(data[key].sum()) for key in data if key.startswith("count_")}
         each = 1e3 * data["seconds"].sum() / total
         print(f"{name:8s} {each:7.2f} ms a rollout, errors {data['error'].sum()}, {counts}")
+    apart = (one["violated"] != two["violated"]).any(axis=1)
+    print(f"verdicts differ on {apart.sum()} of them")
     columns = f"{systems[0]:>8s} {systems[1]:>8s}  only one   p (McNemar)"
-    print(f"{'rule':20s} {columns}  |d robustness| 50% 90% 99%")
+    print(f"{'rule':20s} {columns}  |d robustness| 50% 90% 99%  most where verdicts differ")
     for i, name in enumerate(pairs[0][0]["names"]):
         left, right = one["violated"][:, i], two["violated"][:, i]
         only = int((left & ~right).sum()), int((right & ~left).sum())
         value = binomtest(only[0], sum(only)).pvalue if sum(only) else 1.0
-        apart = np.nanquantile(np.abs(one["robustness"] - two["robustness"])[:, i], [0.5, 0.9, 0.99])
+        values = np.stack([one["robustness"][:, i], two["robustness"][:, i]])
+        moved = np.nanquantile(np.abs(values[0] - values[1]), [0.5, 0.9, 0.99])
+        most = np.abs(values[:, left != right]).max(initial=0.0)
         print(
-            f"{name:20s} {left.sum():8d} {right.sum():8d}  {only[0]:3d} : {only[1]:3d}  {value:11.3f}"
-            f"   {apart[0]:.1e} {apart[1]:.1e} {apart[2]:.1e}"
+            f"{name:20s} {left.sum():8d} {right.sum():8d}  {only[0]:3d} : {only[1]:3d}  {value:11.2g}"
+            f"   {moved[0]:.1e} {moved[1]:.1e} {moved[2]:.1e}   {most:.2g}"
         )
 
 
@@ -298,7 +302,7 @@ def main() -> None:
         scenarios = [load(SCENARIO, [*args.set, *SYSTEMS[name]]) for name in args.pair]
         blocks = range(-(-args.paired // BLOCK))
         paired(scenarios, blocks[args.first : args.last], args.seed, args.results)
-        compare(args.pair, scenarios, blocks, args.seed, args.results)
+        compare(args.pair, scenarios, blocks[args.first : args.last], args.seed, args.results)
 
 
 if __name__ == "__main__":

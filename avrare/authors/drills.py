@@ -63,17 +63,42 @@ def _stepped(part: Any, world: Any, noise: Floats) -> Any:
     action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if hasattr(part, "scene") else None
     try:
         return part.step(world, action, noise)
-    except (TypeError, AttributeError, AvrareError) as error:
-        if not _wants_an_action(error, action):
+    except AvrareError as error:
+        wants = "action" in error.message or "controller" in error.message
+        reason = error.message
+        if not wants:
             raise
-        raise Skipped(f"it wants an action, which only its own controller knows: {error}") from None
+    except (TypeError, AttributeError) as error:
+        reason = str(error)
+        if action is not None or not _reads_its_action(part, world, noise):
+            raise
+    raise Skipped(f"it wants an action, which only its own controller knows: {reason}")
 
 
-def _wants_an_action(error: Exception, action: Action | None) -> bool:
-    """Whether a step says so, or stumbles over the None that it was handed."""
-    if isinstance(error, AvrareError):
-        return "action" in error.message or "controller" in error.message
-    return action is None and "NoneType" in str(error)
+class _Read(Exception):
+    """Somebody has looked at an action."""
+
+
+def _tell(*_: Any) -> Any:
+    raise _Read
+
+
+class _Alarm:
+    """Stands for an action; whatever is done with it raises ``_Read``."""
+
+    __getattr__ = __getitem__ = __iter__ = __len__ = __array__ = __float__ = _tell
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __neg__ = _tell
+
+
+def _reads_its_action(part: Any, world: Any, noise: Floats) -> bool:
+    """Whether a step looks at the action at all: one that fails on None without looking has a fault."""
+    try:
+        part.step(world, _Alarm(), noise)
+    except _Read:
+        return True
+    except Exception:
+        return False
+    return False
 
 
 def _perception(part: Any, tape: Floats, between: Between) -> Outputs:

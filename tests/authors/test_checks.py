@@ -137,9 +137,16 @@ def test_a_simulator_that_wants_an_action_is_not_called_wrong(factory):
     assert reason.startswith("it wants an action, which only its own controller knows: ")
 
 
-def test_an_error_of_its_own_is_no_wish_for_an_action():
-    outcomes = list(examine(subject("simulator", factory="wrong:mistyped")))
-    assert {one.reason for one in outcomes if one.status == "failed"} == {"TypeError: can only add numbers"}
+@pytest.mark.parametrize(
+    ("factory", "reason"),
+    [
+        ("mistyped", "TypeError: can only add numbers"),
+        ("windless", "AttributeError: 'NoneType' object has no attribute 'x'"),
+    ],
+)
+def test_an_error_of_its_own_is_no_wish_for_an_action(factory, reason):
+    outcomes = list(examine(subject("simulator", factory=f"wrong:{factory}")))
+    assert {one.reason for one in outcomes if one.status == "failed"} == {reason}
 
 
 def test_every_check_is_a_sentence():

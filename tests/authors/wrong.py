@@ -150,6 +150,15 @@ class Mistyped(Walk):
         raise TypeError("can only add numbers")
 
 
+class Windless(Walk):
+    """Stumbles over a None of its own."""
+
+    def step(self, world, action, noise):
+        return World(self.wind.x + noise[:, 0])
+
+    wind = None
+
+
 class Stepless:
     dt, noise_size = 0.1, 1
 
@@ -170,6 +179,7 @@ _KINDS = (
     Steered,
     Asking,
     Mistyped,
+    Windless,
 )
 for _kind in _KINDS:
     globals()[_kind.__name__.lower()] = build(_kind)

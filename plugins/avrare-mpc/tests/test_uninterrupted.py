@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -65,7 +66,10 @@ def test_what_nobody_handles_is_left_alone():
 
 
 def test_other_threads_may_solve():
-    thread = threading.Thread(target=lambda: uninterrupted().__enter__())
-    thread.start()
-    thread.join()
+    def solve():
+        with uninterrupted():
+            return "solved"
+
+    with ThreadPoolExecutor() as threads:
+        assert threads.submit(solve).result() == "solved"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
