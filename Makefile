@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 PROJECTS := $(wildcard pyproject.toml plugins/*/pyproject.toml)
 PLUGINS := $(patsubst %/pyproject.toml,%,$(wildcard plugins/*/pyproject.toml))
 
-.PHONY: help install run test lint types format docs clean
+.PHONY: help install run test slow lint types format docs clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -20,8 +20,11 @@ run: .venv/run.stamp  ## estimate how likely the lane change breaks its rules
 	$(BIN)/avrare run scenarios/lane_change.yaml scenarios/lane_change_splitting.yaml \
 		--workers $(WORKERS) --out $(OUT)
 
-test: .venv/test.stamp  ## run the tests of the core and of every plugin
+test: .venv/test.stamp  ## run the tests of the core and of every plugin, but for the slow ones
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
+
+slow: .venv/test.stamp  ## run the slow tests: statistics over many seeds, fits, whole commands
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) -m slow
 
 lint: .venv/test.stamp  ## style, types and layers
 	$(BIN)/ruff check .

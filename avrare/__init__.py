@@ -1,53 +1,43 @@
 """avrare: how likely is this driving stack to break this traffic rule?
 
-The public names are loaded when they are first used, so that ``import avrare`` costs next to nothing.
+The public names are imported when they are first used, so that ``import avrare`` is fast.
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
+from avrare.base.moved import MovedModules
+
 if TYPE_CHECKING:
-    from avrare.api import estimate, load
-    from avrare.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
-    from avrare.estimation.budget import Budget
-    from avrare.estimation.result import Result
-    from avrare.logic.api import Formula, stl
-    from avrare.rollout.problem import Problem
+    from avrare.base.errors import AvrareError as AvrareError
+    from avrare.base.errors import FormulaError as FormulaError
+    from avrare.base.errors import PluginError as PluginError
+    from avrare.base.errors import ScenarioError as ScenarioError
+    from avrare.base.errors import UsageError as UsageError
+    from avrare.base.version import __version__ as __version__
+    from avrare.estimation.budget import Budget as Budget
+    from avrare.estimation.estimate import estimate as estimate
+    from avrare.estimation.result import Result as Result
+    from avrare.logic.formula import Formula as Formula
+    from avrare.logic.formula import stl as stl
+    from avrare.rollout.loaded_scenario import load as load
+    from avrare.rollout.problem import Problem as Problem
 
-__version__ = "0.1.0"
-
-_HOMES = {
-    "AvrareError": "avrare.errors",
-    "Budget": "avrare.estimation.budget",
-    "Formula": "avrare.logic.api",
-    "FormulaError": "avrare.errors",
-    "PluginError": "avrare.errors",
-    "Problem": "avrare.rollout.problem",
-    "Result": "avrare.estimation.result",
-    "ScenarioError": "avrare.errors",
-    "UsageError": "avrare.errors",
-    "estimate": "avrare.api",
-    "load": "avrare.api",
-    "stl": "avrare.logic.api",
+_MODULES = {
+    "avrare.base.errors": "AvrareError FormulaError PluginError ScenarioError UsageError",
+    "avrare.base.version": "__version__",
+    "avrare.estimation.budget": "Budget",
+    "avrare.estimation.estimate": "estimate",
+    "avrare.estimation.result": "Result",
+    "avrare.logic.formula": "Formula stl",
+    "avrare.rollout.loaded_scenario": "load",
+    "avrare.rollout.problem": "Problem",
 }
-
-__all__ = [
-    "AvrareError",
-    "Budget",
-    "Formula",
-    "FormulaError",
-    "PluginError",
-    "Problem",
-    "Result",
-    "ScenarioError",
-    "UsageError",
-    "__version__",
-    "estimate",
-    "load",
-    "stl",
-]
+_HOMES = {name: module for module, names in _MODULES.items() for name in names.split()}
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> Any:
@@ -60,3 +50,6 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+sys.meta_path.insert(0, MovedModules())

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.build.scenario import BuildableScenario
 from avrare.estimation.intervals import clopper_pearson
 from avrare.rollout.engine import simulate
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.scenario.load import load
@@ -35,7 +35,7 @@ LONG = 5
 
 @dataclass(frozen=True)
 class Outcome:
-    """What rollouts of one setting have in common.
+    """Outcome of all rollouts of one setting.
 
     Attributes:
         violated: (N, rules).
@@ -67,7 +67,7 @@ def print_setting(seed: int, detection: float, position: float, rollouts: int) -
     """Drive one setting: what is missed, and how often each rule is broken."""
     keys = {"detection": detection, "position": position}
     overrides = [f"perception.persistence.{key}={value}" for key, value in keys.items()]
-    scenario = BuildableScenario(load(SCENARIO, ["controller.backend=riccati", *overrides]))
+    scenario = LoadedScenario(load(SCENARIO, ["controller.backend=riccati", *overrides]))
     began = time.process_time()
     outcome = drive(scenario, seed, rollouts)
     spent = time.process_time() - began
@@ -77,7 +77,7 @@ def print_setting(seed: int, detection: float, position: float, rollouts: int) -
         print(f"  {name}: {describe_rule(line, outcome.error)}", flush=True)
 
 
-def drive(scenario: BuildableScenario, seed: int, rollouts: int) -> Outcome:
+def drive(scenario: LoadedScenario, seed: int, rollouts: int) -> Outcome:
     """Rollouts in chunks, with what was missed at every step."""
     stack, steps = scenario.stack, scenario.steps
     parts = []
@@ -123,9 +123,9 @@ def describe_misses(missed: NDArray[np.bool_], names: tuple[str, ...]) -> str:
 
 def describe_rule(violated: NDArray[np.bool_], error: NDArray[np.bool_]) -> str:
     """Failures, probability, 95 % interval."""
-    failures, undecided, total = int((violated & ~error).sum()), int(error.sum()), len(error)
-    low, high = clopper_pearson(failures, total, 0.95, undecided=undecided)
-    return f"{failures}/{total} = {failures / total:.3%} ({low:.3%}, {high:.3%}), {undecided} errors"
+    failures, errors, total = int((violated & ~error).sum()), int(error.sum()), len(error)
+    low, high = clopper_pearson(failures, total, 0.95, errors=errors)
+    return f"{failures}/{total} = {failures / total:.3%} ({low:.3%}, {high:.3%}), {errors} errors"
 
 
 def print_lengths() -> None:

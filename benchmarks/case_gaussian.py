@@ -22,16 +22,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from studies.error_analysis import overestimate_bound, relative_variance, underestimate_bound
 
 import avrare
 from avrare.estimation.loop import Settings
 from avrare.estimation.loop import run as estimate_with
-from avrare.execute.serial import SerialExecutor
 from avrare.protocols import Floats
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import normal
-from avrare_estimators.error_analysis import overestimate_bound, relative_variance, underestimate_bound
-from avrare_estimators.ess_config import EssConfig
-from avrare_estimators.nested import EssState, NestedLevels
+from avrare_estimators.config import EssConfig
+from avrare_estimators.ess.estimator import EssState, NestedLevels
 from avrare_linear.simulator import system_of
 from avrare_linear.synthesis import Effort, synthesise
 
@@ -51,9 +51,9 @@ class Recording(NestedLevels):
 
     def tell(self, state: EssState, rollouts: Any) -> Any:
         """A new population is one more level."""
-        before = state.descent.population
+        before = state.level_pass.population
         after, info = super().tell(state, rollouts)
-        found = after.descent.population
+        found = after.level_pass.population
         if state.counting and found is not None and found is not before:
             self.tapes.append(found.tape[:, 0])
         return after, info

@@ -16,10 +16,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.transforms import blended_transform_factory
+from traffic_situations import SITUATIONS, Situation
+from traffic_situations.situation import LENGTH, WIDTH
 
 from avrare.driving.geometry import Rectangle
-from avrare_traffic_rules.situations import SITUATIONS, Situation
-from avrare_traffic_rules.situations.situation import LENGTH, WIDTH
 
 KINDS = ("pass", "fail", "boundary", "exempt")
 EGO, OTHER, PARKED = "#1b6ca8", "#6b7a8f", "#b0443c"
@@ -54,7 +54,7 @@ def draw_rule(rule: str, folder: Path) -> Path:
 
 
 def _range(situations: list[Situation]) -> tuple[float, float]:
-    """What is shown of the road, common to the panels."""
+    """Return the stretch of road shown in all panels."""
     ahead = [x for s in situations for car in _relative(s).values() for x, _ in car] or [0.0]
     low, high = min(0.0, *ahead) - 7.0, max(0.0, *ahead) + 9.0
     room = max(LEAST_RANGE - (high - low), 0.0)
@@ -131,7 +131,7 @@ def _draw_cars(ax: Any, situation: Situation) -> None:
 
 
 def _write(ax: Any, situation: Situation) -> None:
-    value, violated = situation.judge()
+    value, violated = situation.evaluate()
     word, colour = VERDICT[violated]
     if situation.kind == "boundary":
         word, colour = "boundary", TEXT

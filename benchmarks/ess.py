@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 from studies import cells, pages
+from studies.run_intervals import interval_of_runs
 
 import avrare
-from avrare.testing.problem import ReferenceProblem
 from avrare.testing.problems import conjunction, four_branch, linear, reference_problem
-from avrare_estimators.summary import interval_of_runs
+from avrare.testing.reference_problem import ReferenceProblem
 
 PAGE = Path(__file__).parent.parent / "docs" / "slice-sampling.md"
 PROBLEMS = (
@@ -66,7 +66,7 @@ class Setting:
     estimator: str = "ess"
 
     def suits(self, problem: str) -> bool:
-        """Whether it can be used there: a bound on the slope must exist, or predicates must be affine."""
+        """Tell whether the kernel fits: a bound on the slope must exist, or predicates must be affine."""
         exact = self.estimator == "ess_linear"
         return (not self.only or problem[0] in self.only) and (exact or problem != BEYOND.id)
 
@@ -108,7 +108,7 @@ class RunBlock:
 
     @property
     def file(self) -> str:
-        """Where its outcome goes."""
+        """Path of the outcome."""
         return f"{self.cell}-{self.number:03d}.npz"
 
     def outcome(self) -> dict[str, Any]:
@@ -133,12 +133,12 @@ class DriftBlock:
 
     @property
     def file(self) -> str:
-        """Where its outcome goes."""
+        """Path of the outcome."""
         return f"{self.cell}-000.npz"
 
     def outcome(self) -> dict[str, Any]:
         """Move the chains."""
-        from avrare_estimators.stationarity import drift, exact_starts
+        from studies.stationarity import drift, exact_starts
 
         reference: ReferenceProblem = REGIONS[self.region][0]
         problem, many = reference.problem(chunk=STARTS), SLOW.get(self.kernel, STARTS)
@@ -150,7 +150,7 @@ class DriftBlock:
 
 def _drifting(name: str, size: int) -> tuple[Any, Any]:
     """A kernel and what it knows: for the surrogate something deliberately wrong."""
-    from avrare_estimators import bayesian, lipschitz, pcn, shrink, surrogate
+    from avrare_estimators.ess.kernels import bayesian, lipschitz, pcn, shrink, surrogate
 
     rng = np.random.default_rng(0)
     wrong = surrogate.Surface(
@@ -159,11 +159,11 @@ def _drifting(name: str, size: int) -> tuple[Any, Any]:
     )  # fmt: skip
     if name.startswith("growing"):
         guess = float(name.removeprefix("growing"))
-        return lipschitz.GrowingLipschitzKernel(guess), lipschitz.Slope(np.array([guess]))
+        return lipschitz.GrowingLipschitzKernel(guess), np.array([guess])
     kernels: dict[str, tuple[Any, Any]] = {
         "shrink": (shrink.ShrinkKernel(), ()),
         "shrink-3": (shrink.ShrinkKernel(3.0), ()),
-        "pcn": (pcn.PcnKernel(), pcn.Size(np.array([0.7]))),
+        "pcn": (pcn.PcnKernel(), np.array([0.7])),
         "surrogate": (surrogate.SurrogateKernel(), wrong),
         "lipschitz": (lipschitz.LipschitzKernel(1.0), ()),
         "bayesian": (bayesian.BayesianKernel(), ()),

@@ -35,7 +35,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Setting:
-    """How runs are made: kernel, N, p0, and what the kernel needs."""
+    """Setting of the runs: kernel, N, p0, and what the kernel needs."""
 
     kernel: str
     samples: int = 2000
@@ -139,7 +139,7 @@ def block(case: Case, setting: Setting, rng: np.random.Generator) -> tuple[Float
 
 
 def line(case: Case, setting: Setting, runs: int) -> str:
-    """What ``runs`` runs show."""
+    """Format the outcome of ``runs`` runs."""
     rng = np.random.default_rng([5, *f"{case.problem}{setting}".encode()])
     parts = [block(case, setting, rng) for _ in range(-(-runs // BLOCK))]
     ratio = np.concatenate([part[0] for part in parts]) / reference_problem(case.problem).probability

@@ -1,4 +1,4 @@
-"""What a flow's weights do to an estimate: none, those of stl-ess (Eq. 20), and P/q.
+"""Effect of a flow's weights on an estimate: none, those of stl-ess (Eq. 20), and P/q.
 
     OMP_NUM_THREADS=1 nice python benchmarks/flows.py run OUT.jsonl [RUNS] [PROBLEM...]
     OMP_NUM_THREADS=1 python benchmarks/flows.py report OUT.jsonl
@@ -23,7 +23,7 @@ import numpy as np
 import avrare
 from avrare.protocols import Floats
 from avrare.testing import normal
-from avrare.testing.static import Static, Values, row_sum
+from avrare.testing.static_problems import Static, Values, row_sum
 from avrare_flows.laws import Joint
 from avrare_flows.marginals import Exponential, LogNormal
 from avrare_flows.system import transformed
@@ -83,7 +83,7 @@ class Case:
     truth: float
 
     def problem(self, weights: str) -> avrare.Problem:
-        """With no weights, those of the paper, or P/q."""
+        """Make the problem without weights, with those of the paper, or with P/q."""
         system: Any
         if weights == "none":
             system = transformed(self.system, self.flow)

@@ -1,4 +1,4 @@
-"""How often the gate errs: false alarms on an unchanged system, and doublings that it catches.
+"""Error rates of the gate: false alarms on an unchanged system, and doublings that it catches.
 
     python benchmarks/gate.py [--checks 200]
 
@@ -18,11 +18,10 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import avrare
-from avrare.check.baseline import Entry
-from avrare.check.claims import Claim
-from avrare.check.looks import SHARES
-from avrare.check.pooling import pooled
-from avrare.check.verdicts import settle
+from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.criteria import Criterion, decide_criteria
+from avrare.analysis.check.pooling import pool
+from avrare.analysis.check.targets import SHARES
 from avrare.estimation.result import Result
 from avrare.scenario.schema import Regression, Threshold
 from avrare.testing.problems import linear, walk
@@ -66,9 +65,9 @@ def report(name: str, system: str, found: Counter[str]) -> None:
 def cases() -> list[Case]:
     """Monte Carlo with about 40, 4 and 0 failures in the baseline, and splitting."""
     return [
-        Case("mc, p = 0.01, 4,000 simulations", monte_carlo(0.01, 4000)),
-        Case("mc, p = 0.001, 4,000 simulations", monte_carlo(0.001, 4000)),
-        Case("mc, p = 0.0001, 4,000 simulations", monte_carlo(0.0001, 4000)),
+        Case("mc, p = 0.01, 4,000 rollouts", monte_carlo(0.01, 4000)),
+        Case("mc, p = 0.001, 4,000 rollouts", monte_carlo(0.001, 4000)),
+        Case("mc, p = 0.0001, 4,000 rollouts", monte_carlo(0.0001, 4000)),
         Case("ams, p = 0.001, 15 runs of 250 particles", splitting),
     ]
 
@@ -92,12 +91,12 @@ def splitting(factor: float, seed: int) -> Result:
 
 def compare(draw: Draw, number: int) -> tuple[str, str]:
     """The verdicts on the unchanged and on the doubled system, against one baseline."""
-    baseline = Entry.of(draw(1.0, 3 * number))
-    claim = Claim("gate", baseline.specification, Regression.model_validate({}), baseline)
+    baseline = BaselineEntry.from_result(draw(1.0, 3 * number))
+    criterion = Criterion("gate", baseline.specification, Regression.model_validate({}), baseline)
 
     def verdict(factor: float, seed: int) -> str:
         new = draw(factor, seed)
-        return settle([claim], lambda _: new, 1.0, {}).get(0, "inconclusive")
+        return decide_criteria([criterion], lambda _: new, 1.0, {}).get(0, "inconclusive")
 
     return verdict(1.0, 3 * number + 1), verdict(2.0, 3 * number + 2)
 
@@ -105,12 +104,14 @@ def compare(draw: Draw, number: int) -> tuple[str, str]:
 def sequential(number: int) -> str:
     """The verdict after up to four looks at a probability that is exactly the bound."""
     p, spend = 0.01, 16_000
-    claim = Claim("gate", "bound", Threshold.model_validate({"specification": "bound", "probability": p}))
+    criterion = Criterion(
+        "gate", "bound", Threshold.model_validate({"specification": "bound", "probability": p})
+    )
     batches: list[Result] = []
     verdicts: dict[int, str] = {}
     for look, share in enumerate(SHARES):
         batches.append(monte_carlo(p, int(spend * share))(1.0, len(SHARES) * number + look))
-        verdicts = settle([claim], lambda _: pooled(batches, 0.01), share, verdicts)
+        verdicts = decide_criteria([criterion], lambda _: pool(batches, 0.01), share, verdicts)
         if verdicts:
             break
     return verdicts.get(0, "inconclusive")

@@ -26,10 +26,10 @@ from studies import pages
 import avrare
 from avrare.estimation.loop import Settings
 from avrare.estimation.loop import run as estimate_with
-from avrare.execute.serial import SerialExecutor
 from avrare.protocols import Floats
-from avrare_estimators.ess_config import EssConfig
-from avrare_estimators.nested import EssState, NestedLevels
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare_estimators.config import EssConfig
+from avrare_estimators.ess.estimator import EssState, NestedLevels
 from avrare_glider.nominal import nominal
 
 ROOT = Path(__file__).parents[1]
@@ -61,9 +61,9 @@ class Recording(NestedLevels):
 
     def tell(self, state: EssState, rollouts: Any) -> Any:
         """A new population is one more level."""
-        before = state.descent.population
+        before = state.level_pass.population
         after, info = super().tell(state, rollouts)
-        found = after.descent.population
+        found = after.level_pass.population
         if state.counting and found is not None and found is not before:
             self.tapes.append(found.tape)
         return after, info

@@ -24,8 +24,8 @@ from studies import case_table, merge_clusters
 import avrare
 from avrare.driving import Vehicles
 from avrare_highway_env.config import HighwayEnvConfig
-from avrare_highway_env.readings import others_of, read
 from avrare_highway_env.simulator import HighwayEnvSimulator
+from avrare_highway_env.worlds import others_of, read
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "merge_lidar.yaml"

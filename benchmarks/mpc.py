@@ -29,18 +29,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.build.scenario import BuildableScenario
 from avrare.rollout.engine import simulate
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
+from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
+from avrare_mpc.nlp import build_problem, pack_parameters
 from avrare_mpc.plan import from_variables, shift, to_variables
-from avrare_mpc.problem import build_problem, pack_parameters
 from avrare_mpc.riccati.solver import RiccatiSolver
-from avrare_mpc.solver import NlpSolver
 
 SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change.yaml"
 RESULTS = Path(__file__).parent / "results" / "mpc"
@@ -76,7 +76,7 @@ class Answers:
 
 def collect(rollouts: int, seed: int) -> tuple[Any, MpcConfig, Programmes]:
     """Every programme but the first of ``rollouts`` closed loops."""
-    scenario = BuildableScenario(load(SCENARIO, ["controller.backend=casadi"]))
+    scenario = LoadedScenario(load(SCENARIO, ["controller.backend=casadi"]))
     loop, scene = scenario.stack.loop, scenario.stack.scene
     config, act = scenario.definition.controller.config, loop.controller.act
     rows: list[tuple[Floats, ...]] = []
@@ -202,21 +202,21 @@ def _spread(values: Floats) -> str:
 def paired(scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
     """Run the blocks that are missing of the scenarios, one for each system."""
     results.mkdir(parents=True, exist_ok=True)
-    built: dict[str, BuildableScenario] = {}
+    built: dict[str, LoadedScenario] = {}
     for block in blocks:
         for scenario in scenarios:
             file = results / block_file(scenario, seed, block)
             if not file.exists():
-                own = built.setdefault(fingerprint(scenario), BuildableScenario(scenario))
+                own = built.setdefault(fingerprint(scenario), LoadedScenario(scenario))
                 drive_block(own, seed, block, file)
 
 
 def block_file(scenario: Scenario, seed: int, block: int) -> str:
-    """Where the outcome of a block goes."""
+    """Return the path of a block's outcome."""
     return f"{scenario.name}_{fingerprint(scenario)[:8]}_{seed}_{block:04d}.npz"
 
 
-def drive_block(scenario: BuildableScenario, seed: int, block: int, file: Path) -> None:
+def drive_block(scenario: LoadedScenario, seed: int, block: int, file: Path) -> None:
     """``BLOCK`` rollouts of one system, into ``file``."""
     problem = scenario.problem(scenario.specifications)
     noise, index = NoiseSource(seed, problem.noise_size), np.arange(block * BLOCK, (block + 1) * BLOCK)

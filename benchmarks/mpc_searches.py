@@ -1,10 +1,10 @@
-"""How much of the lane change's failures is the road's, and how much the local search's?
+"""Share of the lane change's failures that is due to the controller's local search.
 
     OMP_NUM_THREADS=1 python benchmarks/mpc_searches.py [--rollouts 5000] [--seed 11] [NAME...]
 
-Drives the same noise with controllers that differ only in how many searches each step makes: every search
-starts from another barrier or another drive and ends in a local minimum, and the cheapest counts. Prints how
-many drives broke each rule.
+Simulates the same noise tapes with controllers that differ only in the number of searches per step: every
+search starts from another barrier or another initial guess and ends in a local minimum, and the cheapest
+counts. Prints how many rollouts violated each rule.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from avrare.build.scenario import BuildableScenario
 from avrare.rollout.engine import simulate
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
@@ -41,7 +41,7 @@ SEARCHES: dict[str, tuple[list[Tuning], list[int]]] = {
     "nearer+one drive": ([NEARER], [3]),
     "nearer+all drives": ([NEARER], [0, 1, 2, 3]),
 }
-"""Name -> barriers of the rough searches from the old plan, and start drives (``start_policy``) to try."""
+"""Barriers of the rough searches from the old plan, and indices of initial guesses to try, by name."""
 
 
 class BestOf:
@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument("--rollouts", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=11)
     args = parser.parse_args()
-    scenario = BuildableScenario(load(SCENARIO, ["controller.backend=riccati"]))
+    scenario = LoadedScenario(load(SCENARIO, ["controller.backend=riccati"]))
     problem = scenario.problem(scenario.specifications)
     controller = scenario.stack.loop.controller
     monitors = tuple(scenario.stack.specifications.values())

@@ -16,19 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from avrare.batch import take
+from avrare.base.batch import take
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare_gp_pem.clean import Cleaned, clean
 from avrare_gp_pem.config import GpPemConfig
-from avrare_gp_pem.evaluate import evaluate
-from avrare_gp_pem.features import Box, box_of, features
-from avrare_gp_pem.law import NOISE_PER_VEHICLE
-from avrare_gp_pem.model import build_gp
-from avrare_gp_pem.relative import relative
-from avrare_gp_pem.report import summary
-from avrare_gp_pem.store import load, locate
-from avrare_gp_pem.table import read
-from avrare_gp_pem.visibility import visibility
+from avrare_gp_pem.runtime.features import Box, box_of, features
+from avrare_gp_pem.runtime.models import build_gp
+from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE
+from avrare_gp_pem.runtime.store import load, locate
+from avrare_gp_pem.runtime.visibility import relative, visibility
+from avrare_gp_pem.training.cleaning import CleanedData, clean
+from avrare_gp_pem.training.report import summary
+from avrare_gp_pem.training.scores import evaluate
+from avrare_gp_pem.training.table import read_table
 
 MODELS = ("best", "paper", "pointpillars")
 RANGES = (5.0, 10.0, 20.0, 30.0, 40.0, 45.0, 50.0, 55.0, 60.0)
@@ -36,7 +35,7 @@ SAMPLES = 100_000
 WORLDS, VEHICLES, REPEATS = 250, 3, 1000
 
 
-def held_out(model: str, data: Cleaned) -> None:
+def held_out(model: str, data: CleanedData) -> None:
     """Scores on the rows that training leaves out."""
     for line in summary({name: one.scores for name, one in evaluate(load(locate(model)), data).items()}):
         print(line)
@@ -111,7 +110,7 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="CSV that avrare pem convert wrote")
     parser.add_argument("--model", action="append", help="name or path; may be repeated")
     options = parser.parse_args()
-    data = clean(read(options.data))
+    data = clean(read_table(options.data))
     for model in options.model or MODELS:
         print(f"\n{model}")
         held_out(model, data)

@@ -1,4 +1,4 @@
-"""Where a closed-loop simulation spends its time: seconds and shares by part, on one core.
+"""Profile of a closed-loop rollout: seconds and shares by part, on one core.
 
     OMP_NUM_THREADS=1 python benchmarks/profile_stack.py [SCENARIO] [ROLLOUTS] [KEY=VALUE...]
 
@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from avrare.build.scenario import BuildableScenario
 from avrare.rollout.engine import simulate
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
-from avrare_gp_pem import model, parametric
+from avrare_gp_pem.runtime import models
 
 PARTS = ("simulator", "perception", "tracker", "controller")
 
@@ -48,7 +48,7 @@ class Timed:
 
 def main(path: str, rollouts: int, settings: list[str]) -> None:
     """Profile ``rollouts`` rollouts of a scenario."""
-    scenario = BuildableScenario(load(path, settings))
+    scenario = LoadedScenario(load(path, settings))
     problem, loop = scenario.problem(scenario.specifications), scenario.stack.loop
     simulate(
         loop, problem.monitors, 1, NoiseSource(0, problem.noise_size), _rollouts(0, 1)
@@ -72,8 +72,7 @@ def main(path: str, rollouts: int, settings: list[str]) -> None:
 
 
 def _time_visibility(spent: dict[str, float]) -> None:
-    for module in (model, parametric):
-        module.visibility = Timed(module, spent, "visibility").visibility  # type: ignore[attr-defined]
+    models.visibility = Timed(models, spent, "visibility").visibility  # type: ignore[attr-defined]
 
 
 def _rollouts(first: int, end: int) -> Request:

@@ -1,4 +1,4 @@
-"""What Ray costs on chunks of about a second, beside the core's own processes, in one run.
+"""Overhead of Ray on chunks of about a second, beside the core's own processes, in one run.
 
     OMP_NUM_THREADS=1 python benchmarks/ray_overhead.py [CHUNKS]
 
@@ -15,12 +15,12 @@ from collections.abc import Callable
 import numpy as np
 
 import avrare
-from avrare.execute.processes import ProcessExecutor
-from avrare.execute.serial import SerialExecutor
-from avrare.execute.work import Executor, Work
+from avrare.rollout.executors.processes import ProcessExecutor
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing.systems import Walk
+from avrare.testing.awkward_systems import Walk
 from avrare_ray.config import RayConfig
 from avrare_ray.executor import build as ray
 

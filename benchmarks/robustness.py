@@ -1,4 +1,4 @@
-"""How the robustness of each rule is distributed over Monte Carlo rollouts of a scenario.
+"""Distribution of the robustness of each rule over Monte Carlo rollouts of a scenario.
 
 python benchmarks/robustness.py [SCENARIO] [ROLLOUTS] [WORKERS]
 """
@@ -9,11 +9,11 @@ import sys
 
 import numpy as np
 
-from avrare.build.scenario import BuildableScenario
 from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
-from avrare.estimation.montecarlo import MonteCarlo
-from avrare.execute.processes import ProcessExecutor
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.rollout.executors.processes import ProcessExecutor
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 1.0)
@@ -21,7 +21,7 @@ QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 1.0)
 
 def main(path: str, rollouts: int, workers: int) -> None:
     """Print failures, counters and quantiles."""
-    scenario = BuildableScenario(load(path))
+    scenario = LoadedScenario(load(path))
     problem = scenario.problem(scenario.specifications)
     estimator = MonteCarlo(McConfig(rollouts=rollouts))
     results = run(problem, estimator, ProcessExecutor(workers), Settings(seed=scenario.definition.seed))

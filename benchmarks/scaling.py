@@ -17,10 +17,10 @@ from multiprocessing.synchronize import Barrier
 
 import numpy as np
 
-from avrare.build.scenario import BuildableScenario
-from avrare.execute.processes import ProcessExecutor
-from avrare.execute.serial import SerialExecutor
-from avrare.execute.work import Executor, Work
+from avrare.rollout.executors.processes import ProcessExecutor
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Executor, Work
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
@@ -33,7 +33,7 @@ REPEATS = 3
 
 def problem() -> Problem:
     """The lane change with all its rules."""
-    scenario = BuildableScenario(load(SCENARIO, SETTINGS))
+    scenario = LoadedScenario(load(SCENARIO, SETTINGS))
     return scenario.problem(scenario.specifications)
 
 

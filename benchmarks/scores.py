@@ -1,4 +1,4 @@
-"""What the score `progress` is worth on formulas that may still come true (docs/statistics.md).
+"""Gain of the score `progress` on formulas that may still come true (docs/statistics.md).
 
     python benchmarks/scores.py [RUNS]
 

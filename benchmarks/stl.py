@@ -1,4 +1,4 @@
-"""How fast formulas are evaluated, beside rtamt and sentil in the same run: 1,000 trajectories of 41 samples.
+"""Speed of formula evaluation, beside rtamt and sentil in the same run: 1,000 trajectories of 41 samples.
 
     OMP_NUM_THREADS=1 python benchmarks/stl.py
 

@@ -28,8 +28,8 @@ from typing import Any
 from studies import pages, table2_figures, table2_page
 
 import avrare
-from avrare.build.scenario import BuildableScenario
 from avrare.estimation.result import Result
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -65,13 +65,13 @@ class Cell:
 
     @property
     def file(self) -> str:
-        """Where its outcome goes."""
+        """Path of the outcome."""
         method = self.method.replace(" ", "_").replace("/", ":")
         return f"{self.digest[:8]}-{self.rule}-{method}-{self.number:02d}.json"
 
     def outcome(self) -> dict[str, Any]:
         """Run it."""
-        problem = BuildableScenario(load(self.scenario, SETTINGS)).problem(self.rule)
+        problem = LoadedScenario(load(self.scenario, SETTINGS)).problem(self.rule)
         seed = zlib.crc32(f"{self.rule} {self.method} {self.number}".encode())
         began = time.process_time()
         result = avrare.estimate(problem, self.estimator, seed=seed, **dict(self.options))
@@ -79,7 +79,7 @@ class Cell:
 
 
 def _kept(result: Result) -> dict[str, Any]:
-    """What the tables and pictures need."""
+    """Return what the tables and pictures need."""
     whole = result.to_dict()
     names = ("probability", "interval", "rollouts", "simulated_steps", "failures", "errors", "health")
     return {name: whole[name] for name in names} | {"diagnostics": whole["diagnostics"]}

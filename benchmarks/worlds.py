@@ -1,4 +1,4 @@
-"""What avrare costs on top of a Gymnasium environment, side by side in one process.
+"""Overhead of avrare on top of a Gymnasium environment, side by side in one process.
 
     OMP_NUM_THREADS=1 python benchmarks/worlds.py [ROLLOUTS]
 
@@ -35,7 +35,7 @@ Course = tuple[int, list[Any]]
 
 
 def courses(problem: avrare.Problem, rollouts: int) -> list[Course]:
-    """What the environment is given in every rollout."""
+    """Return the inputs of the environment in every rollout."""
     index = np.arange(rollouts)[:, None]
     tape = NoiseSource(0, problem.noise_size).normals(0, 0, index, np.arange(problem.steps + 1))
     state = problem.system.initial(tape[:, 0])

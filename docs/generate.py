@@ -39,9 +39,9 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def _commands() -> str:
+    from avrare.base.errors import AvrareError, ExitCode
     from avrare.cli.main import COMMANDS, PROVIDED, _command
     from avrare.cli.parser import command_parser
-    from avrare.errors import AvrareError, ExitCode
 
     parts = ["# Command line", "Every option of every command. `avrare COMMAND --help` prints the same."]
     for name in [*COMMANDS, *PROVIDED]:
@@ -77,7 +77,7 @@ def _parser(parser: argparse.ArgumentParser) -> list[str]:
 
 def _scenario() -> str:
     from avrare.plugin.registry import Registry
-    from avrare.scenario.jsonschema import scenario_schema
+    from avrare.scenario.json_schema import scenario_schema
 
     schema = scenario_schema(Registry())  # no plugins: their options are on a page of their own
     parts = [
@@ -98,7 +98,7 @@ def _scenario() -> str:
 def _components() -> str:
     from avrare.plugin.registry import default_registry
 
-    parts = ["# Components", "What a scenario may write after `plugin:`, and the options of each."]
+    parts = ["# Components", "Components that a scenario names with `plugin:`, and their options."]
     kind = ""
     for row in default_registry().rows():
         if row.component is None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.testing import systems
+import odd_systems
+from avrare.testing import awkward_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
 
@@ -83,6 +84,7 @@ def test_monte_carlo_is_the_default_and_right():
     assert abs(result.probability - truth) < 4 * math.sqrt(truth * (1 - truth) / 40_000)
 
 
+@pytest.mark.slow
 def test_splitting_finds_a_rare_failure():
     result = avrare.estimate(walk(3.8), "ams", seed=1, particles=100, discard=10, runs=40)
     truth = reference_problem("d_rw_L3.8").probability
@@ -92,7 +94,9 @@ def test_splitting_finds_a_rare_failure():
 
 
 @pytest.mark.parametrize("estimator", SETTINGS)
-@pytest.mark.parametrize("system", [systems.NestedWalk(), systems.TupleWalk(), systems.ArrayWalk()])
+@pytest.mark.parametrize(
+    "system", [odd_systems.NestedWalk(), odd_systems.TupleWalk(), odd_systems.ArrayWalk()]
+)
 def test_states_may_be_dataclasses_tuples_or_arrays(estimator, system):
     ours, dicts = (
         avrare.estimate(walk(1.0, one), estimator, seed=5, **SETTINGS[estimator])

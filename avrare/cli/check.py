@@ -4,60 +4,65 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from avrare.cli.doubts import warn
-from avrare.cli.former import refuse_former
-from avrare.cli.parser import add_display_arguments, add_scenario_arguments, display
-from avrare.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode, UsageError
+from avrare.cli.output import print_warnings, refuse_overwrite, write_errors, write_files
+from avrare.cli.parser import (
+    add_display_arguments,
+    add_run_arguments,
+    add_scenario_arguments,
+    display,
+    load_scenarios,
+    overrides,
+    set_epilog,
+)
 
-_EXAMPLE = """\
-A threshold passes once its interval lies below the bound and fails once it lies above.
-A rule is compared with the newest baseline, a numbered file in baselines/NAME next to
-the scenario, where there is one; the first run saves it. docs/ci.md says more.
+_EPILOG = """\
+A threshold passes if the interval of the probability lies below the bound, and fails if it
+lies above. Each specification is also compared with the newest baseline, a numbered file in
+baselines/NAME next to the scenario, if there is one; the first comparison saves it. See
+docs/ci.md.
 
 examples:
   avrare check scenarios/*.yaml --junit report.xml --markdown summary.md
-  avrare check drive.yaml --spend rollouts=80000    # up to four looks, until all is clear
-  avrare check drive.yaml --plan                    # what a verdict will cost
-  avrare check drive.yaml --save                    # a new baseline
+  avrare check drive.yaml --spend rollouts=80000    # up to four looks, until all verdicts are clear
+  avrare check drive.yaml --plan                    # estimate the cost of a verdict
+  avrare check drive.yaml --save                    # save a new baseline
 
-exit code: 0 all pass, 1 a row fails, 3 inconclusive, 4 bad scenario or usage,
-5 plugin missing, 6 too many rollouts broke down
+exit code: 0 all pass, 1 a threshold or comparison fails, 3 inconclusive, 4 bad scenario or
+usage, 5 plugin missing, 6 too many rollout errors
 """
-_PILOT = 200
-"""Monte Carlo rollouts of a pilot run."""
+_PILOT_ROLLOUTS = 200
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``avrare check``."""
-    parser.epilog = _EXAMPLE
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    """Add the command's options."""
+    set_epilog(parser, _EPILOG)
     add_scenario_arguments(parser)
-    parser.add_argument("--seed", type=int, metavar="N", help="the scenario's by default")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
-    parser.add_argument("--executor", metavar="NAME", help="default: processes if workers > 1")
-    parser.add_argument("--budget", metavar="KIND=N", help="steps=N, rollouts=N or seconds=N, each estimate")
+    add_run_arguments(parser)
     parser.add_argument(
-        "--spend", metavar="KIND=N", help="the same, but in up to four looks until every verdict is clear"
+        "--spend",
+        metavar="KIND=N",
+        help="maximal budget, spent in up to four interim looks until every verdict is decided",
     )
     folder = parser.add_argument_group("baselines")
     folder.add_argument(
-        "--baseline", metavar="DIR", help="their folder (DIR/NAME for several scenarios); compare in any case"
+        "--baseline",
+        metavar="DIR",
+        help="baseline folder (DIR/NAME for several scenarios); implies a comparison",
     )
     folder.add_argument("--save", action="store_true", help="save this run as the new baseline")
     folder.add_argument(
-        "--require-baseline", action="store_true", help="refuse to begin where there is none, as CI should"
+        "--require-baseline", action="store_true", help="stop if there is no baseline; recommended in CI"
     )
-    folder.add_argument(
-        "--accept-changes", action="store_true", help="compare even if the baseline answers another question"
-    )
+    text = "compare even if the scenario has changed since the baseline"
+    folder.add_argument("--accept-changes", action="store_true", help=text)
     output = parser.add_argument_group("output")
-    output.add_argument("--plan", action="store_true", help="only tell what a verdict will cost")
+    output.add_argument("--plan", action="store_true", help="only estimate the cost of a verdict")
     output.add_argument("--junit", metavar="FILE", help="write JUnit XML")
     output.add_argument("--markdown", metavar="FILE", help="write a summary for a merge request")
     output.add_argument("--out", metavar="DIR", help="write check.json and the run folders")
@@ -66,144 +71,118 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Check the scenarios together, show, write, and exit with the verdict."""
-    from avrare.check.looks import stages
+    """Check the scenarios together, report, and return the exit code of the verdict."""
+    from avrare.analysis.check.targets import plan_looks
     from avrare.estimation.budget import Budget
 
-    if args.workers < 1:
-        raise UsageError(f"--workers must be at least 1, not {args.workers}")
     budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
     if budget and spend:
-        raise UsageError("--budget and --spend both say what it may cost", "leave one of them away")
+        raise UsageError("--budget cannot be combined with --spend", "remove one of them")
     _make_folders(args)
     subjects = _subjects(args)
     if args.out and not args.plan:
-        refuse_former(Path(args.out), "check.json", [one.definition.name for one in subjects])
+        refuse_overwrite(Path(args.out), "check.json", [one.definition.name for one in subjects])
     if args.plan:
         return _plan(args, subjects, budget)
-    from avrare.check.gate import check
+    from avrare.analysis.check.gate import check
+    from avrare.report.terminal.check_table import print_check
 
-    outcome = check(subjects, stages(budget, spend), _machine(args), args.save)
+    outcome = check(subjects, plan_looks(budget, spend), _machine(args), args.save)
     _write(args, subjects, outcome)
     if args.json:
         print(json.dumps(outcome.to_dict(subjects)))
     else:
-        from avrare.check.screen import show
-
-        show(outcome, display(args))
+        print_check(outcome, display(args))
     return int(outcome.exit_code)
 
 
 def _subjects(args: argparse.Namespace) -> list[Any]:
-    """The scenarios with their baselines; nothing has run yet."""
-    from avrare.check.subjects import subject
-    from avrare.scenario.load import load
+    from avrare.analysis.check.baseline import default_folder
+    from avrare.analysis.check.targets import load_target
 
-    seed = [f"seed={args.seed}"] if args.seed is not None else []
-    scenarios = [load(path, [*args.set, *seed], args.estimator) for path in args.scenarios]
-    names = [scenario.name for scenario in scenarios]
-    if len(set(names)) < len(names):
-        text = f"two scenarios have the same name: {', '.join(sorted(names))}"
-        raise UsageError(text, "check them one at a time")
+    scenarios = load_scenarios(args, overrides(args))
     for scenario in scenarios:
-        warn(scenario.warnings)
+        print_warnings(scenario.warnings)
     found = []
     for scenario in scenarios:
-        folder = _folder(args, scenario, len(scenarios) > 1)
+        folder = default_folder(scenario) if args.baseline is None else Path(args.baseline)
+        if args.baseline is not None and len(scenarios) > 1:
+            folder /= scenario.name
         asked = args.baseline is not None or args.save or scenario.regression is not None
         compared = asked or args.require_baseline or not scenario.thresholds or folder.is_dir()
-        found.append(subject(scenario, folder, compared, args.accept_changes))
+        found.append(load_target(scenario, folder, compared, args.accept_changes))
         if args.require_baseline and found[-1].baseline is None:
-            raise UsageError(
-                f"{folder}: there is no baseline of {scenario.name!r}",
-                "is the folder right? else make one with --save and commit it",
-            )
+            text = f"{folder}: there is no baseline of {scenario.name!r}"
+            raise UsageError(text, "check the folder, or save a baseline with --save and commit it")
     return found
 
 
-def _folder(args: argparse.Namespace, scenario: Any, several: bool) -> Path:
-    from avrare.check.baseline import default_folder
-
-    if args.baseline is None:
-        return default_folder(scenario)
-    return Path(args.baseline) / scenario.name if several else Path(args.baseline)
-
-
 def _machine(args: argparse.Namespace) -> Any:
-    from avrare.check.subjects import Machine
-    from avrare.report.console import Progress
+    from avrare.analysis.check.targets import ExecutionSettings
+    from avrare.report.terminal.progress_line import Progress
 
-    return Machine(args.workers, args.executor, partial(Progress, mode=display(args)))
+    return ExecutionSettings(args.workers, args.executor, partial(Progress, mode=display(args)))
 
 
 def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int:
-    from avrare.check.baseline import Entry
-    from avrare.check.planner import plan
+    from avrare.analysis.check.baseline import BaselineEntry
+    from avrare.analysis.check.power_analysis import estimate_costs
+    from avrare.report.terminal.check_table import print_plan
 
     found = []
     for one in subjects:
         known, source = {}, "the baseline"
         if one.baseline is not None and budget is None:
-            known = {rule: one.baseline.entries[rule] for rule in one.definition.estimated
-                     if rule in one.baseline.entries}  # fmt: skip
+            entries = one.baseline.entries
+            known = {name: entries[name] for name in one.definition.estimated if name in entries}
         if not known:
             pilot = _pilot(one, budget, _machine(args))
-            known = {result.specification: Entry.of(result) for result in pilot}
+            known = {result.specification: BaselineEntry.from_result(result) for result in pilot}
             source = f"a pilot run of {max(entry.rollouts for entry in known.values()):,}"
-        found += plan(one.definition.name, one.planned, known, source, one.definition.confidence)
+        scenario = one.definition
+        found += estimate_costs(scenario.name, one.planned_criteria, known, source, scenario.confidence)
     if args.json:
         print(json.dumps({"schema": 1, "plan": [one.to_dict() for one in found]}))
     else:
-        from avrare.check.screen import show_plan
-
-        show_plan(found, display(args))
+        print_plan(found, display(args))
     return int(ExitCode.PASS)
 
 
 def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
-    """A first estimate: short where the estimator is Monte Carlo, else as the scenario asks for."""
-    from avrare.check.looks import Stage
-    from avrare.check.subjects import estimate
+    """Run a first estimate: short for Monte Carlo, otherwise as the scenario says."""
+    from avrare.analysis.check.targets import Look, estimate_look
     from avrare.estimation.budget import Budget
 
-    config = one.definition.estimator.config
-    if budget is None and one.definition.estimator.plugin == "mc":
-        budget = Budget("rollouts", max(config.runs, min(_PILOT, config.most * config.runs)))
-    return estimate(one.scenario, one.definition.estimated, Stage(1, 1.0, budget), machine)
+    estimator = one.definition.estimator
+    if budget is None and estimator.plugin == "mc":
+        runs = estimator.config.runs
+        budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.most * runs)))
+    return estimate_look(one.scenario, one.definition.estimated, Look(1, 1.0, budget), machine)
 
 
 def _make_folders(args: argparse.Namespace) -> None:
-    """Before anything runs: what cannot be written at the end is best known now."""
-    folders = [Path(name).parent for name in (args.junit, args.markdown) if name]
-    for folder in [*folders, *([Path(args.out)] if args.out else [])]:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UsageError(f"{folder}: cannot make this folder: {error.strerror}") from None
-        if not os.access(folder, os.W_OK):
-            raise UsageError(f"{folder}: cannot write into this folder", "choose another place")
-    for name in (args.junit, args.markdown):
+    from avrare.base.files import ensure_writable
+
+    for option, name in (("--junit", args.junit), ("--markdown", args.markdown)):
         if name and Path(name).is_dir():
-            raise UsageError(f"{name}: is a folder, not a file to write", "choose another place")
+            raise UsageError(f"{name}: is a folder, not a file", f"choose another {option}")
+        if name:
+            ensure_writable(Path(name).parent, option)
+    if args.out:
+        ensure_writable(Path(args.out), "--out")
 
 
 def _write(args: argparse.Namespace, subjects: Sequence[Any], outcome: Any) -> None:
-    from avrare.check.document import junit, markdown
-    from avrare.record import rundir
-    from avrare.record.whole import write_text
+    from avrare.base.files import write_text
+    from avrare.report.documents.check_documents import junit, markdown
+    from avrare.results import run_folder as rundir
 
-    texts = {args.junit: junit, args.markdown: markdown}
-    texts.pop(None, None)
-    try:
-        for name, text in texts.items():
-            write_text(Path(name), text(outcome))
-        if args.out:
-            content = json.dumps(outcome.to_dict(subjects), indent=2) + "\n"
-            write_text(Path(args.out) / "check.json", content)
-    except OSError as error:
-        raise UsageError(
-            f"{error.filename}: cannot write: {error.strerror}", "choose another place"
-        ) from None
+    for name, text in ((args.junit, junit), (args.markdown, markdown)):
+        if name is not None:
+            with write_errors(name, "choose another file"):
+                write_text(Path(name), text(outcome))
+    if args.out:
+        write_files(Path(args.out), {"check.json": json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
     for one in subjects if args.out else ():
         results = outcome.results[one.definition.name]
         folder = rundir.choose(args.out, one.definition.name, len(subjects) > 1)

@@ -1,4 +1,4 @@
-"""``avrare check-plugin``: does a plugin keep to what avrare relies on?"""
+"""``avrare check-plugin``: conformance checks of a plugin's components."""
 
 from __future__ import annotations
 
@@ -7,30 +7,25 @@ import json
 import sys
 from dataclasses import asdict
 
-from avrare.authors.outcome import Outcome
-from avrare.authors.suite import examine, subjects
-from avrare.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode, UsageError
+from avrare.cli.parser import add_set_argument
 from avrare.plugin.registry import default_registry
+from avrare.testing.conformance.check_outcome import Outcome
+from avrare.testing.conformance.suite import examine, subjects
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    parser.add_argument("name", metavar="NAME", help="a component, or a distribution: all of its components")
+    """Add the command's options."""
+    parser.add_argument("name", metavar="NAME", help="component, or distribution: all of its components")
     parser.add_argument("--kind", help="only components of this kind")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="an option of the component",
-    )
-    parser.add_argument("--json", action="store_true", help="print a list of objects instead of lines")
+    add_set_argument(parser, "set an option of the component; may be repeated")
+    parser.add_argument("--json", action="store_true", help="print a JSON list instead of lines")
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Print one row for each check; exit 1 if any failed."""
+    """Print one line per check; return exit code 1 if any failed."""
     if not __debug__:
-        raise UsageError("the checks are assertions, which python -O leaves out", "run it without -O")
+        raise UsageError("the checks are assertions, which python -O disables", "run Python without -O")
     chosen = [
         subject
         for subject in subjects(default_registry(), args.name, _options(args.set))
@@ -45,13 +40,9 @@ def execute(args: argparse.Namespace) -> int:
         for outcome in examine(subject):
             outcomes.append(outcome)
             if not args.json:
-                _show(outcome.status, outcome.check, outcome.sentence, outcome.reason)
-    return _report(outcomes, args.json)
-
-
-def _report(outcomes: list[Outcome], as_json: bool) -> int:
+                _print_outcome(outcome)
     found = [outcome.status for outcome in outcomes]
-    if as_json:
+    if args.json:
         print(json.dumps([asdict(outcome) for outcome in outcomes], indent=2))
     else:
         print(", ".join(f"{found.count(status)} {status}" for status in ("passed", "failed", "skipped")))
@@ -59,20 +50,14 @@ def _report(outcomes: list[Outcome], as_json: bool) -> int:
 
 
 def _options(settings: list[str]) -> dict[str, object]:
-    """``KEY=VALUE`` words as options; values are YAML.
-
-    Raises:
-        ScenarioError: A word is no setting.
-    """
+    from avrare.scenario.marked_values import Mark, Node
     from avrare.scenario.overrides import override
-    from avrare.scenario.source import Mark, Node
 
-    plain = override(Node({}, Mark("--set")), settings).plain()
-    return dict(plain)
+    return dict(override(Node({}, Mark("--set")), settings).plain())
 
 
-def _show(status: str, check: str, sentence: str, reason: str) -> None:
-    print(f"  {status:<8}{check:<30}{sentence}")
-    if reason:
-        print(f"{'':10}{reason}")
+def _print_outcome(outcome: Outcome) -> None:
+    print(f"  {outcome.status:<8}{outcome.check:<30}{outcome.sentence}")
+    if outcome.reason:
+        print(f"{'':10}{outcome.reason}")
     sys.stdout.flush()

@@ -1,26 +1,30 @@
-"""``avrare compare``: estimators side by side, on the same problem with the same budget."""
+"""``avrare compare``: estimators with equal budgets, or two versions of a stack on the same noise."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from avrare.cli.parser import add_display_arguments, display
-from avrare.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode, UsageError
+from avrare.cli.output import can_draw, write_errors, write_files
+from avrare.cli.parser import (
+    add_display_arguments,
+    add_set_argument,
+    add_workers_argument,
+    at_least,
+    display,
+    set_epilog,
+)
 
-if TYPE_CHECKING:
-    from avrare.report.progress import Mode
-
-_EXAMPLE = """\
-SCENARIO is a scenario file, or problem:ID: a reference problem with its exact answer
+_EPILOG = """\
+SCENARIO is a scenario file, or problem:ID for a reference problem with a known probability
 ('avrare compare problem:' lists them).
 
-NAMES are estimators with commas between them; variants of one have their options
-behind colons: mc,ams,ams:particles=100:discard=10
+NAMES are estimators separated by commas; options of a variant follow after colons:
+mc,ams,ams:particles=100:discard=10
 
 examples:
   avrare compare problem:d_rw_L3.8 --estimators mc,ams,ce --budget steps=1e6
@@ -30,34 +34,31 @@ examples:
   avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
 """
 _REPEAT = 10
-_WIDTH = 100
-"""Columns that the table needs; a narrower terminal breaks its lines."""
+_PAIRED_ROLLOUTS = 1000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    parser.epilog = _EXAMPLE
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    """Add the command's options."""
+    set_epilog(parser, _EPILOG)
     parser.add_argument("scenario", metavar="SCENARIO", help="scenario file, or problem:ID")
     parser.add_argument(
-        "--against",
-        metavar="OTHER",
-        help="another version of the scenario, on the same noise",
+        "--against", metavar="OTHER", help="second version of the scenario, run on the same noise tapes"
     )
-    parser.add_argument("--estimators", metavar="NAMES", help="what to compare, e.g. mc,ams,ce")
-    parser.add_argument("--budget", metavar="KIND=N", help="steps=N or rollouts=N, for each estimate")
-    parser.add_argument("--repeat", type=int, metavar="R", help=f"repetitions (default {_REPEAT})")
-    parser.add_argument("--specification", metavar="NAME", help="of a scenario that has several")
-    parser.add_argument("--truth", metavar="P", help="the true probability, or mc=ROLLOUTS to find it first")
+    parser.add_argument("--estimators", metavar="NAMES", help="estimators to compare, e.g. mc,ams,ce")
+    parser.add_argument("--budget", metavar="KIND=N", help="budget per estimate: steps=N or rollouts=N")
     parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="ams.particles=100 for every ams; scenario.steps=20 for the scenario; may be repeated",
+        "--repeat", type=at_least(1), metavar="R", help=f"estimates per estimator (default {_REPEAT})"
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="of the first repetition; the scenario's, or 0")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
+    parser.add_argument(
+        "--specification", metavar="NAME", help="specification; required if there are several"
+    )
+    parser.add_argument("--truth", metavar="P", help="true probability, or mc=ROLLOUTS to estimate it first")
+    add_set_argument(
+        parser, "ams.particles=100 for every ams; scenario.steps=20 for the scenario; may be repeated"
+    )
+    text = "seed of the first repetition; default: the scenario's, or 0"
+    parser.add_argument("--seed", type=at_least(0), metavar="N", help=text)
+    add_workers_argument(parser)
     parser.add_argument("--out", metavar="DIR", help="write comparison.json, .md and .png")
     parser.add_argument(
         "--json", action="store_true", help="print comparison.json and nothing else on stdout"
@@ -67,65 +68,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Compare, show and write what was found."""
-    from avrare.compare.document import document
-    from avrare.record.whole import ready
+    """Compare, print and write the comparison."""
+    from avrare.base.files import ensure_writable
+    from avrare.report.documents.comparison_json import comparison_document, paired_document
 
     if args.scenario == "problem:":
         return _list_problems()
-    if args.against is not None:
-        from avrare.cli import compare_against
-
-        return compare_against.execute(args)
-    args.repeat = _REPEAT if args.repeat is None else args.repeat
+    paired = args.against is not None
     _check(args)
     if args.out:
-        ready(Path(args.out), "--out")
-    comparison = _compare(args)
-    content = document(comparison)
+        ensure_writable(Path(args.out), "--out")
+    comparison = _compare_versions(args) if paired else _compare_estimators(args)
+    content = paired_document(comparison) if paired else comparison_document(comparison)
     written = _write(comparison, content, args) if args.out else []
     if args.json:
         print(json.dumps(content))
     else:
-        _show(comparison, written, display(args))
+        _show(comparison, written, args)
+    if paired:
+        return int(ExitCode.ROLLOUT_ERRORS if comparison.has_too_many_errors else ExitCode.PASS)
     if comparison.interrupted:
         return int(ExitCode.INTERRUPTED)
-    health = [name for entry in comparison.entries for one in entry.repetitions for name in one.health]
+    health = [name for arm in comparison.arms for one in arm.repetitions for name in one.health]
     return int(ExitCode.ROLLOUT_ERRORS if "errors" in health else ExitCode.PASS)
 
 
 def _check(args: argparse.Namespace) -> None:
-    for option in ("estimators", "budget"):
+    if args.against is not None:
+        for option in ("estimators", "truth", "repeat"):
+            if getattr(args, option) is not None:
+                text = f"--{option} cannot be combined with --against"
+                raise UsageError(text, "--against runs Monte Carlo on both versions")
+        return
+    for option, example in (("estimators", "mc,ams"), ("budget", "steps=1e6")):
         if getattr(args, option) is None:
-            example = {"estimators": "mc,ams", "budget": "steps=1e6"}[option]
             raise UsageError(f"--{option} is required", f"for example --{option} {example}")
-    for option in ("repeat", "workers"):
-        if getattr(args, option) < 1:
-            raise UsageError(f"--{option} must be at least 1, not {getattr(args, option)}")
-    if args.seed is not None and args.seed < 0:
-        raise UsageError(f"--seed must be at least 0, not {args.seed}")
-
-
-def _compare(args: argparse.Namespace) -> Any:
-    from avrare.compare.arms import parse_arms, part_settings
-    from avrare.compare.study import Design, compare
-    from avrare.compare.truth import parse_truth
-    from avrare.plugin.registry import default_registry
-    from avrare.report.console import Progress
-
-    budget = _budget(args.budget)
-    truth = parse_truth(args.truth) if args.truth is not None else None
-    of_scenario, of_estimators = part_settings(args.set)
-    case = _case(args, of_scenario, truth)
-    arms = parse_arms(args.estimators, of_estimators, case.estimator, default_registry())
-    design = Design(budget, args.repeat, case.seed if args.seed is None else args.seed, args.workers)
-    with Progress(case.name, case.problem, display(args)) as progress:
-
-        def watch(name: str) -> Any:
-            progress.label, progress.began = f"{case.name}  {name}", time.monotonic()
-            return progress
-
-        return compare(case, arms, design, watch, truth if isinstance(truth, int) else None)
 
 
 def _budget(text: str) -> Any:
@@ -135,28 +112,51 @@ def _budget(text: str) -> Any:
     assert budget is not None
     if budget.kind == "seconds":
         raise UsageError(
-            "--budget seconds=N cannot be compared: it buys another cost on every machine and each time",
+            "--budget seconds=N is not comparable: its cost differs between machines and runs",
             "give steps=N or rollouts=N",
         )
     return budget
 
 
+def _compare_estimators(args: argparse.Namespace) -> Any:
+    from avrare.analysis.compare.case import parse_truth
+    from avrare.analysis.compare.estimator_arms import parse_arms, split_settings
+    from avrare.analysis.compare.study import StudyDesign, compare
+    from avrare.plugin.registry import default_registry
+    from avrare.report.terminal.progress_line import Progress
+
+    budget = _budget(args.budget)
+    truth = parse_truth(args.truth) if args.truth is not None else None
+    scenario_settings, estimator_settings = split_settings(args.set)
+    case = _case(args, scenario_settings, truth)
+    arms = parse_arms(args.estimators, estimator_settings, case.estimator, default_registry())
+    repeat = _REPEAT if args.repeat is None else args.repeat
+    design = StudyDesign(budget, repeat, case.seed if args.seed is None else args.seed, args.workers)
+    with Progress(case.name, case.problem, display(args)) as progress:
+
+        def watch(name: str) -> Any:
+            progress.label, progress.began = f"{case.name}  {name}", time.monotonic()
+            return progress
+
+        return compare(case, arms, design, watch, truth if isinstance(truth, int) else None)
+
+
 def _case(args: argparse.Namespace, overrides: list[str], truth: Any) -> Any:
     from dataclasses import replace
 
-    from avrare.compare.case import REFERENCE, reference_case, scenario_case
-    from avrare.compare.truth import Truth
+    from avrare.analysis.compare.case import REFERENCE_PREFIX, GroundTruth, reference_case, scenario_case
 
-    if not args.scenario.startswith(REFERENCE):
+    if not args.scenario.startswith(REFERENCE_PREFIX):
         case = scenario_case(args.scenario, args.specification, overrides)
-        return replace(case, truth=truth) if isinstance(truth, Truth) else case
-    case = reference_case(args.scenario.removeprefix(REFERENCE))
+        return replace(case, truth=truth) if isinstance(truth, GroundTruth) else case
+    case = reference_case(args.scenario.removeprefix(REFERENCE_PREFIX))
     for option, given in (
         ("--truth", truth), ("--specification", args.specification), ("--set scenario.KEY", overrides),
     ):  # fmt: skip
         if given:
             raise UsageError(
-                f"{option} does not fit {args.scenario}", "it has one formula and an exact answer"
+                f"{option} cannot be used with {args.scenario}",
+                "a reference problem has one formula and a known probability",
             )
     return case
 
@@ -169,49 +169,87 @@ def _list_problems() -> int:
     return int(ExitCode.PASS)
 
 
+def _compare_versions(args: argparse.Namespace) -> Any:
+    from avrare.analysis.compare.paired import PairedComparison, compare_pairs
+    from avrare.report.terminal.progress_line import Progress
+    from avrare.rollout.executors.build import build_executor
+    from avrare.rollout.loaded_scenario import LoadedScenario
+    from avrare.scenario.load import load
+
+    both, second_only = _split_settings(args.set)
+    definitions = (load(args.scenario, both), load(args.against, [*both, *second_only]))
+    problems = [LoadedScenario(one).problem(args.specification or one.estimated) for one in definitions]
+    seed = definitions[0].seed if args.seed is None else args.seed
+    executor = build_executor(args.workers)
+    rollouts = _paired_rollouts(args.budget, problems[0].steps)
+    with Progress("", problems[0], display(args)) as progress:
+
+        def watch(number: int) -> Progress:
+            progress.label = f"{(args.scenario, args.against)[number]}  {number + 1} of 2"
+            progress.began = time.monotonic()
+            return progress
+
+        pairs = compare_pairs(problems[0], problems[1], rollouts, seed, executor, watch)
+    return PairedComparison((args.scenario, args.against), definitions, tuple(pairs), rollouts, seed)
+
+
+def _split_settings(given: list[str]) -> tuple[list[str], list[str]]:
+    both: list[str] = []
+    second_only: list[str] = []
+    for text in given:
+        prefix, _, rest = text.partition(".")
+        if prefix not in ("scenario", "against") or not rest:
+            raise UsageError(
+                f"--set {text}: with --against, KEY must begin with scenario. or against.",
+                "write --set scenario.KEY=VALUE for both, --set against.KEY=VALUE for the second only",
+            )
+        (both if prefix == "scenario" else second_only).append(rest)
+    return both, second_only
+
+
+def _paired_rollouts(text: str | None, steps: int) -> int:
+    if text is None:
+        return _PAIRED_ROLLOUTS
+    budget = _budget(text)
+    rollouts = int(budget.amount // (max(steps, 1) if budget.kind == "steps" else 1))
+    if rollouts < 1:
+        raise UsageError(f"--budget {text} does not cover one rollout of {steps} steps")
+    return rollouts
+
+
 def _write(comparison: Any, content: dict[str, Any], args: argparse.Namespace) -> list[str]:
-    """Names of the files that were written to ``--out``."""
-    from avrare.record.whole import write_text
-    from avrare.report import comparison_picture, picture
-    from avrare.report.comparison import markdown
+    from avrare.report.plots import comparison_plot
+    from avrare.report.terminal.comparison_table import markdown
 
-    folder = Path(args.out)
-    files = {
-        "comparison.json": json.dumps(content, indent=2) + "\n",
-        "comparison.md": markdown(comparison),
-    }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in files.items():
-            write_text(folder / name, text)
-        if args.no_pictures:
-            return list(files)
-        if not picture.available():
-            print("no picture: matplotlib is not installed; pip install 'avrare[plot]'", file=sys.stderr)
-            return list(files)
-        comparison_picture.draw(comparison, folder / "comparison.png")
-    except OSError as error:
-        text = f"{folder}: cannot write: {error.strerror or error}"
-        raise UsageError(text, "choose another --out") from error
-    return [*files, "comparison.png"]
+    folder, text = Path(args.out), json.dumps(content, indent=2) + "\n"
+    if args.against is not None:
+        write_files(folder, {"paired.json": text})
+        return ["paired.json"]
+    write_files(folder, {"comparison.json": text, "comparison.md": markdown(comparison)})
+    if args.no_pictures or not can_draw():
+        return ["comparison.json", "comparison.md"]
+    with write_errors(folder, "choose another --out"):
+        comparison_plot.draw(comparison, folder / "comparison.png")
+    return ["comparison.json", "comparison.md", "comparison.png"]
 
 
-def _show(comparison: Any, written: list[str], mode: Mode) -> None:
-    from avrare.report.comparison import brief, headline, notes, table
-    from avrare.report.console import screen
+def _show(comparison: Any, written: list[str], args: argparse.Namespace) -> None:
+    from avrare.report.terminal import comparison_table as estimators
+    from avrare.report.terminal import paired_table as versions
+    from avrare.report.terminal.console import make_console, print_lines, print_table
 
-    console = screen(mode)
-    if mode == "quiet":
-        for line in brief(comparison):
-            console.print(line, markup=False)
+    console = make_console(display(args))
+    paired = args.against is not None
+    tables: Any = versions if paired else estimators
+    if args.quiet:
+        print_lines(console, tables.summary_lines(comparison))
         return
-    console.width = max(console.width, _WIDTH)
-    first, *others = headline(comparison)
-    console.print(first, style="bold", markup=False)
-    for line in [*others, ""]:
-        console.print(line, markup=False)
-    console.print(table(comparison))
-    for line in notes(comparison):
-        console.print(line, style="yellow", markup=False)
+    first, *others = [versions.headline(comparison)] if paired else estimators.headline(comparison)
+    print_lines(console, [first], "bold")
+    print_lines(console, [*others, ""])
+    print_table(
+        console, versions.paired_table(comparison) if paired else estimators.comparison_table(comparison)
+    )
+    print_lines(console, tables.note_lines(comparison), "yellow")
     if written:
-        console.print(f"written: {', '.join(written)}", markup=False)
+        print_lines(console, [f"written: {', '.join(written)}"])

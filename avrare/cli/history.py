@@ -1,4 +1,4 @@
-"""``avrare history``: keep results, and show how estimates went over commits."""
+"""``avrare history``: store results, and show estimates over commits."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from avrare.errors import ExitCode, PluginError, UsageError, did_you_mean
+from avrare.base.errors import ExitCode, PluginError, UsageError, did_you_mean
+from avrare.cli.output import write_errors
+from avrare.cli.parser import at_least, set_epilog
 
-_EXAMPLE = """\
-A history is filled by hand, or by the job that ran: nothing else writes to it. Adding
-a folder again adds nothing. DIR is the --out of `avrare run` or `avrare check`.
+_EPILOG = """\
+`avrare history add` stores the estimates of DIR, the --out of `avrare run` or `avrare check`.
+Nothing else writes to the history. Adding a folder twice has no effect.
 
 examples:
   avrare history add runs/night
@@ -19,31 +21,31 @@ examples:
   avrare history --plot trend.png
   avrare history add out --store postgresql://host/avrare
 """
-_ADD = "add"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``avrare history``."""
-    parser.epilog = _EXAMPLE
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    """Add the command's options."""
+    set_epilog(parser, _EPILOG)
     parser.usage = "avrare history [SCENARIO] [options]\n       avrare history add DIR... [--store URL]"
-    parser.add_argument("words", nargs="*", metavar="SCENARIO", help="its name; or 'add' and folders of runs")
-    parser.add_argument("--specification", metavar="NAME", help="only this one")
     parser.add_argument(
-        "--limit", type=int, default=20, metavar="N", help="the newest N (default 20; 0: all)"
+        "words", nargs="*", metavar="SCENARIO", help="scenario name, or 'add' and run folders"
     )
-    parser.add_argument("--json", action="store_true", help="print the entries as JSON and nothing else")
-    parser.add_argument("--plot", metavar="FILE", help="draw them as a PNG")
+    parser.add_argument("--specification", metavar="NAME", help="show only this specification")
+    parser.add_argument(
+        "--limit", type=at_least(0), default=20, metavar="N", help="show the newest N (default 20; 0: all)"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
+    parser.add_argument("--plot", metavar="FILE", help="draw the estimates as a PNG")
     parser.add_argument(
         "--store",
         metavar="URL",
-        help="a file, or a database as SQLAlchemy names it; default .avrare/history.sqlite",
+        help="SQLite file, or SQLAlchemy URL of a database (default .avrare/history.sqlite)",
     )
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Add results, or show them."""
-    if args.words[:1] == [_ADD]:
+    """Add results to the history, or show it."""
+    if args.words[:1] == ["add"]:
         _add(args)
     else:
         _show(args)
@@ -51,25 +53,26 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _add(args: argparse.Namespace) -> None:
-    from avrare.history.entry import entries
+    from avrare.analysis.history.entry import read_entries
 
     if len(args.words) < 2:
-        raise UsageError("avrare history add: the folder is missing", "avrare history add DIR...")
-    found = [entry for name in args.words[1:] for entry in entries(Path(name))]
+        raise UsageError("avrare history add: DIR is required", "avrare history add DIR...")
+    found = [entry for name in args.words[1:] for entry in read_entries(Path(name))]
     with _store(args, create=True) as store:
         added = store.add(found)
-        known = f", {len(found) - added} were there already" if added < len(found) else ""
-        print(f"{added} of {len(found)} estimates added to {store.place}{known}")
+        known = f", {len(found) - added} were stored already" if added < len(found) else ""
+        print(f"{added} of {len(found)} estimates added to {store.location}{known}")
 
 
 def _show(args: argparse.Namespace) -> None:
+    from avrare.analysis.history.entry import group_series
+
     if len(args.words) > 1:
         raise UsageError(
-            f"one scenario, not {len(args.words)}: {' '.join(args.words)}", "avrare history add DIR..."
+            f"give one scenario, not {len(args.words)}: {' '.join(args.words)}",
+            "to add results: avrare history add DIR...",
         )
-    if args.limit < 0:
-        raise UsageError(f"--limit must be at least 0, not {args.limit}")
-    shown = _newest(_chosen(args), args.limit)
+    shown = [entry for _, entries in group_series(_chosen(args)) for entry in entries[-args.limit :]]
     if args.plot is not None:
         _plot(shown, Path(args.plot))
     if args.json:
@@ -91,45 +94,33 @@ def _chosen(args: argparse.Namespace) -> list[Any]:
     return [entry for entry in found if args.specification in (None, entry.specification)]
 
 
-def _newest(found: list[Any], limit: int) -> list[Any]:
-    """Of each specification; all for a limit of 0."""
-    from avrare.history.entry import series
-
-    return [entry for _, entries in series(found) for entry in entries[-limit:]]
-
-
 def _print(shown: list[Any]) -> None:
-    from avrare.history.entry import breaks, series
-    from avrare.history.screen import notes, table
-    from avrare.report.console import screen, show
+    from avrare.analysis.history.entry import find_breaks, group_series
+    from avrare.report.terminal.console import make_console, print_lines, print_table
+    from avrare.report.terminal.result_table import history_note_lines, history_table
 
-    console, broken = screen("auto"), False
-    for index, ((scenario, specification), entries) in enumerate(series(shown)):
+    console, broken = make_console("auto"), False
+    for index, ((scenario, specification), entries) in enumerate(group_series(shown)):
         if index:
             console.print()
-        show(console, table(scenario, specification, entries))
-        broken |= any(breaks(entries))
-    for line in notes(shown, broken):
-        console.print(line, style="yellow", markup=False)
+        print_table(console, history_table(scenario, specification, entries))
+        broken |= any(find_breaks(entries))
+    print_lines(console, history_note_lines(shown, broken), "yellow")
 
 
 def _plot(shown: list[Any], path: Path) -> None:
-    from avrare.history.picture import draw
-    from avrare.report.picture import available
+    from avrare.report.plots.figure import has_matplotlib
+    from avrare.report.plots.history_plot import draw
 
-    if not available():
+    if not has_matplotlib():
         raise PluginError("--plot needs matplotlib", "pip install 'avrare[plot]'")
     if path.suffix.lower() != ".png":
-        raise UsageError(f"--plot {path}: the picture is a PNG", "name it FILE.png")
-    try:
+        raise UsageError(f"--plot {path}: the picture is written as PNG", "use the suffix .png")
+    with write_errors(path, "choose another --plot"):
         draw(shown, path)
-    except OSError as error:
-        raise UsageError(
-            f"{path}: cannot write the picture: {error.strerror}", "choose another place"
-        ) from None
 
 
 def _store(args: argparse.Namespace, create: bool) -> Any:
-    from avrare.history.store import DEFAULT, Store
+    from avrare.analysis.history.store import DEFAULT, HistoryStore
 
-    return Store(args.store or DEFAULT, create=create)
+    return HistoryStore(args.store or DEFAULT, create=create)

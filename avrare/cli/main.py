@@ -1,4 +1,4 @@
-"""The ``avrare`` command: finds the subcommand, imports only that one, and turns errors into exit codes."""
+"""The ``avrare`` command: dispatch to one command's module, and exit codes for errors."""
 
 from __future__ import annotations
 
@@ -11,54 +11,54 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 from typing import Any
 
-import avrare
+from avrare.base import version
+from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError, did_you_mean
 from avrare.cli.parser import Parser, command_parser
-from avrare.errors import AvrareError, ExitCode, PluginError, UsageError, did_you_mean
 
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
-    "check": ("avrare.cli.check", "turn thresholds and baselines into an exit code"),
-    "compare": ("avrare.cli.compare", "estimators side by side, with the same budget"),
+    "check": ("avrare.cli.check", "check thresholds and baselines: the CI gate"),
+    "compare": ("avrare.cli.compare", "compare estimators with equal budgets, or two versions of a scenario"),
     "validate": ("avrare.cli.validate", "check scenario files without running them"),
-    "replay": ("avrare.cli.replay", "drive a stored failure again, shrink it, write it as a file"),
-    "falsify": ("avrare.cli.falsify", "find a failure, then the most likely one"),
-    "failures": ("avrare.cli.failures", "list stored failures, hand them on, sort them into kinds"),
+    "replay": ("avrare.cli.replay", "replay a stored failure, shrink it, export it"),
+    "falsify": ("avrare.cli.falsify", "search for a failure, then for the most likely one"),
+    "failures": ("avrare.cli.failures", "list, add, print and cluster stored failures"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
-    "monitor": ("avrare.cli.monitor", "score a recorded drive or a run's failure under a rule"),
-    "report": ("avrare.cli.report", "a run's folder as one HTML file"),
-    "history": ("avrare.cli.history", "estimates over commits"),
+    "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
+    "report": ("avrare.cli.report", "write a run folder as one HTML file"),
+    "history": ("avrare.cli.history", "store results, and show estimates over commits"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
-    "new": ("avrare.cli.new", "make a plugin package to begin with"),
-    "check-plugin": ("avrare.cli.check_plugin", "does a plugin keep to what avrare relies on?"),
+    "new": ("avrare.cli.new", "create a plugin package"),
+    "check-plugin": ("avrare.cli.check_plugin", "run the conformance checks of a plugin"),
 }
-"""Name -> module with ``add_arguments(parser)`` and ``execute(args) -> int``, and what it does."""
+"""Name -> module with ``add_arguments(parser)`` and ``execute(args) -> int``, and a summary."""
 
 COMMAND_GROUP = "avrare.commands"
 
 PROVIDED = {
     "pem": ("avrare-gp-pem", "fit a perception error model to detections"),
-    "flow": ("avrare-flows", "fit a normalizing flow to samples of noise"),
-    "synthesize": ("avrare-linear", "make a linear system's failure less likely"),
+    "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
+    "synthesize": ("avrare-linear", "design the input of a linear system that makes its failure less likely"),
 }
-"""Name -> the distribution whose entry point of that name (group ``avrare.commands``) is such a module."""
+"""Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary."""
 
 _BROKEN_PIPE = 141
-"""128 + SIGPIPE: what the shell reports of a program whose reader went away."""
+"""Exit code after SIGPIPE, as shells report it: 128 + 13."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        argv: The arguments after the program's name; those of the process by default.
+        argv: Arguments after the program's name; default: those of the process.
 
     Returns:
-        The exit code (``avrare.errors.ExitCode``).
+        The exit code (``avrare.base.errors.ExitCode``).
     """
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        _tolerate_any_text()
+        _escape_unprintable_text()
         code = _dispatch(words)
         sys.stdout.flush()
         return code
@@ -94,7 +94,6 @@ def _dispatch(words: list[str]) -> int:
 
 
 def _command(name: str) -> tuple[Any, str]:
-    """The module of a command, of the core or of a plugin, and what it does."""
     if name in COMMANDS:
         reference, summary = COMMANDS[name]
         return importlib.import_module(reference), summary
@@ -113,18 +112,17 @@ def _top_parser() -> Parser:
     parser = Parser(
         prog="avrare",
         usage="avrare [-h] [--version] [--traceback] COMMAND ...",
-        description=(avrare.__doc__ or "").partition("\n")[0],
-        epilog=f"commands:\n{listing}\n\n'avrare COMMAND --help' says more.",
+        description="avrare: how likely is this driving stack to break this traffic rule?",
+        epilog=f"commands:\n{listing}\n\n'avrare COMMAND --help' shows the options of a command.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"avrare {avrare.__version__}")
-    parser.add_argument("--traceback", action="store_true", help="show the traceback of a bug")
+    parser.add_argument("--version", action="version", version=f"avrare {version.__version__}")
+    parser.add_argument("--traceback", action="store_true", help="print the traceback of an internal error")
     return parser
 
 
-def _tolerate_any_text() -> None:
-    """Paths may hold bytes, and terminals encodings, that cannot be printed as they are."""
+def _escape_unprintable_text() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -140,4 +138,4 @@ def _report_bug(error: Exception, full: bool) -> None:
     place = f"{frame.filename}:{frame.lineno} in {frame.name}"
     print(f"this is a bug in avrare: {type(error).__name__}: {words} ({place})", file=sys.stderr)
     if not full:
-        print("hint: run it again with --traceback and report what it prints", file=sys.stderr)
+        print("hint: run the command again with --traceback and report the output", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""``avrare plugins``: what is installed, and what is wrong with it."""
+"""``avrare plugins``: the installed components and their status."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import time
 from importlib.metadata import entry_points
 from typing import Any
 
-from avrare.errors import ExitCode
-from avrare.plugin.hookspecs import GROUP
+from avrare.base.errors import ExitCode
+from avrare.plugin.component import GROUP
 from avrare.plugin.registry import VARIABLE, Row, default_registry
 
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    parser.add_argument("--json", action="store_true", help="print a list of objects instead of a table")
+    """Add the command's options."""
+    parser.add_argument("--json", action="store_true", help="print a JSON list instead of a table")
     parser.add_argument(
-        "--timing", action="store_true", help="also how long importing each plugin's description takes"
+        "--timing", action="store_true", help="also show the import time of each plugin's descriptions"
     )
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Print one row for each component and for each plugin that could not be loaded."""
+    """Print one row per component and per plugin that could not be loaded."""
     seconds = _import_seconds() if args.timing else None
     rows = default_registry().rows()
     if args.json:
@@ -38,7 +38,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _import_seconds() -> dict[str, float]:
-    """Distribution -> seconds to import what describes its components; only the first import costs them."""
     names = os.environ.get(VARIABLE)
     seconds: dict[str, float] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
@@ -46,7 +45,7 @@ def _import_seconds() -> dict[str, float]:
         if blocked or point.dist is None:
             continue
         began = time.perf_counter()
-        with contextlib.suppress(Exception, SystemExit):  # the registry says what is wrong with it
+        with contextlib.suppress(Exception, SystemExit):  # the registry reports it
             point.load()
         spent = time.perf_counter() - began
         seconds[point.dist.name] = seconds.get(point.dist.name, 0.0) + spent
@@ -78,6 +77,6 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
             texts.insert(3, "" if spent is None else f"{1000.0 * spent:.0f} ms")
         table.add_row(*texts)
     for column in table.columns:
-        column.overflow = "fold"  # a name or a pip line that is cut is of no use
-    # A pipe has no width: give it enough that nothing wraps.
+        column.overflow = "fold"  # names and pip commands must not be truncated
+    # A pipe has no width: wide enough that nothing wraps.
     Console(width=None if sys.stdout.isatty() else 240).print(table)

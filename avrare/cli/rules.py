@@ -1,4 +1,4 @@
-"""``avrare rules``: the rules that plugins offer, in English and as formulas."""
+"""``avrare rules``: the traffic rules that plugins offer, in English and as formulas."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from avrare.errors import ExitCode
-from avrare.plugin.catalogue import Catalogue, Offer
+from avrare.base.errors import ExitCode
 from avrare.plugin.registry import default_registry
+from avrare.plugin.rule_catalogue import Catalogue, Offer
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -21,17 +21,17 @@ _WIDTH = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
+    """Add the command's options."""
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="show these rules in full; case and _ do not matter"
+        "names", nargs="*", metavar="NAME", help="show these rules in full; case and '_' are ignored"
     )
-    parser.add_argument("--json", action="store_true", help="print a list of objects")
+    parser.add_argument("--json", action="store_true", help="print a JSON list")
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Print a table of all rules, or the named ones in full."""
+    """Print a table of all rules, or the named rules in full."""
     catalogue = Catalogue.of(default_registry())
-    for line in catalogue.broken:
+    for line in catalogue.failures:
         print(f"warning: {line}", file=sys.stderr)
     found = [offer for name in args.names for offer in catalogue.find(name, loosely=True)]
     offers = list({id(offer): offer for offer in found}.values())
@@ -60,10 +60,10 @@ def _print_table(offers: Sequence[Offer]) -> None:
     table = Table("rule", "title", "plugin", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for offer in offers:
         table.add_row(*map(escape, (offer.card.name, offer.card.title, offer.row.name)))
-    # A pipe has no width: give it enough that nothing wraps.
+    # A pipe has no width: wide enough that nothing wraps.
     console = Console(width=None if sys.stdout.isatty() else 240)
     console.print(table)
-    console.print("\n'avrare rules NAME' shows one in full.", markup=False, highlight=False)
+    console.print("\n'avrare rules NAME' shows a rule in full.", markup=False, highlight=False)
 
 
 def _print_cards(offers: Sequence[Offer]) -> None:
@@ -80,13 +80,11 @@ def _card(offer: Offer, width: int) -> list[Text]:
     from rich.text import Text
 
     def wrapped(words: str, indent: int, hanging: int = 0, style: str = "") -> Text:
-        more = " " * (indent + hanging)
-        return Text(
-            textwrap.fill(
-                words, width, initial_indent=" " * indent, subsequent_indent=more, break_on_hyphens=False
-            ),
-            style,
+        first, others = " " * indent, " " * (indent + hanging)
+        filled = textwrap.fill(
+            words, width, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
         )
+        return Text(filled, style)
 
     card = offer.card
     lines = [Text.assemble((card.name, "bold"), "  ", card.title), Text()]

@@ -6,70 +6,65 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from avrare.cli.doubts import warn
-from avrare.cli.parser import add_display_arguments, add_scenario_arguments, display
-from avrare.errors import AvrareError, ExitCode, Interrupted, UsageError
+from avrare.base.errors import AvrareError, ExitCode, Interrupted, UsageError
+from avrare.cli.output import can_draw, print_warnings
+from avrare.cli.parser import (
+    add_display_arguments,
+    add_run_arguments,
+    add_scenario_arguments,
+    display,
+    load_scenarios,
+    overrides,
+)
+from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.scenario.schema import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``avrare run``."""
+    """Add the command's options."""
     add_scenario_arguments(parser, optional=True)
-    parser.add_argument(
-        "--seed", type=int, metavar="N", help="seed of all random numbers; the scenario's by default"
-    )
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
-    parser.add_argument(
-        "--executor",
-        metavar="NAME",
-        help="where the work runs: serial, processes, ray (with options: ray,address=auto); default: "
-        "processes if workers > 1",
-    )
-    parser.add_argument(
-        "--budget", metavar="KIND=N", help="steps=N, rollouts=N or seconds=N, for each estimate"
-    )
+    add_run_arguments(parser)
     parser.add_argument(
         "--until",
         metavar="relative_error=X|threshold=X",
-        help="run Monte Carlo until the estimate is as exact as that, or known to lie below or above that",
+        help="run Monte Carlo until the relative error is at most X, or the interval excludes X",
     )
-    parser.add_argument("--out", metavar="DIR", help="folder of the results; default: a new one under runs/")
+    parser.add_argument("--out", metavar="DIR", help="results folder (default: a new one under runs/)")
+    parser.add_argument("--resume", metavar="DIR", help="resume the interrupted run in this folder")
     parser.add_argument(
-        "--resume", metavar="DIR", help="go on with the run that was interrupted in this folder"
-    )
-    parser.add_argument(
-        "--failures", metavar="DIR", help="drive the failures stored there first, and store new ones there"
+        "--failures", metavar="DIR", help="replay the failures stored in DIR first, and store new ones there"
     )
     parser.add_argument("--json", action="store_true", help="print result.json and nothing else on stdout")
-    parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    parser.add_argument("--no-pictures", action="store_true", help="draw no pictures")
     add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run the scenarios one after another, or go on where they were interrupted."""
+    """Run the scenarios one after another, or resume an interrupted run."""
     from avrare.estimation.budget import Budget
-    from avrare.record import checkpoint_run, rundir
+    from avrare.results import run_checkpoint as checkpoint_run
+    from avrare.results import run_folder as rundir
 
-    if args.workers < 1:
-        raise UsageError(f"--workers must be at least 1, not {args.workers}")
-    out = _out(args)
-    scenarios, budget = _scenarios(args), Budget.parse(args.budget)
+    out = _out_folder(args)
+    scenarios, budget = _named_scenarios(args), Budget.parse(args.budget)
     if args.resume is not None:
         assert out is not None
         contents = checkpoint_run.finished_results(out, scenarios, _overrides(args), args.estimator, budget)
         if contents:
-            print(f"{out}: this run is finished", file=sys.stderr)
-            return _ended(args, contents)
+            print(f"{out}: this run is already finished", file=sys.stderr)
+            return _finish(args, contents)
         budget = budget or checkpoint_run.saved_budget(out)
-        scenarios = scenarios or _saved(args, out)
+        scenarios = scenarios or _interrupted_scenarios(args, out)
     for scenario in scenarios:
-        warn(scenario.warnings)
-    built = _built(scenarios, budget)
+        print_warnings(scenario.warnings)
+    built = _check_all(scenarios, budget)
     names = [scenario.name for scenario in scenarios]
     home = out or rundir.fresh(names)
     try:
@@ -81,234 +76,196 @@ def execute(args: argparse.Namespace) -> int:
         if out is None:
             rundir.remove_empty(home)
         raise
-    return _ended(args, contents)
+    return _finish(args, contents)
 
 
-def _out(args: argparse.Namespace) -> Path | None:
-    """The folder that ``--out`` or ``--resume`` names."""
+def _out_folder(args: argparse.Namespace) -> Path | None:
     if args.resume is None:
         return None if args.out is None else Path(args.out)
     if args.out is not None and Path(args.out).resolve() != Path(args.resume).resolve():
-        raise UsageError("--resume goes on in the folder of the run: leave --out away")
+        raise UsageError("--out cannot be combined with --resume", "results go to the run's folder")
     if not Path(args.resume).is_dir():
-        raise UsageError(f"--resume {args.resume}: there is no such folder")
+        raise UsageError(f"--resume {args.resume}: no such folder")
     return Path(args.resume)
 
 
-def _scenarios(args: argparse.Namespace) -> list[Scenario]:
-    """Those named on the command line."""
-    from avrare.scenario.load import load
-
+def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
     if not args.scenarios and args.resume is None:
-        raise UsageError("avrare run: the scenario is missing", "avrare run SCENARIO, or --resume DIR")
-    scenarios = [load(path, _overrides(args), args.estimator) for path in args.scenarios]
-    names = [scenario.name for scenario in scenarios]
-    if len(set(names)) < len(names):
-        raise UsageError(
-            f"two scenarios have the same name: {', '.join(sorted(names))}", "run them one at a time"
-        )
-    return scenarios
+        raise UsageError("avrare run: SCENARIO is required", "avrare run SCENARIO, or --resume DIR")
+    return load_scenarios(args, _overrides(args))
 
 
-def _saved(args: argparse.Namespace, out: Path) -> list[Scenario]:
-    """Those of the run that is gone on with."""
-    from avrare.record.checkpoint_run import saved_scenarios
+def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
+    from avrare.results.run_checkpoint import saved_scenarios
 
     scenarios = saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
-        raise UsageError(
-            f"--resume {out}: no interrupted run is here", f"avrare run SCENARIO --resume {out} starts one"
-        )
+        hint = f"avrare run SCENARIO --resume {out} starts one"
+        raise UsageError(f"--resume {out}: contains no interrupted run", hint)
     return scenarios
 
 
-def _built(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
-    """Ready to be run; what would be found out only after hours is asked now."""
-    from avrare.build.scenario import BuildableScenario
-    from avrare.cli.foreseen import refuse_what_cannot_begin
+def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
+    """Check every scenario before running the first; what is built for that is kept."""
+    from avrare.rollout.loaded_scenario import LoadedScenario
 
-    built = [BuildableScenario(scenario) for scenario in scenarios]
-    for one in built if len(built) > 1 else ():
-        refuse_what_cannot_begin(one, budget)
+    built = [LoadedScenario(scenario) for scenario in scenarios]
+    for scenario in built if len(built) > 1 else ():
+        _check_start(scenario, budget)
     return built
 
 
+def _check_start(scenario: Any, budget: Any) -> None:
+    from avrare.estimation.loop import Settings, planned
+
+    definition, estimator = scenario.definition, scenario.estimator()
+    problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
+    settings = Settings(
+        definition.seed, definition.confidence, budget, definition.max_error_rate, definition.suppress
+    )
+    try:
+        estimator.init(planned(problem, estimator, settings)[1])
+    except UsageError as error:
+        raise UsageError(f"{definition.name}: {error.message}", error.hint) from None
+
+
 def _overrides(args: argparse.Namespace) -> list[str]:
-    seed = [f"seed={args.seed}"] if args.seed is not None else []
-    return [*args.set, *seed, *_until(args.until)]
+    if args.until is None:
+        return overrides(args)
+    key, _, value = args.until.partition("=")
+    if key not in ("relative_error", "threshold") or not value:
+        hint = "write --until relative_error=0.1 or --until threshold=1e-3"
+        raise UsageError(f"--until {args.until!r} is invalid", hint)
+    return [*overrides(args), f"estimator.{key}={value}"]
 
 
 def _run_all(
     pairs: Iterable[tuple[Any, Path]], args: argparse.Namespace, budget: Any, checkpoint: Any
 ) -> list[dict[str, Any]]:
-    """The contents of all result.json; an interruption says how to go on."""
-    from avrare.execute.stopping import Stopping
-    from avrare.execute.window import WorkerDied
-    from avrare.record.checkpoint import SaveError
+    from avrare.estimation.checkpoint.store import SaveError
+    from avrare.rollout.executors.in_flight import WorkerDied
+    from avrare.rollout.executors.interruption import Stopping
 
     try:
         with Stopping() as stop:
-            return [_run(scenario, folder, args, budget, checkpoint, stop) for scenario, folder in pairs]
+            return [_run_scenario(*pair, args, budget, checkpoint, stop) for pair in pairs]
     except (Interrupted, KeyboardInterrupt) as error:
-        many = checkpoint.chunks
-        message = f"interrupted, {many} {'chunk is' if many == 1 else 'chunks are'} saved"
-        raise Interrupted(message, f"{_command(checkpoint)} goes on") from error
+        count = checkpoint.chunks
+        message = f"interrupted, {count} {'chunk is' if count == 1 else 'chunks are'} saved"
+        raise Interrupted(message, f"resume with {_resume_command(checkpoint)}") from error
     except (SaveError, WorkerDied) as error:
-        error.hint = f"{error.hint}; what is done is saved, {_command(checkpoint)} goes on"
+        error.hint = f"{error.hint}; completed chunks are saved: resume with {_resume_command(checkpoint)}"
         raise
 
 
-def _command(checkpoint: Any) -> str:
+def _resume_command(checkpoint: Any) -> str:
     return shlex.join(["avrare", "run", "--resume", str(checkpoint.folder.parent)])
 
 
-def _ended(args: argparse.Namespace, contents: list[dict[str, Any]]) -> int:
+def _finish(args: argparse.Namespace, contents: list[dict[str, Any]]) -> int:
     if args.json:
         print(json.dumps(contents[0] if len(contents) == 1 else contents))
-    troubled = any("errors" in entry["health"] for content in contents for entry in content["estimates"])
-    return int(ExitCode.ROLLOUT_ERRORS if troubled else ExitCode.PASS)
+    too_many_errors = any(
+        "errors" in entry["health"] for content in contents for entry in content["estimates"]
+    )
+    return int(ExitCode.ROLLOUT_ERRORS if too_many_errors else ExitCode.PASS)
 
 
-def _until(text: str | None) -> list[str]:
-    """The override that ``--until`` stands for."""
-    if text is None:
-        return []
-    key, _, value = text.partition("=")
-    if key not in ("relative_error", "threshold") or not value:
-        raise UsageError(
-            f"--until {text!r} is not understood",
-            "write --until relative_error=0.1, or --until threshold=1e-3 to know on which side of it p lies",
-        )
-    return [f"estimator.{key}={value}"]
-
-
-def _run(
+def _run_scenario(
     scenario: Any, folder: Path, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
 ) -> dict[str, Any]:
-    from avrare.record import rundir
+    from avrare.report.plots.drive_plot import draw_run
+    from avrare.results import run_folder as rundir
 
     definition = scenario.definition
-    _drive_known(scenario, args)
+    _use_failures(scenario, None, args)
     results = _estimates(scenario, args, budget, checkpoint, stop)
     content = rundir.document(definition, results)
     rundir.write(folder, definition, content, results, budget)
-    _remember(scenario, results, args)
-    pictures = [] if args.no_pictures else _draw(scenario, results, folder)
+    _use_failures(scenario, results, args)
+    draws = not args.no_pictures and scenario.scene is not None and can_draw()
+    pictures = draw_run(scenario, results, folder) if draws else []
     if not args.json:
         _show(definition, results, folder, pictures, display(args))
     return content
 
 
-def _drive_known(scenario: Any, args: argparse.Namespace) -> None:
-    """Say how the failures of ``--failures`` come out now; no part of any result."""
+def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.Namespace) -> None:
+    """Replay the failures of ``--failures``, or store those of the results; print what happened."""
     if args.failures is None:
         return
-    from avrare.failures.database import Database
-    from avrare.failures.known import known_lines
+    from avrare.analysis.failures.regression import check_known_failures, store_worst
+    from avrare.analysis.failures.storage import FailureDatabase
 
-    for line in known_lines(Database(Path(args.failures)), scenario):
-        print(line, file=sys.stderr if args.json else sys.stdout)
-
-
-def _remember(scenario: Any, results: Sequence[Any], args: argparse.Namespace) -> None:
-    if args.failures is None:
-        return
-    from avrare.failures.database import Database
-    from avrare.failures.known import remember
-
-    found = {result.specification: result.failures for result in results}
-    new, complaints = remember(Database(Path(args.failures)), scenario, found)
-    lines = [f"{len(new)} new failures in {args.failures}: {', '.join(new)}"] if new else []
-    for line in [*lines, *complaints]:
+    database = FailureDatabase(Path(args.failures))
+    if results is None:
+        lines = check_known_failures(database, scenario)
+    else:
+        found = {result.specification: result.failures for result in results}
+        new, lines = store_worst(database, scenario, found)
+        if new:
+            lines = [f"{len(new)} new failures in {args.failures}: {', '.join(new)}", *lines]
+    for line in lines:
         print(line, file=sys.stderr if args.json else sys.stdout)
 
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
-    """One pass for all specifications where the estimator can, else one run for each."""
-    from avrare.estimation.loop import Settings, run
-    from avrare.report.console import Progress
+    from avrare.estimation.scenario_estimates import estimate_specifications
+    from avrare.report.terminal.progress_line import Progress
+    from avrare.rollout.executors.build import build_executor
 
     definition = scenario.definition
-    estimator = scenario.estimator()
-    groups = [(name,) for name in definition.estimated] if estimator.single else [definition.estimated]
-    settings = Settings(
-        definition.seed, definition.confidence, budget, definition.max_error_rate, definition.suppress,
-        replay=True,
-    )  # fmt: skip
-    results = []
-    for group in groups:
-        problem = scenario.problem(group)
-        label = group[0] if len(group) == 1 else f"{definition.name} ({len(group)} specifications)"
-        journal = checkpoint.journal(f"{definition.name}/{group[0]}")
-        executor = _executor(args)
-        counted = definition.confidence if estimator.name == "mc" else None
-        with Progress(f"{label}  {estimator.name}", problem, display(args), counted, stop) as progress:
-            progress.began -= journal.seconds
-            results += run(problem, estimator, executor, settings, progress, journal, stop)
-        _tell_restarts(executor)
+    confidence = definition.confidence if definition.estimator.plugin == "mc" else None
+    journal = cache(lambda specification: checkpoint.journal(f"{definition.name}/{specification}"))
+    executors: list[Any] = []
+
+    def start_executor() -> Any:
+        executors.append(build_executor(args.workers, args.executor))
+        return executors[-1]
+
+    @contextmanager
+    def watch(label: str, problem: Any) -> Iterator[Progress]:
+        with Progress(label, problem, display(args), confidence, stop) as progress:
+            progress.began -= journal(problem.names[0]).seconds
+            yield progress
+        _report_restarts(executors[-1])
+
+    results = estimate_specifications(
+        scenario, definition.estimated, budget, start_executor, watch, journal=journal, stop=stop
+    )
     return [_judged(definition, result) for result in results]
 
 
-def _tell_restarts(executor: Any) -> None:
-    """No part of any result: the chunks gave the same bits the second time."""
-    restarts = getattr(executor, "restarts", 0)
-    if restarts:
+def _report_restarts(executor: Any) -> None:
+    replacing = find_ability(executor, ReplacesWorkers)
+    restarts = replacing.restarts if replacing is not None else 0
+    if restarts:  # no part of any result: the chunks gave the same bits the second time
         print(f"note: workers died {restarts} time(s); their chunks were run again", file=sys.stderr)
 
 
 def _judged(definition: Scenario, result: Any) -> Any:
-    """With the verdict of the scenario's thresholds; of several, the worst."""
-    from avrare.estimation.verdict import verdict
+    from avrare.estimation.result import verdict, worst_verdict
 
-    found = {
+    found = [
         verdict(result, threshold.limit, threshold.strict, threshold.confidence)
         for threshold in definition.thresholds
         if threshold.specification == result.specification
-    }
-    worst = next((name for name in ("fail", "inconclusive", "pass") if name in found), None)
-    return replace(result, verdict=worst)
-
-
-def _executor(args: argparse.Namespace) -> Any:
-    """The executor by its name, which options may follow: ``ray,address=auto``."""
-    from avrare.estimation.loop import checked_options
-    from avrare.plugin.registry import default_registry
-    from avrare.scenario.overrides import override
-    from avrare.scenario.source import Mark, Node
-
-    default = "processes" if args.workers > 1 else "serial"
-    name, *settings = (args.executor or default).split(",")
-    component = default_registry().require("executor", name)
-    mark = Mark("--executor")
-    options = override(Node({}, mark, mark), settings).plain()
-    config = checked_options(component.load_config(), name, {"workers": args.workers, **options}, "executor")
-    return component.load_factory()(config, None)
-
-
-def _draw(scenario: Any, results: Sequence[Any], folder: Path) -> list[Path]:
-    """Pictures of the nominal and the worst rollouts, where there is a road and matplotlib."""
-    from avrare.report import picture
-
-    if scenario.scene is None:
-        return []
-    if not picture.available():
-        print("no pictures: matplotlib is not installed; pip install 'avrare[plot]'", file=sys.stderr)
-        return []
-    return picture.draw_run(scenario, results, folder)
+    ]
+    return replace(result, verdict=worst_verdict(found))
 
 
 def _show(
     definition: Scenario, results: Sequence[Any], folder: Path, pictures: Sequence[Path], mode: Any
 ) -> None:
-    from avrare.report.console import notes, screen, show, table, verdicts
+    from avrare.report.terminal.console import make_console, print_lines, print_table
+    from avrare.report.terminal.result_table import note_lines, result_table, verdict_lines
 
     if mode == "quiet":
-        print("\n".join(verdicts(definition.name, results)))
+        print("\n".join(verdict_lines(definition.name, results)))
         return
-    console = screen(mode)
-    how = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
-    title = f"{definition.name}  {how}"
-    show(console, table(title, results))
-    for line in notes(results):
-        console.print(line, style="yellow", markup=False)
-    console.print(f"results in {folder}" + "".join(f"\n  {path.name}" for path in pictures), markup=False)
+    console = make_console(mode)
+    settings = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
+    title = f"{definition.name}  {settings}"
+    print_table(console, result_table(title, results))
+    print_lines(console, note_lines(results), "yellow")
+    print_lines(console, [f"results in {folder}", *(f"  {path.name}" for path in pictures)])

@@ -5,16 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 
-from avrare.errors import ExitCode
+from avrare.base.errors import ExitCode
 from avrare.plugin.registry import default_registry
-from avrare.scenario.jsonschema import scenario_schema
+from avrare.scenario.json_schema import scenario_schema
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command has no options of its own."""
+    """Add nothing: the command has no options."""
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Print the schema, with the options of every installed component."""
+    """Print the schema with the options of every installed component."""
     print(json.dumps(scenario_schema(default_registry()), indent=2))
     return int(ExitCode.PASS)

@@ -1,4 +1,4 @@
-"""``avrare validate``: is the scenario right? Static unless ``--build`` asks for more."""
+"""``avrare validate``: check scenario files; static unless ``--build`` is given."""
 
 from __future__ import annotations
 
@@ -6,21 +6,20 @@ import argparse
 import importlib
 import sys
 
-from avrare.cli.doubts import warn
+from avrare.base.errors import AvrareError, ExitCode
+from avrare.cli.output import print_warnings
 from avrare.cli.parser import add_scenario_arguments
-from avrare.errors import AvrareError, ExitCode
 from avrare.scenario.load import load
-from avrare.scenario.schema import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
+    """Add the command's options."""
     add_scenario_arguments(parser)
     parser.add_argument("--build", action="store_true", help="also build the stack and run three steps")
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Check every scenario, print one line for each, and exit with the first reason to fail."""
+    """Check every scenario and print a line for each; return the smallest non-zero exit code."""
     codes = [_check(path, args) for path in args.scenarios]
     failed = [code for code in codes if code != ExitCode.PASS]
     return min(failed, default=int(ExitCode.PASS))
@@ -29,21 +28,20 @@ def execute(args: argparse.Namespace) -> int:
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
         scenario = load(path, args.set, args.estimator)
-        warn(scenario.warnings)
+        print_warnings(scenario.warnings)
         if args.build:
-            stack = importlib.import_module("avrare.build.stack")
-            warn(stack.build_and_try(scenario, steps=3))
+            stack = importlib.import_module("avrare.stack.builder")
+            print_warnings(stack.build_and_try(scenario, steps=3))
     except AvrareError as error:
         print("\n".join(error.lines()), file=sys.stderr)
         return int(error.exit_code)
-    print(f"{path}: ok  {describe(scenario)}" + (", built and run for 3 steps" if args.build else ""))
+    steps, count = scenario.steps, len(scenario.specifications)
+    parts = [
+        scenario.name,
+        f"{steps} step{'s' * (steps != 1)}",
+        f"{count} specification{'s' * (count != 1)}",
+        f"estimator {scenario.estimator.plugin}",
+        *(["built and run for 3 steps"] if args.build else []),
+    ]
+    print(f"{path}: ok  {', '.join(parts)}")
     return int(ExitCode.PASS)
-
-
-def describe(scenario: Scenario) -> str:
-    """``lane_change, 40 steps, 5 specifications, estimator mc``."""
-    many = len(scenario.specifications)
-    return (
-        f"{scenario.name}, {scenario.steps} step{'s' * (scenario.steps != 1)}, "
-        f"{many} specification{'s' * (many != 1)}, estimator {scenario.estimator.plugin}"
-    )

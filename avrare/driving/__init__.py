@@ -1,4 +1,4 @@
-"""The vocabulary of driving that simulators, perception, trackers, controllers and rules share."""
+"""Values of driving that simulators, perception, trackers, controllers and rules share."""
 
 from avrare.driving.values import Action, Observation, Prediction, Road, Scene, Vehicles, World
 

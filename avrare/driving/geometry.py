@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from avrare.driving.values import Scene, Vehicles
-
-Floats = NDArray[np.float64]
+from avrare.driving.values import Floats, Scene, Vehicles
 
 
 @dataclass(frozen=True)
@@ -19,9 +16,9 @@ class Rectangle:
     Attributes:
         x: Centre [m].
         y: Centre [m].
-        heading: [rad].
-        length: Along the heading [m].
-        width: Across it [m].
+        heading: Heading [rad].
+        length: Length along the heading [m].
+        width: Width across the heading [m].
     """
 
     x: Floats
@@ -31,7 +28,7 @@ class Rectangle:
     width: Floats
 
     def corners(self) -> tuple[Floats, Floats]:
-        """X and y of the four corners, in a new last axis: front left, front right, rear right, rear left."""
+        """Return x and y (..., 4) of the corners: front left, front right, rear right, rear left."""
         along = np.array([0.5, 0.5, -0.5, -0.5]) * np.expand_dims(self.length, -1)
         across = np.array([0.5, -0.5, -0.5, 0.5]) * np.expand_dims(self.width, -1)
         cos, sin = np.expand_dims(np.cos(self.heading), -1), np.expand_dims(np.sin(self.heading), -1)
@@ -42,7 +39,7 @@ class Rectangle:
 
 
 def signed_distance(a: Rectangle, b: Rectangle) -> Floats:
-    """Smallest distance between two rectangles [m]; minus the depth of the overlap where they overlap."""
+    """Return the distance between two rectangles [m]; minus the depth of the overlap where they overlap."""
     outside_a, inside_a = _corner_distances(a, b)
     outside_b, inside_b = _corner_distances(b, a)
     separation = np.maximum(inside_a, inside_b)
@@ -50,7 +47,7 @@ def signed_distance(a: Rectangle, b: Rectangle) -> Floats:
 
 
 def _corner_distances(a: Rectangle, b: Rectangle) -> tuple[Floats, Floats]:
-    """Distance of the nearest corner of ``b`` to ``a``, and the separation along the axes of ``a``."""
+    # The distance of b's nearest corner to ``a``, and the separation along the axes of ``a``.
     x, y = b.corners()
     dx, dy = x - np.expand_dims(a.x, -1), y - np.expand_dims(a.y, -1)
     cos, sin = np.expand_dims(np.cos(a.heading), -1), np.expand_dims(np.sin(a.heading), -1)
@@ -65,11 +62,11 @@ def _corner_distances(a: Rectangle, b: Rectangle) -> tuple[Floats, Floats]:
 
 
 def ego_rectangle(ego: Vehicles, scene: Scene) -> Rectangle:
-    """The ego's rectangle with fields (N, 1), ready to meet the others' (N, V)."""
+    """Return the ego's rectangle with fields (N, 1), which broadcast against the others' (N, V)."""
     length, width = np.asarray(scene.ego_length), np.asarray(scene.ego_width)
     return Rectangle(ego.x[:, None], ego.y[:, None], ego.heading[:, None], length, width)
 
 
 def other_rectangles(others: Vehicles, scene: Scene) -> Rectangle:
-    """The others' rectangles, fields (N, V)."""
+    """Return the others' rectangles, fields (N, V)."""
     return Rectangle(others.x, others.y, others.heading, scene.lengths, scene.widths)

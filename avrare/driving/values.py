@@ -1,4 +1,4 @@
-"""What the parts of a driving stack hand to each other.
+"""Values that the parts of a driving stack exchange.
 
 SI units throughout: metres, seconds, radians. The world frame has x along the road and y to the left;
 headings are counter-clockwise from x; positions are the centres of the vehicles' rectangles.
@@ -24,8 +24,8 @@ class Vehicles:
         x: Position along the road [m].
         y: Position across the road, left is positive [m].
         heading: Direction of the body [rad].
-        speed: Along the heading [m/s].
-        acceleration: Realised over the last step, (v[t] - v[t-1]) / dt [m/s^2].
+        speed: Speed along the heading [m/s].
+        acceleration: Mean acceleration over the last step, (v[t] - v[t-1]) / dt [m/s^2].
     """
 
     x: Floats
@@ -40,11 +40,11 @@ class Road:
     """Straight parallel lanes.
 
     Attributes:
-        lane_centres: y of each lane's centre, from right to left [m].
+        lane_centres: y coordinate of each lane's centre, from right to left [m].
         lane_width: Width of every lane [m].
         access_ramp: Indices of the lanes that are an access ramp, not the main carriageway.
-        begin: First x that is drawn [m].
-        end: Last x that is drawn [m].
+        begin: Least x in pictures [m].
+        end: Greatest x in pictures [m].
     """
 
     lane_centres: tuple[float, ...]
@@ -56,16 +56,16 @@ class Road:
 
 @dataclass(frozen=True)
 class Scene:
-    """What does not change during a run: road, sizes and names.
+    """Scene: road, sizes and names, which do not change during a rollout.
 
     Attributes:
-        dt: Step [s].
-        road: The road.
-        ego_length: Ego rectangle [m].
-        ego_width: Ego rectangle [m].
+        dt: Duration of a step [s].
+        road: Road.
+        ego_length: Length of the ego's rectangle [m].
+        ego_width: Width of the ego's rectangle [m].
         names: Name of each other vehicle, V entries.
-        lengths: (V,) [m].
-        widths: (V,) [m].
+        lengths: (V,) lengths of the others' rectangles [m].
+        widths: (V,) widths of the others' rectangles [m].
         moving: (V,) False for parked vehicles.
     """
 
@@ -81,12 +81,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class World:
-    """State of a driving simulator that keeps nothing else.
+    """State of a driving simulator.
 
     Attributes:
         step: (N,) number of steps since the start.
-        ego: Fields (N,).
-        others: Fields (N, V).
+        ego: State of the ego, fields (N,).
+        others: States of the other vehicles, fields (N, V).
         steering: (N,) steering angle of the ego [rad].
     """
 
@@ -98,12 +98,12 @@ class World:
 
 @dataclass(frozen=True)
 class Observation:
-    """What the perception system reports of each other vehicle, in the world frame.
+    """Report of the perception system on each other vehicle, in the world frame.
 
     Attributes:
         detected: (N, V); where False the other fields are NaN.
-        x: (N, V) [m].
-        y: (N, V) [m].
+        x: (N, V) position along the road [m].
+        y: (N, V) position across the road [m].
         speed_x: (N, V) velocity along x [m/s].
     """
 
@@ -115,11 +115,11 @@ class Observation:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Where the tracker expects the others; entry 0 is its estimate of now.
+    """Predicted positions of the others; entry 0 is the tracker's current estimate.
 
     Attributes:
-        x: (N, V, H + 1) [m].
-        y: (N, V, H + 1) [m].
+        x: (N, V, H + 1) position along the road [m].
+        y: (N, V, H + 1) position across the road [m].
     """
 
     x: Floats
@@ -128,11 +128,11 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Action:
-    """What a controller asks of the plant for one step.
+    """Command of a controller for one step.
 
     Attributes:
-        acceleration: (N,) [m/s^2].
-        yaw_rate: (N,) [rad/s].
+        acceleration: (N,) demanded acceleration [m/s^2].
+        yaw_rate: (N,) demanded yaw rate [rad/s].
     """
 
     acceleration: Floats

@@ -1,1 +1,1 @@
-"""Estimators, intervals, health, and the loop that drives them."""
+"""Estimation: the loop, Monte Carlo, intervals, health warnings and results."""

@@ -1,15 +1,15 @@
-"""What an estimate may cost."""
+"""Budget: upper bound on the cost of an estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from avrare.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError, did_you_mean
 
 KINDS = ("steps", "rollouts", "seconds")
-MOST = 1e15
-"""More than a century of anything."""
+MAX_AMOUNT = 1e15
+"""More than a century of simulation."""
 
 
 @dataclass(frozen=True)
@@ -17,11 +17,11 @@ class Budget:
     """An upper bound on cost; a run that has started may finish beyond it.
 
     Attributes:
-        kind: "steps" (simulated steps), "rollouts" or "seconds".
-        amount: Positive, at most 1e15.
+        kind: Unit of the amount: "steps" (simulated steps), "rollouts" or "seconds".
+        amount: Amount in that unit, positive and at most 1e15.
 
     Raises:
-        UsageError: Another kind or amount.
+        UsageError: The kind or the amount is invalid.
     """
 
     kind: str
@@ -30,16 +30,16 @@ class Budget:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UsageError(f"unknown budget {self.kind!r}", did_you_mean(str(self.kind), KINDS))
-        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= MOST):
-            wanted = f"a positive number up to {MOST:g}"
+        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= MAX_AMOUNT):
+            wanted = f"a positive number up to {MAX_AMOUNT:g}"
             raise UsageError(f"budget {self.kind} must be {wanted}, not {self.amount!r}")
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:
-        """A budget from "steps=1e6", {"steps": 1e6}, or one already made.
+        """Return the budget that "steps=1e6", {"steps": 1e6} or a ``Budget`` stands for, None for None.
 
         Raises:
-            UsageError: Not one of those.
+            UsageError: ``value`` is none of these.
         """
         if value is None or isinstance(value, Budget):
             return value

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-MOST_WITHOUT_LIMIT = 10**6
-"""Rollouts of a run that stops by its error: a rule that is never broken must end too."""
+MAX_SEQUENTIAL_ROLLOUTS = 10**6
+"""Upper bound for a run with a stopping rule: a specification that never fails must end too."""
 
 
 class McConfig(BaseModel):
-    """Monte Carlo: every rollout is drawn afresh, all specifications are scored in one pass."""
+    """Options of Monte Carlo: independent rollouts, all specifications scored in one pass."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -37,18 +37,18 @@ class McConfig(BaseModel):
     def _one_sequence(self) -> McConfig:
         given = [name for name in ("relative_error", "threshold") if getattr(self, name) is not None]
         if len(given) > 1:
-            raise ValueError("relative_error and threshold are two ways to stop: choose one")
+            raise ValueError("relative_error and threshold are two stopping rules: choose one")
         if given and self.runs > 1:
-            raise ValueError(f"{given[0]} stops one run; leave runs at 1")
+            raise ValueError(f"{given[0]} is a stopping rule for a single run; leave runs at 1")
         return self
 
     @property
     def sequential(self) -> bool:
-        """What it sees decides when it stops."""
+        """True where a stopping rule decides the number of rollouts."""
         return self.relative_error is not None or self.threshold is not None
 
     @property
     def most(self) -> int:
-        """Rollouts of each run, or the most of them."""
+        """Rollouts of each run; with a stopping rule, their upper bound."""
         given = "rollouts" in self.model_fields_set
-        return self.rollouts if given or not self.sequential else MOST_WITHOUT_LIMIT
+        return self.rollouts if given or not self.sequential else MAX_SEQUENTIAL_ROLLOUTS

@@ -1,53 +1,15 @@
-"""Health: what should make a reader doubt a number, by name."""
+"""Health warnings of an estimate, by name."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from statistics import fmean, median, pstdev
 
-from avrare.errors import UsageError, did_you_mean
+from avrare.base.health_messages import MESSAGES
 
-MESSAGES = {
-    "errors": "{errors} of {rollouts} rollouts broke down, more than the {allowed:.1%} allowed: {message}",
-    "extinct": "all {runs} runs died out before they reached a failure: the probability may be anything; "
-    "use more particles or fewer discards",
-    "extinct_runs": "{extinct} of {runs} runs died out and count as 0; use more particles or fewer discards",
-    "single_run": "one run only: its interval rests on its genealogy and is too narrow for rare events",
-    "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles",
-    "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
-    "ties": "half of the levels discarded more than {share:.0%} of the particles, {discard} were asked for: "
-    "the score takes too few values to split on",
-    "horizon_short": "the formula looks {horizon} samples ahead but a run has {steps} steps: what lies "
-    "beyond counts as if the trace ended there",
-    "solver_failures": "{fallbacks} of {solves} solves of the controller failed: it kept its last plan",
-    "not_deterministic": "the same noise gave robustness {first:.6g} and then {again:.6g}: the system "
-    "does not depend on its noise alone, and no number here can be reproduced",
-    "all_failed": "every rollout failed: the scenario tells nothing about how often",
-    "no_failures": "no rollout failed: the proposal does not reach a failure, and the probability may be "
-    "anything below the interval's upper end",
-    "weight_mean": "the mean weight is {mean:.3g} +- {error:.2g} where it should be 1: the weights are "
-    "wrong, or the sample misses much of the target; raise `defensive`",
-    "weight_degenerate": "the estimate rests on {effective:.1f} equal rollouts' worth of weight, the largest "
-    "has {largest:.0%} of it: the interval is widened to what holds whatever the weights; use more rollouts "
-    "or a nearer proposal",
-    "cross_check": "a small splitting run finds failures that are likelier than those of the sample "
-    "({surprise:.1f} standard errors, {unseen:.0%} beyond all it has weighed): the proposal misses some, and "
-    "the interval is widened to what holds whatever it misses",
-    "unchecked": "the second look did not come to failure: nothing vouches that the proposal misses none; "
-    "use more rollouts, or compare with splitting",
-    "heuristic_kernel": "{note}",
-    "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} "
-    "allows, by up to {most:.3g} per unit of length: it is no bound, and the estimate may be biased; "
-    "raise it, or use kernel shrink",
-    "model_error": "{note}",
-    "flow_tails": "{note}",
-    "paper_weights": "{note}",
-    "unreached": "after {stages} stages the elite still lies short of failure: the proposal is unfit; use "
-    "more stages or more rollouts",
-}
 FEWEST_ROOTS = 5
 MOST_TIES = 2.0
-"""Discards over those asked for, at half of the levels."""
+"""Ratio of discarded to requested particles, median over the levels."""
 LARGEST_SPREAD = 0.7
 LEAST_EFFECTIVE = 15.0
 LARGEST_SHARE = 0.3
@@ -58,25 +20,12 @@ LARGEST_MEAN_ERROR = 0.5
 
 
 def warn(name: str, **values: object) -> dict[str, str]:
-    """One named warning with its message filled in."""
+    """Return one named warning with its message filled in."""
     return {name: MESSAGES[name].format(**values)}
 
 
-def check_names(suppress: Collection[str]) -> None:
-    """Whether health warnings of these names may be left out.
-
-    Raises:
-        UsageError: There is no such warning, or it must be seen.
-    """
-    for name in suppress:
-        if name not in MESSAGES:
-            raise UsageError(f"there is no health warning {name!r}", did_you_mean(name, MESSAGES))
-        if name == "errors":
-            raise UsageError("health warning 'errors' cannot be suppressed", "raise max_error_rate instead")
-
-
-def of_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[str]) -> dict[str, str]:
-    """Warns when more than the allowed share of rollouts broke down."""
+def check_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[str]) -> dict[str, str]:
+    """Return a warning when more than the allowed share of rollouts ended in an error."""
     if errors <= allowed * rollouts:
         return {}
     return warn(
@@ -84,26 +33,26 @@ def of_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[str
     )
 
 
-def of_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
-    """Warns when most levels discard many more than asked for.
+def check_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
+    """Return a warning when most levels discard many more particles than requested.
 
     Args:
-        discarded: At each level of each run.
-        discard: K.
-        particles: N.
+        discarded: Particles discarded at each level of each run.
+        discard: K, particles to discard at a level.
+        particles: N, particles of a run.
     """
     if not discarded or (typical := median(discarded)) <= MOST_TIES * discard:
         return {}
     return warn("ties", share=typical / particles, discard=discard)
 
 
-def of_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
-    """Warnings on independent splitting runs.
+def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
+    """Return the warnings on independent splitting runs.
 
     Args:
         values: Run probabilities.
-        extinct: Runs that died out.
-        roots: First particles that the survivors of each run descend from.
+        extinct: Number of runs that died out.
+        roots: Number of first particles that the survivors of each run descend from.
     """
     runs = len(values)
     found = warn("single_run") if runs == 1 else {}
@@ -119,18 +68,18 @@ def of_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict
     return found
 
 
-def of_weights(
+def check_weights(
     mean: float, error: float, effective: float, largest: float, surprise: float, unseen: float
 ) -> dict[str, str]:
-    """Warnings on importance weights.
+    """Return the warnings on importance weights.
 
     Args:
         mean: Mean weight.
-        error: Its standard error.
+        error: Standard error of the mean weight.
         effective: Effective number of failing contributions; 0 without failures.
         largest: The largest contribution's share of the estimate.
-        surprise: Standard errors by which a second look contradicts the sample; 0 where there was none.
-        unseen: Share of the failures of a second look whose weight is above all of the sample's.
+        surprise: Standard errors by which the cross-check contradicts the sample; 0 without a cross-check.
+        unseen: Share of the failures of the cross-check whose weight exceeds all of the sample's.
     """
     found: dict[str, str] = {}
     if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:

@@ -1,4 +1,4 @@
-"""The estimation loop: ask, run, tell. The core owns the clock, the executor and the progress line."""
+"""Estimation loop: ask the estimator for rollouts, run them, tell it the outcomes."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import takewhile
-from typing import Any
+from typing import Any, cast
 
-from pydantic import ValidationError
-
-from avrare.errors import Interrupted, UsageError, did_you_mean
+from avrare.base.errors import Interrupted, UsageError
+from avrare.base.health_messages import check_names
 from avrare.estimation.budget import Budget
-from avrare.estimation.checks import examined
-from avrare.estimation.health import check_names
 from avrare.estimation.plan import Estimator, Info, Journal, Plan
 from avrare.estimation.result import Result
-from avrare.execute.again import check_again
-from avrare.execute.work import Executor, Work
+from avrare.estimation.result_checks import examined
+from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
+from avrare.rollout.executors.replay_check import check_reproduces
+from avrare.rollout.executors.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -26,21 +25,19 @@ from avrare.worlds.capabilities import require
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
-_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint")
-"""What ``avrare.estimate`` takes beside the options: for the hint on a misspelt one."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What every estimator has in common.
+    """Settings that all estimators share.
 
     Attributes:
-        seed: Of all random numbers.
-        confidence: Of the intervals.
+        seed: Seed of all random numbers.
+        confidence: Level of the intervals, in (0, 1).
         budget: Upper bound on cost.
-        max_error_rate: Share of broken rollouts above which a result is unhealthy.
+        max_error_rate: Share of errors among the rollouts above which a result has the warning ``errors``.
         suppress: Names of health warnings to leave out.
-        replay: Drive the least robust rollout once more to see that it comes out the same; beyond the cost.
+        replay: Replay the least robust rollout and check that it reproduces; not counted in the cost.
     """
 
     seed: int = 0
@@ -57,33 +54,33 @@ def run(
 ) -> list[Result]:  # fmt: skip
     """Estimate the failure probability of every specification of ``problem``.
 
-    An estimator with ``prepare(problem) -> problem`` may put another problem in its place; one with ``needs``
+    An estimator with ``prepare(problem) -> problem`` may replace the problem; one with ``needs``
     (``avrare.worlds.capabilities``) is refused where a simulator lacks them.
 
     Args:
-        problem: What to estimate.
-        estimator: How.
-        executor: Where the chunks run.
-        settings: What every estimator has in common.
-        progress: Told after every chunk.
-        journal: Where outcomes are kept; those that it has are not run again.
-        stop: Asked before every chunk; once it is true no other begins.
+        problem: Problem to estimate.
+        estimator: Estimator, in its initial state.
+        executor: Executor of the chunks.
+        settings: Settings that all estimators share.
+        progress: Called after every chunk.
+        journal: Store of outcomes; chunks that it holds are not run again.
+        stop: Called before every chunk; no other chunk begins once it returns True.
 
     Raises:
         UsageError: The estimator takes one specification and the problem has several; or the system does not
-            give what the journal has kept of it.
-        Interrupted: ``stop`` was true before the end.
+            reproduce what the journal holds.
+        Interrupted: ``stop`` returned True before the end.
     """
     given = problem
     problem, plan = planned(given, estimator, settings)
     work = Work(problem, plan.noise, scored=estimator.single)
-    drive = _Drive(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
+    loop = _Loop(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
     executor.open(work)
     with closing(executor):
-        state = drive.run()
-    seconds = drive.seconds
-    # Else its tapes may be those of another system, or its robustness that of a part of the run.
-    replayed = settings.replay and problem is given and not getattr(estimator, "stops_early", False)
+        state = loop.run()
+    seconds = loop.seconds
+    # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
+    replayed = settings.replay and problem is given and not _stops_early(estimator)
     results = [
         examined(problem, result, column, replay=replayed, suppress=settings.suppress)
         for column, result in enumerate(estimator.estimate(state))
@@ -92,10 +89,10 @@ def run(
 
 
 def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
-    """The problem as the estimator will have it, and what it is told of it; nothing is driven.
+    """Prepare the problem and the plan; run nothing.
 
     Raises:
-        UsageError: As of ``run``, before it begins.
+        UsageError: The settings are invalid, or the estimator cannot take the problem.
     """
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
@@ -104,10 +101,9 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
         )
-    require(problem.system, estimator.name, getattr(estimator, "needs", ()))
-    prepare = getattr(estimator, "prepare", None)
-    if prepare is not None:
-        problem = prepare(problem)
+    needing = find_ability(estimator, NeedsCapabilities)
+    require(problem.system, estimator.name, needing.needs if needing is not None else ())
+    problem = prepare_problem(estimator, problem)
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
         problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
@@ -116,9 +112,18 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
     return problem, plan
 
 
-class _Drive:
-    """One estimate under way."""
+def prepare_problem(estimator: Estimator, problem: Problem) -> Problem:
+    """Return the problem that an estimator puts in the place of ``problem``, or ``problem`` itself."""
+    preparing = find_ability(estimator, PreparesProblem)
+    return problem if preparing is None else cast("Problem", preparing.prepare(problem))
 
+
+def _stops_early(estimator: Estimator) -> bool:
+    stopping = find_ability(estimator, StopsEarly)
+    return stopping is not None and stopping.stops_early
+
+
+class _Loop:
     def __init__(
         self, estimator: Estimator, plan: Plan, work: Work, executor: Executor, progress: Progress,
         journal: Journal | None, stop: Callable[[], bool] | None,
@@ -129,11 +134,11 @@ class _Drive:
 
     @property
     def seconds(self) -> float:
-        """Since the start, without the time between an interruption and going on."""
+        """Wall time since the start, without the time between an interruption and its resumption [s]."""
         return time.perf_counter() - self.began
 
     def run(self) -> Any:
-        """The estimator's state once it asks for no more."""
+        """Run until the estimator asks for no more rollouts; return its state."""
         stage, (state, info) = 0, self.estimator.init(self.plan)
         while not self._out_of_time(info) and (request := self.estimator.ask(state)) is not None:
             parts, so_far = [], info
@@ -147,10 +152,9 @@ class _Drive:
         return state
 
     def _outcomes(self, stage: int, request: Request) -> Iterator[Rollouts]:
-        """Of all chunks in order: first what the journal has, then what is run."""
         size = self.plan.chunk
         chunks = [request.slice(at, at + size) for at in range(0, request.rows, size)]
-        journal = self.journal if self._kept(request) else None
+        journal = self.journal if self._can_store(request) else None
         index = 0
         for outcome in self._stored(journal, stage, chunks) if journal else ():
             index += 1
@@ -164,51 +168,26 @@ class _Drive:
         if index < len(chunks):
             raise Interrupted("interrupted")
 
-    def _kept(self, request: Request) -> bool:
-        return not request.keep_carries or getattr(self.estimator, "rebuilds_carries", False)
+    def _can_store(self, request: Request) -> bool:
+        if not request.keep_carries:
+            return True
+        rebuilding = find_ability(self.estimator, RebuildsCarries)
+        return rebuilding is not None and rebuilding.rebuilds_carries
 
     def _stored(self, journal: Journal, stage: int, chunks: list[Request]) -> Iterator[Rollouts]:
-        """Of the leading chunks; the clock is put to where it stood after each."""
         for index, chunk in enumerate(chunks):
             found = journal.read(stage, index, chunk)
             if found is None:
                 return
             outcome, seconds = found
-            # A law that was learnt anew may have come out otherwise: try each stage that draws under one.
+            # A law that was learnt again may differ: check each stage that draws under one.
             if index == 0 and (stage == 0 or chunk.law is not None):
-                check_again(self.work, chunk, outcome)
+                check_reproduces(self.work, chunk, outcome)
             self.began = time.perf_counter() - seconds
             yield outcome
 
     def _out_of_time(self, info: Info) -> bool:
-        """Whether a budget of seconds (Monte Carlo only) is spent; never before the first rollouts are in."""
         budget = self.plan.budget
         if budget is None or budget.kind != "seconds" or not info.rollouts:
             return False
         return self.seconds >= budget.amount
-
-
-def checked_options(config: type[Any], name: str, options: dict[str, Any], kind: str = "estimator") -> Any:
-    """Options of an estimator called from Python, or of another ``kind`` of component.
-
-    Raises:
-        UsageError: Unknown or invalid options, all of them named.
-    """
-    try:
-        return config(**options)
-    except ValidationError as error:
-        problems, hints = [], []
-        for entry in error.errors():
-            option = ".".join(str(part) for part in entry["loc"])
-            if entry["type"] == "extra_forbidden":
-                problems.append(f"unknown option {option!r} of {kind} {name!r}")
-                hints.append(
-                    did_you_mean(option, [*config.model_fields, *(_ARGUMENTS if kind == "estimator" else ())])
-                )
-            elif option:
-                problems.append(
-                    f"option {option!r} of {kind} {name!r}: {entry['msg']}, found {entry['input']!r}"
-                )
-            else:
-                problems.append(f"{kind} {name!r}: {entry['msg'].removeprefix('Value error, ')}")
-        raise UsageError("; ".join(problems), "; ".join(filter(None, hints)) or None) from None

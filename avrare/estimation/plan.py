@@ -1,11 +1,12 @@
-"""What the estimation loop and an estimator tell each other."""
+"""Interface of the estimation loop and its estimators: plan, progress, estimator, journal."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Protocol
 
+from avrare import protocols
 from avrare.estimation.budget import Budget
 from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
@@ -14,16 +15,16 @@ from avrare.rollout.request import Request, Rollouts, total_counts
 
 @dataclass(frozen=True)
 class Plan:
-    """The task of an estimator.
+    """Task of an estimator.
 
     Attributes:
         names: Names of the problem's specifications.
         steps: Steps of a rollout.
         chunk: Rollouts per unit of work.
-        noise: Where the tapes come from.
-        confidence: Of the interval.
+        noise: Source of the noise tapes.
+        confidence: Level of the interval, in (0, 1).
         budget: Upper bound on cost, or None for the estimator's own options.
-        max_error_rate: Share of broken rollouts above which the result is unhealthy.
+        max_error_rate: Share of errors among the rollouts above which the result has the warning ``errors``.
     """
 
     names: tuple[str, ...]
@@ -37,17 +38,17 @@ class Plan:
 
 @dataclass(frozen=True)
 class Info:
-    """What a reader wants to see while it runs; any field may be None.
+    """Progress of an estimate; None where a field does not apply.
 
     Attributes:
         stage: Stages done.
         level: Current level of the score.
         probability: Estimate so far.
-        survivors: Particles that outlived the last level.
-        particles: Particles in all.
+        survivors: Particles that survived the last level.
+        particles: Number of particles.
         rollouts: Rollouts done.
-        failures: Failing rollouts seen.
-        errors: Rollouts that broke down.
+        failures: Failing rollouts.
+        errors: Rollouts that ended in an error.
         goal: Rollouts planned, where known.
         counts: The system's counters, summed.
     """
@@ -64,7 +65,7 @@ class Info:
     counts: Mapping[str, int] = field(default_factory=dict)
 
     def plus(self, outcome: Rollouts) -> Info:
-        """With more rollouts done."""
+        """Return the progress after more rollouts."""
         new = total_counts([outcome])
         names = sorted({*self.counts, *new})
         return replace(
@@ -76,46 +77,28 @@ class Info:
         )
 
 
-class Estimator(Protocol):
-    """An estimator owns no loop: it asks for rollouts and is told their outcome.
-
-    ``single`` is True when it estimates one specification at a time.
-    """
-
-    name: str
-    single: bool
-
-    def init(self, plan: Plan) -> tuple[Any, Info]:
-        """State before the first rollout, and what to show."""
-
-    def ask(self, state: Any) -> Request | None:
-        """The next rollouts, or None when done."""
-
-    def tell(self, state: Any, rollouts: Rollouts) -> tuple[Any, Info]:
-        """State after the rollouts asked for, and what to show."""
-
-    def estimate(self, state: Any) -> list[Result]:
-        """One result per specification."""
+Estimator = protocols.Estimator[Plan, Request, Rollouts, Info, Result]
+"""An estimator of failure probabilities."""
 
 
 class Journal(Protocol):
-    """Where the outcomes of chunks are kept, so that an estimate can be interrupted and gone on with.
+    """Store of chunk outcomes, from which an interrupted estimate resumes.
 
-    An estimator is a deterministic function of the outcomes that it is told: nothing of its state is kept.
-    Carries are not kept either. A stage whose request asks for them is run again, unless the estimator has
-    ``rebuilds_carries = True``: it then does without those that it was not given.
+    An estimator is a deterministic function of the outcomes that it is told: its state is not stored. Nor are
+    carries: a stage whose request asks for them is run again, unless the estimator has
+    ``rebuilds_carries = True`` and so manages without them.
     """
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
-        """The outcome of a chunk and the seconds that had passed by then; None where it is not kept.
+        """Return the outcome of a chunk and the seconds that had passed by then; None where it is not stored.
 
         Raises:
-            AvrareError: Something else is kept in its place.
+            AvrareError: Something else is stored in its place.
         """
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
-        """Keep the outcome of chunk number ``index`` of a stage.
+        """Store the outcome of chunk number ``index`` of a stage.
 
         Raises:
-            AvrareError: It cannot be kept.
+            AvrareError: It cannot be stored.
         """

@@ -1,10 +1,10 @@
-"""The answer: a probability with an interval, what it cost, and what should make one doubt it."""
+"""Result of an estimate: probability, interval, cost and health warnings."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -12,6 +12,9 @@ from typing import Any
 from avrare.protocols import Floats
 
 Interval = tuple[float, float]
+_WORST_FIRST = ("fail", "inconclusive", "pass")
+FAILURE_LIMIT = 100
+"""Largest number of failing tapes that a result keeps."""
 
 
 @dataclass(frozen=True)
@@ -19,9 +22,9 @@ class Failures:
     """Failing noise tapes, up to a limit.
 
     Attributes:
-        noise: (F, steps + 1, noise_size).
-        robustness: (F,).
-        count: All failing rollouts that were seen, kept or not.
+        noise: Noise tapes (F, steps + 1, noise_size).
+        robustness: Robustness of each (F,).
+        count: Number of failing rollouts, kept or not.
     """
 
     noise: Floats
@@ -34,8 +37,8 @@ class Worst:
     """The rollout with the least robustness.
 
     Attributes:
-        noise: (steps + 1, noise_size).
-        robustness: Its robustness; NaN when every rollout broke down.
+        noise: Noise tape (steps + 1, noise_size).
+        robustness: Its robustness; NaN when every rollout ended in an error.
     """
 
     noise: Floats
@@ -47,25 +50,25 @@ class Result:
     """One estimate of one specification's failure probability.
 
     Attributes:
-        specification: Its name in the problem.
+        specification: Name of the specification.
         estimator: Name of the estimator.
         probability: Mean of ``run_probabilities``.
-        interval_at: The interval at any confidence.
-        confidence: Of ``interval``.
-        run_probabilities: (runs,); a run that died out is 0.0 in it.
+        interval_at: Function from a confidence to the interval.
+        confidence: Level of ``interval``, in (0, 1).
+        run_probabilities: Estimate of each run (runs,); 0.0 for a run that died out.
         relative_error: Standard error over probability; NaN where the probability is 0.
-        rollouts: Starts and branches, each counted as one.
+        rollouts: Number of starts and branches.
         simulated_steps: Particle rows passed to ``System.step``.
-        errors: Rollouts that broke down.
-        health: Named warnings and what they mean; empty when all is well.
+        errors: Number of rollouts that ended in an error.
+        health: Health warnings, name to message; empty when there are none.
         failures: Failing tapes.
-        worst: The least robust rollout.
-        robustness: Robustness of every complete rollout of the first stage, NaN for errors.
-        counts: The system's own counters, summed over all rollouts.
-        diagnostics: What the estimator wants to say beyond that (levels, roots, ...), JSON-ready.
-        seconds: Wall time; no other field depends on it.
-        relation: What counts as failure: "violated", the formula is false at sample 0, or "robustness <= 0".
-        verdict: Of the scenario's threshold: "pass", "fail", "inconclusive" or None.
+        worst: Least robust rollout.
+        robustness: Robustness of each complete rollout of the first stage, NaN for errors.
+        counts: Counters of the system, summed over all rollouts.
+        diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
+        seconds: Wall time [s]; no other field depends on it.
+        relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
+        verdict: Verdict on the threshold of the scenario: "pass", "fail", "inconclusive" or None.
     """
 
     specification: str
@@ -90,11 +93,11 @@ class Result:
 
     @cached_property
     def interval(self) -> Interval:
-        """0 <= lo <= probability <= hi <= 1."""
+        """Interval (lo, hi) with 0 <= lo <= probability <= hi <= 1."""
         return self.interval_at(self.confidence)
 
     def to_dict(self) -> dict[str, Any]:
-        """The entry of result.json; NaN and infinities become null."""
+        """Return the entry of result.json; NaN and infinities become None."""
         entry = {
             "specification": self.specification,
             "estimator": self.estimator,
@@ -119,12 +122,12 @@ class Result:
         return finite(entry)  # type: ignore[no-any-return]
 
     def to_json(self) -> str:
-        """``to_dict`` as JSON text."""
+        """Return ``to_dict`` as JSON text."""
         return json.dumps(self.to_dict())
 
 
 def finite(value: Any) -> Any:
-    """The value with NaN and infinities replaced by None, as JSON has no word for them."""
+    """Replace NaN and infinities by None, as JSON cannot write them."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
@@ -132,3 +135,23 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(entry) for entry in value]
     return value
+
+
+def verdict(result: Result, limit: float, strict: bool, confidence: float) -> str:
+    """Judge whether the failure probability is below ``limit`` (or at it, unless ``strict``).
+
+    Returns:
+        "pass" if the whole interval is, "fail" if none of it is, else "inconclusive".
+    """
+    low, high = result.interval_at(confidence)
+    if high < limit or (high == limit and not strict):
+        return "pass"
+    if low > limit or (low == limit and strict):
+        return "fail"
+    return "inconclusive"
+
+
+def worst_verdict(verdicts: Iterable[str | None]) -> str | None:
+    """Return the worst of several verdicts, or None if there is none."""
+    found = set(verdicts)
+    return next((name for name in _WORST_FIRST if name in found), None)

@@ -1,9 +1,8 @@
-"""Signal temporal logic: formulas as text, their robustness offline, and monitors."""
+"""Signal temporal logic: formulas as text, their robustness on traces, and monitors."""
 
-from avrare.logic.api import Formula, FormulaWarning, stl
-from avrare.logic.explain import Explanation
-from avrare.logic.intervals import IntervalMonitor, IntervalState, IntervalVerdict
-from avrare.logic.online import FormulaMonitor, MonitorState
+from avrare.logic.explanation import Explanation
+from avrare.logic.formula import Formula, FormulaMonitor, FormulaWarning, stl
+from avrare.logic.monitor.monitors import IntervalMonitor, IntervalState, IntervalVerdict, MonitorState
 
 __all__ = [
     "Explanation",

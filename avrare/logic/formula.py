@@ -1,267 +1,234 @@
-"""Formulas of signal temporal logic over sampled signals, as values.
-
-Bounds are whole samples (``hi`` may be ``math.inf``); windows are closed. ``horizon`` and ``history`` say how
-far ahead and back a formula looks, which decides what a monitor has to remember.
-"""
+"""Formula: the public value made by ``avrare.stl(...)``, and the monitor that remembers it."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from collections.abc import Callable, Iterator
+import functools
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, cast
 
-FUTURE = frozenset({"always", "eventually", "until", "release", "unless", "next", "s_next"})
-PAST = frozenset({"historically", "once", "since", "trigger", "prev", "s_prev", "rise", "fall"})
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import FormulaError
+from avrare.logic.explanation import Explanation, FormulaValues, explain, to_single_trace
+from avrare.logic.monitor.monitors import IntervalMonitor, RobustnessMonitor
+from avrare.logic.semantics.normal_form import normalize
+from avrare.logic.semantics.samples import Trace, read_trace
+from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
+from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.lint import LintWarning
+from avrare.logic.syntax.parser import parse_with_warnings
+from avrare.logic.syntax.printer import to_text
+from avrare.protocols import Bools, Floats, HasFormula, Signals, find_ability
+
+
+class FormulaWarning(UserWarning):
+    """Warning that a formula may not mean what its author intends."""
+
+
+def stl(text: str, dt: float | Fraction = 1.0, until: str = "closed", *, warn: bool = True) -> Formula:
+    """Parse a formula of signal temporal logic.
+
+    Args:
+        text: Formula, in rtamt's syntax or close to it: ``always[0:3s] (p > 0.2)``.
+        dt: Sampling period [s]; bounds must be whole multiples of it.
+        until: ``"closed"``: until and since need their left operand at the witness too (Donze and Maler,
+            stl-ams, stl-ess); ``"half-open"``: they do not (rtamt).
+        warn: True to issue lint warnings as ``FormulaWarning``; ``Formula.warnings`` has them anyway.
+
+    Raises:
+        FormulaError: The text is not a formula, or ``dt`` or ``until`` is invalid.
+    """
+    if until not in ("closed", "half-open"):
+        raise FormulaError(f"until is {until!r}", 'use until="closed" or until="half-open"')
+    node, found = parse_with_warnings(text, dt)
+    if warn:
+        for warning in found:
+            hint = f"\nhint: {warning.hint}" if warning.hint else ""
+            warnings.warn(FormulaWarning(warning.message + hint), stacklevel=2)
+    return Formula(text, dt, until, node, found)
 
 
 @dataclass(frozen=True)
-class Term:
-    """A number at every sample."""
+class Formula:
+    """Formula with its sampling period and its reading of until. ``str()`` gives it with bounds in samples.
 
-
-@dataclass(frozen=True)
-class Number(Term):
-    """A constant."""
-
-    value: float
-
-
-@dataclass(frozen=True)
-class Signal(Term):
-    """The sample of a named signal, or of a relation between vehicles such as ``in_front_of(o, ego)``.
+    Signals map names to arrays (N, T), or (T,) for one trace, or (N, T, V) below a quantifier; results have
+    the same leading axes. Names that the formula does not use are ignored. All methods raise ``FormulaError``
+    if a signal is missing, has the wrong shape or holds NaN.
 
     Attributes:
-        name: The key of its samples: ``speed``, or ``in_front_of(others, ego)``, where a quantified vehicle
-            stands as the group that it ranges over.
-        arguments: The vehicles as written: ``("o", "ego")``; empty for a plain signal.
-        axes: Of a relation, per quantified argument the number of quantifiers around the one that binds it:
-            the samples' trailing axes in the same order belong to them.
+        text: Text as the user wrote it.
+        dt: Sampling period [s].
+        until: ``"closed"`` or ``"half-open"``.
+        node: Syntax tree.
+        warnings: Lint warnings about the text.
     """
 
-    name: str
-    arguments: tuple[str, ...] = ()
-    axes: tuple[int, ...] = ()
+    text: str
+    dt: float | Fraction
+    until: str
+    node: nodes.Node
+    warnings: tuple[LintWarning, ...] = ()
+
+    def __str__(self) -> str:
+        return to_text(self.node)
+
+    @functools.cached_property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals that the formula reads."""
+        return nodes.signals(self.node)
+
+    @property
+    def horizon(self) -> float:
+        """Samples that the formula looks ahead: nested future bounds added up; ``math.inf`` if unbounded."""
+        return nodes.horizon(self.node)
+
+    @property
+    def history(self) -> float:
+        """Samples that the formula looks back: nested past bounds added up; ``math.inf`` if unbounded."""
+        return nodes.history(self.node)
+
+    @property
+    def closed(self) -> bool:
+        """Reading of until and since: True if they need their left operand at the witness."""
+        return self.until == "closed"
+
+    def robustness(self, signals: Signals) -> Floats:
+        """Return the robustness at every sample, with windows clipped to the trace: (N, T)."""
+        return self._evaluate(read_trace(signals, self.signals), RobustnessAlgebra())
+
+    def satisfied(self, signals: Signals) -> Bools:
+        """Return the exact truth at every sample: (N, T); ``x < 4`` is false at 4, where robustness is 0."""
+        trace = read_trace(signals, self.signals)
+        if self._needs_truth:
+            self._evaluate(trace, RobustnessAlgebra())  # raises where a term is NaN
+        return self._evaluate(trace, self._truth_algebra) > 0.0
+
+    def prefixes(self, signals: Signals) -> Floats:
+        """Return the robustness at sample 0 of samples 0..t, for every t: (N, T) (stl-ams, Eq. 14)."""
+        states = _follow(self.monitor(), trace := read_trace(signals, self.signals))
+        return _finish(np.stack([state.robustness for state in states], axis=1), trace)
+
+    def intervals(self, signals: Signals, length: int | None = None) -> Floats:
+        """Return bounds of the robustness at sample 0 after each sample, over all continuations: (N, T, 2).
+
+        Lower bounds never fall, upper bounds never rise.
+
+        Args:
+            signals: Samples so far.
+            length: Samples of the complete trace, at the last of which the bounds meet. None: the trace is
+                endless.
+        """
+        trace = read_trace(signals, self.signals)
+        if length is not None and length < trace.steps:
+            raise FormulaError(f"length is {length} but the signals have {trace.steps} samples")
+        states = _follow(self.interval_monitor(length), trace)
+        bounds = [np.stack([state.verdict.lower, state.verdict.upper], axis=1) for state in states]
+        return _finish(np.stack(bounds, axis=1), trace)
+
+    def parts(self, signals: Signals) -> dict[str, Floats]:
+        """Return the robustness of every distinct sub-formula by its text, the whole formula first.
+
+        Values are (N, T), below a quantifier (N, T, V...) with one axis per enclosing quantifier.
+        """
+        trace = read_trace(signals, self.signals)
+        found = self._evaluate_parts(trace, RobustnessAlgebra())
+        written = [node for node in nodes.walk(self.node) if isinstance(node, nodes.Node)]
+        return {to_text(node): _finish(flush(np.moveaxis(found[node], 0, 1)), trace) for node in written}
+
+    def explain(self, signals: Signals, members: Mapping[str, Sequence[str]] | None = None) -> Explanation:
+        """Explain the formula's value at sample 0 of one trace.
+
+        Args:
+            signals: (T,) each, relations (T, V...); or the same with a leading axis of length 1.
+            members: group -> names of its vehicles, for bindings and text.
+        """
+        trace = read_trace(to_single_trace(signals, self.node), self.signals)
+        margins = self._evaluate_parts(trace, RobustnessAlgebra())
+        truths = self._evaluate_parts(trace, self._truth_algebra)
+        return explain(self.node, FormulaValues(margins, truths, members or {}, self.closed))
+
+    def monitor(self) -> FormulaMonitor:
+        """Return a monitor that follows the formula one sample at a time."""
+        return FormulaMonitor(self)
+
+    def interval_monitor(self, length: int | None = None) -> IntervalMonitor:
+        """Return a monitor of the robust satisfaction interval; see ``IntervalMonitor``."""
+        return IntervalMonitor(self.node, self.closed, length)
+
+    @functools.cached_property
+    def _normalized(self) -> nodes.Node:
+        return normalize(self.node)
+
+    @functools.cached_property
+    def _needs_truth(self) -> bool:
+        return any(map(nodes.is_signless, nodes.walk(self.node)))
+
+    @property
+    def _truth_algebra(self) -> RobustnessAlgebra:
+        return TruthAlgebra() if self._needs_truth else SignedAlgebra()
+
+    def _evaluate(self, trace: Trace, algebra: RobustnessAlgebra) -> Floats:
+        values = np.empty((trace.rows, trace.steps))
+        for rows in trace.blocks():
+            block = trace.take(rows)
+            x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normalized)
+            require_scalar(x.ndim - 2)
+            shown = flush(x)
+            if shown is not x:
+                _reject_nan(x)
+            values[rows] = (x if isinstance(algebra, SignedAlgebra) else shown).T
+        return values[0] if trace.single else values
+
+    def _evaluate_parts(self, trace: Trace, algebra: RobustnessAlgebra) -> dict[nodes.Node, Floats]:
+        found: dict[nodes.Node, Floats] = {}
+        evaluate = Evaluator(trace.samples, trace.steps, trace.rows, algebra, self.closed, found=found)
+        require_scalar(evaluate(self.node).ndim - 2)
+        return found
 
 
-@dataclass(frozen=True)
-class Negative(Term):
-    """Minus a term."""
+class FormulaMonitor(RobustnessMonitor):
+    """Robustness monitor that remembers its formula, for explanations and early stopping.
 
-    operand: Term
-
-
-@dataclass(frozen=True)
-class Arithmetic(Term):
-    """``left op right`` with op one of ``+ - * /``."""
-
-    op: str
-    left: Term
-    right: Term
-
-
-@dataclass(frozen=True)
-class Call(Term):
-    """A function: abs, sqrt, exp, log, min, max, pow."""
-
-    function: str
-    arguments: tuple[Term, ...]
-
-
-@dataclass(frozen=True)
-class Node:
-    """A formula: true or false, with a robustness, at every sample."""
-
-
-@dataclass(frozen=True)
-class Constant(Node):
-    """``true`` or ``false``."""
-
-    value: bool
-
-
-@dataclass(frozen=True)
-class Predicate(Node):
-    """A bare term: true iff it is above zero; its robustness is its value."""
-
-    term: Term
-
-
-@dataclass(frozen=True)
-class Comparison(Node):
-    """``left op right`` with op one of ``< <= > >= == !=``."""
-
-    op: str
-    left: Term
-    right: Term
-
-
-@dataclass(frozen=True)
-class Not(Node):
-    """Negation."""
-
-    child: Node
-
-
-@dataclass(frozen=True)
-class Connective(Node):
-    """``left op right`` with op one of and, or, implies, iff, xor."""
-
-    op: str
-    left: Node
-    right: Node
-
-
-@dataclass(frozen=True)
-class Window(Node):
-    """always, eventually, historically or once, over the samples ``lo`` to ``hi`` ahead or back."""
-
-    op: str
-    lo: int
-    hi: float
-    child: Node
-
-
-@dataclass(frozen=True)
-class Until(Node):
-    """``left op right`` with op one of until, since, unless; the witness is ``lo`` to ``hi`` samples away.
-
-    Monitors also make release and trigger, the duals of until and since.
+    Args:
+        formula: Formula from ``avrare.stl``.
     """
 
-    op: str
-    lo: int
-    hi: float
-    left: Node
-    right: Node
+    def __init__(self, formula: Formula) -> None:
+        super().__init__(formula.node, formula.closed)
+        self.formula = formula
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.formula,)
 
 
-@dataclass(frozen=True)
-class Step(Node):
-    """next, prev (true outside the trace), s_next, s_prev (false outside), rise, fall."""
-
-    op: str
-    child: Node
-
-
-@dataclass(frozen=True)
-class Quantifier(Node):
-    """``op variable in group: child``, an order statistic over one trailing axis of the child's values.
-
-    Attributes:
-        op: forall (the minimum), exists (the maximum) or at_least (the ``count``-th largest).
-        variable: The name that stands for a member of the group.
-        group: What it ranges over, such as ``others``.
-        child: The formula.
-        depth: Number of quantifiers around this one, which is also the trailing axis that it reduces.
-        count: Of at_least.
-    """
-
-    op: str
-    variable: str
-    group: str
-    child: Node
-    depth: int = 0
-    count: int = 1
+def _follow(monitor: Any, trace: Trace) -> Iterator[Any]:
+    state = monitor.start(trace.rows)
+    for t in range(trace.steps):
+        with np.errstate(all="ignore"):
+            state = monitor.advance(state, trace.at(t))
+        yield state
 
 
-@dataclass(frozen=True)
-class Slot(Node):
-    """A formula whose values are computed elsewhere; only monitors make these."""
-
-    index: int
+def _finish(values: NDArray[Any], trace: Trace) -> NDArray[Any]:
+    _reject_nan(values)
+    return values[0] if trace.single else values
 
 
-def parts(item: Node | Term) -> Iterator[Node | Term]:
-    """The direct parts of a formula or term, left to right."""
-    for field in dataclasses.fields(item):
-        value = getattr(item, field.name)
-        if isinstance(value, Node | Term):
-            yield value
-        elif isinstance(value, tuple):
-            yield from (part for part in value if isinstance(part, Node | Term))
+def _reject_nan(values: Floats) -> None:
+    if np.isnan(values).any():
+        raise FormulaError(
+            "a term of the formula has no value (NaN) for these signals",
+            "look for the difference of two infinite signals, log or sqrt of a negative number, or 0/0",
+        )
 
 
-def children(node: Node) -> list[Node]:
-    """The direct sub-formulas."""
-    return [part for part in parts(node) if isinstance(part, Node)]
-
-
-def walk(item: Node | Term) -> Iterator[Node | Term]:
-    """The formula and everything below it."""
-    yield item
-    for part in parts(item):
-        yield from walk(part)
-
-
-def rebuild(node: Node, change: Callable[[Node], Node]) -> Node:
-    """The formula with ``change`` applied to its direct sub-formulas."""
-    found = {field.name: getattr(node, field.name) for field in dataclasses.fields(node)}
-    changed = {name: change(value) for name, value in found.items() if isinstance(value, Node)}
-    return dataclasses.replace(node, **changed) if changed else node
-
-
-def signals(item: Node | Term) -> tuple[str, ...]:
-    """The names of the signals used, in order of appearance."""
-    return tuple(dict.fromkeys(part.name for part in walk(item) if isinstance(part, Signal)))
-
-
-def depth(node: Node | Term) -> int:
-    """How deeply the formula is nested; a signal counts 1."""
-    return 1 + max((depth(part) for part in parts(node)), default=0)
-
-
-def _reach(node: Node, operators: frozenset[str]) -> float:
-    below = max((_reach(child, operators) for child in children(node)), default=0)
-    match node:
-        case Window(op=op, hi=hi) | Until(op=op, hi=hi) if op in operators:
-            return below + hi
-        case Step(op=op) if op in operators:
-            return below + 1
-        case _:
-            return below
-
-
-def horizon(node: Node) -> float:
-    """Samples that the formula looks ahead: nested future bounds added up, ``math.inf`` if unbounded."""
-    return _reach(node, FUTURE)
-
-
-def history(node: Node) -> float:
-    """Samples that the formula looks back: nested past bounds added up, ``math.inf`` if unbounded."""
-    return _reach(node, PAST)
-
-
-def bounded_span(node: Node) -> int:
-    """Samples that the bounded parts of a formula look ahead, nested ones added up.
-
-    An unbounded operator counts with the bound that it has, at which it begins.
-    """
-    below = max((bounded_span(child) for child in children(node)), default=0)
-    match node:
-        case Window(op=op, lo=lo, hi=hi) | Until(op=op, lo=lo, hi=hi) if op in FUTURE:
-            return below + int(lo if math.isinf(hi) else hi)
-        case Step(op=op) if op in FUTURE:
-            return below + 1
-    return below
-
-
-def settling(node: Node) -> int:
-    """Samples after which the formula's value repeats once its signals do.
-
-    Like ``history``, but an unbounded past operator settles one sample after its operands have.
-    """
-    below = max((settling(child) for child in children(node)), default=0)
-    match node:
-        case Window(op=op, lo=lo, hi=hi) | Until(op=op, lo=lo, hi=hi) if op in PAST:
-            return below + (lo + 1 if math.isinf(hi) else int(hi))
-        case Step(op=op) if op in PAST:
-            return below + 1
-        case _:
-            return below
-
-
-def expand_unless(node: Until) -> Node:
-    """``l unless[a,b] r`` as ``always[0,b] l or l until[a,b] r``."""
-    kept = Window("always", 0, node.hi, node.left)
-    return Connective("or", kept, Until("until", node.lo, node.hi, node.left, node.right))
+def find_formula(specification: object) -> Formula | None:
+    """Return the formula that a specification monitors, None where it has none."""
+    monitor = find_ability(specification, HasFormula)
+    return cast("Formula", monitor.formula) if monitor is not None else None

@@ -1,8 +1,5 @@
-"""Plugins: what the core knows of parts that it never imports."""
+"""Plugin interface: descriptions of components, and the registry that finds them."""
 
-from avrare.plugin.component import KINDS, Component
-from avrare.plugin.finding import Finding
-from avrare.plugin.hookspecs import hookimpl
-from avrare.plugin.rulecard import RuleCard, RuleParameter
+from avrare.plugin.component import KINDS, Component, Finding, RuleCard, RuleParameter, hookimpl
 
 __all__ = ["KINDS", "Component", "Finding", "RuleCard", "RuleParameter", "hookimpl"]

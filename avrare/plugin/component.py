@@ -1,7 +1,7 @@
-"""A component as a plugin describes it: names and import strings, no classes.
+"""Descriptions that plugins give the core: components, the rules that they offer, and findings of checks.
 
-Listing and validating therefore import nothing heavy: ``config`` is imported to check a scenario,
-``factory`` only where the part is built.
+A component is described by names and import strings, so listing and validating import nothing heavy:
+``config`` is imported to check a scenario, ``factory`` only to build the component.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from avrare.plugin.finding import Finding
-from avrare.plugin.rulecard import RuleCard
+import pluggy
 
 KINDS = (
     "simulator",
@@ -26,24 +25,81 @@ KINDS = (
 
 
 @dataclass(frozen=True)
+class Finding:
+    """Mistake or warning in the options of a component.
+
+    Attributes:
+        message: Message; several lines where a formula is shown with a mark.
+        hint: Advice.
+        option: The option concerned; None for the component itself.
+        is_error: True if the scenario cannot be used, False for a warning.
+    """
+
+    message: str
+    hint: str | None = None
+    option: str | None = None
+    is_error: bool = True
+
+
+@dataclass(frozen=True)
+class RuleParameter:
+    """Number or choice that a rule depends on.
+
+    Attributes:
+        name: Name of the option in a scenario.
+        default: Default value, as written in a scenario.
+        unit: For example ``m/s``; empty for a pure number or a choice.
+        text: Meaning of the parameter.
+        source: Source of the default value.
+    """
+
+    name: str
+    default: str
+    unit: str
+    text: str
+    source: str
+
+
+@dataclass(frozen=True)
+class RuleCard:
+    """Traffic rule as shown to people.
+
+    Attributes:
+        name: Name in scenarios, for example ``R_G1``.
+        title: A few words.
+        text: The rule in English.
+        formula: The rule in the language of ``avrare.stl``, with the default parameters filled in.
+        parameters: Options that the rule depends on.
+        source: Source of the rule.
+    """
+
+    name: str
+    title: str
+    text: str
+    formula: str
+    parameters: tuple[RuleParameter, ...]
+    source: str
+
+
+@dataclass(frozen=True)
 class Component:
-    """One part that a scenario may name with ``plugin:``.
+    """Part that a scenario can name with ``plugin:``.
 
     Attributes:
         kind: One of ``KINDS``.
-        name: What a scenario writes after ``plugin:``.
+        name: Name after ``plugin:`` in a scenario.
         config: ``"package.module:Class"`` of a pydantic model; must import nothing heavy.
-        factory: ``"package.module:function"``, called as ``factory(config, scene)`` where ``scene`` is the
-            simulator's ``Scene`` (None for simulators, estimators and where there is none).
+        factory: ``"package.module:function"``, called as ``factory(config, scene)``; ``scene`` is the
+            simulator's ``Scene`` (None for simulators, for estimators, and if the simulator has none).
         summary: One line for ``avrare plugins``.
         needs: Modules that the factory imports beyond NumPy.
-        api: Version of the plugin interface it was written for.
+        api: Version of the plugin interface that the plugin was written for.
         rules: ``"package.module:function"`` returning a list of ``RuleCard``, for a specification that offers
-            rules by name (its option ``rule``); empty for everything else. Must import nothing heavy.
-        check: ``"package.module:function"`` of a specification whose options can be wrong in ways that the
-            model cannot see: called as ``check(config, dt)`` when a scenario is loaded, with the simulator's
-            step [s] or None where it is not known; returns a list of ``Finding``. Must import nothing heavy.
-        driving: It is for vehicles on a road, and refused where the simulator has no ``Scene``.
+            rules by name (its option ``rule``); otherwise empty. Must import nothing heavy.
+        check: ``"package.module:function"`` that finds mistakes which the model of a specification's options
+            cannot see: called as ``check(config, dt)`` when a scenario is loaded, with the simulator's step
+            [s] or None if not known; returns a list of ``Finding``. Must import nothing heavy.
+        driving: True for components of road vehicles; they are refused if the simulator has no ``Scene``.
     """
 
     kind: str
@@ -58,23 +114,39 @@ class Component:
     driving: bool = False
 
     def load_config(self) -> type[Any]:
-        """The pydantic model of the part's options."""
-        return resolve(self.config)  # type: ignore[no-any-return]
+        """Import the pydantic model of the options."""
+        return _import(self.config)  # type: ignore[no-any-return]
 
     def load_factory(self) -> Callable[..., Any]:
-        """The function that builds the part; may import heavy packages."""
-        return resolve(self.factory)  # type: ignore[no-any-return]
+        """Import the function that builds the component; may import heavy packages."""
+        return _import(self.factory)  # type: ignore[no-any-return]
 
     def load_rules(self) -> list[RuleCard]:
-        """The rules that the part offers; empty where it offers none by name."""
-        return list(resolve(self.rules)()) if self.rules else []
+        """Return the rules that the component offers by name, if any."""
+        return list(_import(self.rules)()) if self.rules else []
 
     def find_faults(self, config: Any, dt: float | None) -> list[Finding]:
-        """What the part itself has to say of its options; nothing where it has no ``check``."""
-        return list(resolve(self.check)(config, dt)) if self.check else []
+        """Run the component's own check of its options, if it has one."""
+        return list(_import(self.check)(config, dt)) if self.check else []
 
 
-def resolve(reference: str) -> Any:
-    """Import ``"package.module:attribute"``."""
+def _import(reference: str) -> Any:
     module, _, attribute = reference.partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+GROUP = "avrare"
+"""Entry-point group and pluggy project name."""
+
+API_VERSION = 1
+
+hookspec = pluggy.HookspecMarker(GROUP)
+hookimpl = pluggy.HookimplMarker(GROUP)
+
+
+class HookSpecs:
+    """Hooks called by avrare."""
+
+    @hookspec
+    def avrare_components(self) -> list[Component]:  # type: ignore[empty-body]
+        """Return descriptions of the plugin's components. Must import nothing heavy."""

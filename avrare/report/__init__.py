@@ -1,1 +1,1 @@
-"""What people see of a result."""
+"""Presentation of results: terminal, plots, documents, HTML."""

@@ -1,1 +1,1 @@
-"""Noise tapes, particles, and the engine that advances them."""
+"""Rollouts: noise tapes, problems, and the engine that advances particles."""

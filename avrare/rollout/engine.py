@@ -1,7 +1,7 @@
-"""The rollout engine: advances a batch of particles through time, from the start or from stored carries.
+"""Rollout engine: advances a batch of particles through time, from the start or from stored carries.
 
-All rows that are alive stand at the same step t; a row that starts at step s joins when t reaches s. A row
-that breaks down leaves the batch, keeps its score, and is reported as an error: never as a pass or a failure.
+All active rows are at the same step t; a row that starts at step s joins when t reaches s. A row that breaks
+down leaves the batch, keeps its score, and is reported as an error: never as a pass or a failure.
 """
 
 from __future__ import annotations
@@ -13,17 +13,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare import batch
-from avrare.errors import AvrareError, UsageError
-from avrare.protocols import Bools, Floats, Signals, Specification, System
+from avrare.base import batch
+from avrare.base.errors import AvrareError, UsageError
+from avrare.protocols import (
+    Bools,
+    CountsEvents,
+    DrawsUnderLaw,
+    Floats,
+    ReportsFaults,
+    Signals,
+    Specification,
+    System,
+    WeighsRollouts,
+    find_ability,
+)
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts
 
 Sample = tuple[Any, dict[str, Any], Bools]
-"""State, signals and rows that have broken down."""
+"""State, signals (N, ...) and a mask (N,) of rows that have broken down."""
 
 _BLOCK = 2**16
-"""Noise numbers drawn at once."""
+"""Upper bound on the noise numbers drawn at once."""
 
 
 def simulate(
@@ -35,78 +46,88 @@ def simulate(
     *,
     scored: bool = True,
 ) -> Rollouts:
-    """Run the rows of ``request`` to step ``steps`` (or to their breakdown).
+    """Run the rows of ``request`` to step ``steps`` or to their breakdown.
 
-    ``scored=False`` leaves out the course of the scores.
+    Args:
+        system: System to advance.
+        specifications: Specifications to monitor; the first one gives the score.
+        steps: Last step.
+        noise: Source of the noise tapes.
+        request: Rows to run.
+        scored: Return the score of every step too.
+
+    Raises:
+        UsageError: The system cannot draw from the request's law, returns arrays of a wrong shape, or breaks
+            down on the way to a carry that it has reached before.
     """
     if request.law is not None:
-        system = _under(system, request.law)
+        system = _draw_under(system, request.law)
     if request.past is not None:
-        request = _retraced(system, specifications, noise, request, request.past)
-    return _Rollout(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
+        request = _restore_carries(system, specifications, noise, request, request.past)
+    return _Simulation(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
 
 
-def _under(system: System, law: Any) -> System:
-    """The system that draws from ``law``."""
-    under = getattr(system, "under", None)
-    if under is None:
+def _draw_under(system: System, law: Any) -> System:
+    drawing = find_ability(system, DrawsUnderLaw)
+    if drawing is None:
         raise UsageError(
             f"{type(system).__name__} cannot draw from another law",
             "a system that can offers under(law) -> system and log_weights(state) -> (N,)",
         )
-    return under(law)  # type: ignore[no-any-return]
+    return drawing.under(law)  # type: ignore[no-any-return]
 
 
 class _Tape:
-    """The noise of a request, drawn in blocks of steps."""
+    """Noise of a request, drawn in blocks of steps."""
 
     def __init__(self, noise: NoiseSource, request: Request, steps: int) -> None:
         self.noise, self.request, self.steps = noise, request, steps
-        self._from = 0
+        self._block_start = 0
         self._block: Floats = np.zeros((0, 0, 0))
 
     def __call__(self, rows: Integers, t: int) -> Floats:
-        """Noise (len(rows), noise_size) of step ``t``, which never falls from call to call."""
+        """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
         if self.request.tape is not None:
             return np.ascontiguousarray(self.request.tape[rows, t])
-        if not self._from <= t < self._from + self._block.shape[1]:
+        if not self._block_start <= t < self._block_start + self._block.shape[1]:
             self._draw(t)
-        return np.asarray(self._block[rows, t - self._from])
+        return np.asarray(self._block[rows, t - self._block_start])
 
     def _draw(self, t: int) -> None:
         request, size = self.request, max(self.noise.noise_size, 1)
-        many = int(np.clip(_BLOCK // (request.rows * size), 1, self.steps + 1 - t))
-        begun = slice(0, int(np.searchsorted(request.start, t + many)))
-        run, stage, particle = (a[begun, None] for a in (request.run, request.stage, request.particle))
-        self._from, self._block = t, self.noise.normals(run, stage, particle, np.arange(t, t + many))
+        count = int(np.clip(_BLOCK // (request.rows * size), 1, self.steps + 1 - t))
+        started = slice(0, int(np.searchsorted(request.start, t + count)))
+        run, stage, particle = (a[started, None] for a in (request.run, request.stage, request.particle))
+        self._block_start = t
+        self._block = self.noise.normals(run, stage, particle, np.arange(t, t + count))
 
 
-class _Kept:
-    """The carries that are returned: fewer of them once they take too much memory.
+class _CarryStore:
+    """Carries to return: every k-th step, where k doubles once they take too much memory.
 
-    How many there are depends on the bytes of a row alone, so it is the same for every chunk.
+    k depends only on the bytes of a row, so it is the same for every chunk.
     """
 
     def __init__(self, request: Request, steps: int) -> None:
         self.every, self.most_bytes, self.steps = request.every, request.most_bytes, steps
         self.carries: list[tuple[int, Integers, Carry]] = []
-        self._bytes: dict[int, int] = {}
+        self._row_bytes: dict[int, int] = {}
 
     def add(self, t: int, rows: Integers, carry: Carry) -> None:
         if not self._wanted(t):
             return
         self.carries.append((t, rows, carry))
-        self._bytes[t] = sum(leaf.nbytes for leaf in batch.leaves(carry)) // len(rows)
-        while 0 < self.most_bytes < sum(self._bytes.values()) and self.every <= t:
+        self._row_bytes[t] = sum(leaf.nbytes for leaf in batch.leaves(carry)) // len(rows)
+        while 0 < self.most_bytes < sum(self._row_bytes.values()) and self.every <= t:
             self.every *= 2
-            self.carries = [kept for kept in self.carries if self._wanted(kept[0])]
-            self._bytes = {step: size for step, size in self._bytes.items() if self._wanted(step)}
+            self.carries = [entry for entry in self.carries if self._wanted(entry[0])]
+            self._row_bytes = {step: size for step, size in self._row_bytes.items() if self._wanted(step)}
 
     def _wanted(self, t: int) -> bool:
         return t % self.every == 0 or t == self.steps
 
 
-class _Rollout:
+class _Simulation:
     def __init__(
         self, system: System, specifications: tuple[Specification, ...], steps: int, noise: _Tape,
         request: Request, scored: bool,
@@ -119,11 +140,13 @@ class _Rollout:
         self.error = np.zeros(rows, dtype=bool)
         self.scores = np.full((rows, steps + 1 if scored else 0), -np.inf)
         self.log_weight = np.zeros(rows)
-        self.log_weights = getattr(system, "log_weights", None)
+        self.weighing = find_ability(system, WeighsRollouts)
+        self.reporting = find_ability(system, ReportsFaults)
+        self.counting = find_ability(system, CountsEvents)
         self.simulated_steps = int(request.past.paid.sum()) if request.past is not None else 0
         self.counts: dict[str, Integers] = {}
         self.messages: list[str] = []
-        self.kept = _Kept(request, steps)
+        self.store = _CarryStore(request, steps)
 
     def run(self) -> Rollouts:
         carries, start = dict(self.request.carries), self.request.start
@@ -140,19 +163,21 @@ class _Rollout:
             if carry is not None:
                 carry, rows = self._leave(carry, rows, t)
             if carry is not None and self.request.keep_carries:
-                self.kept.add(t, rows, carry)
+                self.store.add(t, rows, carry)
         if carry is not None:
             self._finish(carry, rows)
         for values in self.counts.values():
             values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
-            tuple(dict.fromkeys(self.messages))[:5], tuple(self.kept.carries), self.log_weight,
-            self.kept.every,
+            tuple(dict.fromkeys(self.messages))[:5], tuple(self.store.carries), self.log_weight,
+            self.store.every,
         )  # fmt: skip
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
-        sample, alive = self._guard(lambda _, noise: self._initial(noise), None, self.noise(rows, 0))
+        sample, alive = self._guard(
+            lambda _, noise: self._sample(self.system.initial(noise), len(noise)), None, self.noise(rows, 0)
+        )
         monitors = tuple(spec.start(int(alive.sum())) for spec in self.specifications)
         return self._observe(sample, alive, monitors, rows, 0)
 
@@ -164,34 +189,30 @@ class _Rollout:
     def _join(
         self, carry: Carry | None, rows: Integers, newcomers: Carry, joining: Integers, t: int
     ) -> tuple[Carry, Integers]:
-        self._count(newcomers, joining, -1)  # what the parent has counted is not the child's
+        self._count(newcomers, joining, -1)  # subtract what the parent has counted
         carry = newcomers if carry is None else batch.concatenate([carry, newcomers])
         rows = np.concatenate([rows, joining])
         self._record(carry, rows, t)
         return carry, rows
-
-    def _initial(self, noise: Floats) -> Sample:
-        return self._sample(self.system.initial(noise), len(noise))
 
     def _step(self, state: Any, noise: Floats) -> Sample:
         self.simulated_steps += len(noise)
         return self._sample(self.system.step(state, noise), len(noise))
 
     def _sample(self, state: Any, n: int) -> Sample:
-        signals = _checked(self.system.signals(state), n)
-        broken = np.zeros(n, dtype=bool)
-        faults = getattr(self.system, "faults", None)
-        if faults is not None:
-            broken |= _rows("faults(state)", np.asarray(faults(state)), n).astype(bool)
+        signals = _check_signals(self.system.signals(state), n)
+        faulty = np.zeros(n, dtype=bool)
+        if self.reporting is not None:
+            faulty |= _check_rows("faults(state)", np.asarray(self.reporting.faults(state)), n).astype(bool)
         for values in signals.values():
             if values.dtype.kind == "f":
-                broken |= np.isnan(values).reshape(n, -1).any(axis=1)
-        return state, signals, broken
+                faulty |= np.isnan(values).reshape(n, -1).any(axis=1)
+        return state, signals, faulty
 
     def _guard(
         self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats
     ) -> tuple[Sample | None, Bools]:
-        """Apply ``function``; on an exception bisect to the rows that cause it. Broken rows are dropped."""
+        # Apply ``function`` and drop rows that break down; bisect to find those that raise.
         try:
             sample = function(state, noise)
         except AvrareError:
@@ -241,26 +262,25 @@ class _Rollout:
         return carry, rows
 
     def _drop(self, rows: Integers, t: int) -> None:
-        """Rows that broke down at step ``t`` keep the score that they had."""
         self.error[rows] = True
-        if self.scored and t:
+        if self.scored and t:  # the score of the last step before the error
             self.scores[rows, t:] = self.scores[rows, t - 1 : t]
 
     def _record(self, carry: Carry, rows: Integers, t: int) -> None:
         if self.scored:
             self.scores[rows, t] = carry.verdicts[0].score
-        if self.log_weights is not None:
-            self.log_weight[rows] = self.log_weights(carry.system)
+        if self.weighing is not None:
+            self.log_weight[rows] = self.weighing.log_weights(carry.system)
         for column, verdict in enumerate(carry.verdicts):
             self.robustness[rows, column] = verdict.robustness
 
     def _count(self, carry: Carry, rows: Integers, sign: int) -> None:
-        counts = getattr(self.system, "counts", None)
-        for name, values in counts(carry.system).items() if counts is not None else ():
+        if self.counting is None:
+            return
+        for name, values in self.counting.counts(carry.system).items():
             self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
 
     def _leave(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
-        """Where rows may stop early, finish those of which every specification's verdict is final."""
         if not self.request.stop_early:
             return carry, rows
         decided = np.all([state.decided for state in carry.monitors], axis=0)
@@ -276,8 +296,8 @@ class _Rollout:
         self._count(carry, rows, 1)
 
 
-class _Retrace(_Rollout):
-    """Drives rows to given steps and takes them out there: ``reached`` holds (rows, carry) of each step."""
+class _Retrace(_Simulation):
+    """Simulation that takes each row out at its own last step; ``reached`` holds (rows, carry) by step."""
 
     def __init__(
         self, system: System, specifications: tuple[Specification, ...], until: Integers, request: Request
@@ -296,54 +316,48 @@ class _Retrace(_Rollout):
         return (None if here.all() else batch.take(carry, ~here)), rows[~here]
 
 
-def _retraced(
+def _restore_carries(
     system: System,
     specifications: tuple[Specification, ...],
     noise: NoiseSource,
     request: Request,
     past: Past,
 ) -> Request:
-    """The request with the carries of all its rows.
-
-    Raises:
-        UsageError: A row does not come to where it once was.
-    """
     order = np.argsort(past.origin, kind="stable")
     rows = past.rows[order]
     until, run = request.start[rows], request.run[rows]
     steps = np.arange(int(until.max()) + 1)
     tape = noise.normals(run[:, None], past.stage[order][:, steps], past.particle[order][:, steps], steps)
     carries = tuple((step, carry) for step, _, carry in past.carries)
-    way = Request(run, run, run, past.origin[order], carries, tape)
-    retrace = _Retrace(system, specifications, until, way)
+    retrace_request = Request(run, run, run, past.origin[order], carries, tape)
+    retrace = _Retrace(system, specifications, until, retrace_request)
     if retrace.run().error.any():
         raise UsageError(
-            "a rollout broke down on the way that it had once come: the system does not depend on its noise "
-            "alone"
+            "a rollout broke down on noise on which it did not break down before: the system does not depend "
+            "on its noise alone"
         )
     carried = np.ones(request.rows, dtype=bool)
     carried[rows] = False
     found = {t: (rows[who], carry) for t, (who, carry) in retrace.reached.items()}
-    whole = dict(request.carries)
+    merged = dict(request.carries)
     for t, (who, carry) in found.items():
-        if t in whole:
+        if t in merged:
             who = np.concatenate([np.flatnonzero(carried & (request.start == t)), who])
-            carry = batch.concatenate([whole[t], carry])
-        whole[t] = batch.take(carry, np.argsort(who))
-    return replace(request, carries=tuple(sorted(whole.items(), key=lambda pair: pair[0])))
+            carry = batch.concatenate([merged[t], carry])
+        merged[t] = batch.take(carry, np.argsort(who))
+    return replace(request, carries=tuple(sorted(merged.items(), key=lambda pair: pair[0])))
 
 
-def _checked(signals: Signals, n: int) -> dict[str, Any]:
+def _check_signals(signals: Signals, n: int) -> dict[str, Any]:
     if not isinstance(signals, Mapping):
         raise UsageError(
-            f"signals(state) returned {type(signals).__name__}, not names with arrays",
+            f"signals(state) returned {type(signals).__name__}, not a mapping from names to arrays",
             'return a dict such as {"x": state.x}',
         )
-    return {name: _rows(f"signal {name!r}", values, n) for name, values in signals.items()}
+    return {name: _check_rows(f"signal {name!r}", values, n) for name, values in signals.items()}
 
 
-def _rows(what: str, values: Any, n: int) -> NDArray[Any]:
-    """The values, if they are one array with a row for each particle."""
+def _check_rows(what: str, values: Any, n: int) -> NDArray[Any]:
     if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
         shape = getattr(values, "shape", type(values).__name__)
         raise UsageError(

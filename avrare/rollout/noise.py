@@ -1,8 +1,8 @@
-"""The noise tape: standard normals addressed by (seed, run, stage, particle, step).
+"""Noise tape: standard normals addressed by (seed, run, stage, particle, step).
 
 Philox-4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011) is a function from a
 counter and a key to random bits. The key holds seed and run; the counter holds stage, particle, step and the
-channel. Any number of any tape can therefore be drawn alone, in any order, by any worker.
+channel. Any number of any tape can therefore be drawn on its own, in any order, by any worker.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint64]
@@ -21,15 +21,15 @@ _MULTIPLIER_0, _MULTIPLIER_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
 _CHOICE_STEP = 0xFFFFFFFF
-"""The "step" of uniforms that are choices of an estimator, out of reach of any tape."""
+"""Value of "step" in the address of an estimator's own choices, beyond that of any tape."""
 
 
 def philox(counter: tuple[Words, Words, Words, Words], key: tuple[Words, Words]) -> tuple[Words, ...]:
-    """Four 32-bit words (in uint64 arrays) for each counter, ten rounds."""
+    """Return four 32-bit words (in uint64 arrays) for each counter, after ten rounds."""
     c0, c1, c2, c3 = (np.array(word) for word in np.broadcast_arrays(*counter))
     k0, k1 = key
     product_0, product_1 = np.empty_like(c0), np.empty_like(c0)
-    for _ in range(10):  # in place: most of the time would go into new memory
+    for _ in range(10):  # in place: allocation would dominate
         np.multiply(c0, _MULTIPLIER_0, out=product_0)
         np.multiply(c2, _MULTIPLIER_1, out=product_1)
         np.right_shift(product_1, _SHIFT, out=c0)
@@ -51,7 +51,7 @@ def _run_key(seed: int, run: int) -> tuple[int, int]:
 
 
 class NoiseSource:
-    """All tapes of one estimate.
+    """Source of all noise tapes of one estimate.
 
     Args:
         seed: Non-negative integer.
@@ -68,7 +68,7 @@ class NoiseSource:
         self.noise_size = noise_size
 
     def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
-        """Standard normals (*S, noise_size) of addresses that broadcast to the shape S."""
+        """Return standard normals (*S, noise_size) of addresses that broadcast to the shape S."""
         count = (self.noise_size + 1) // 2
         first, second = self._uniforms(run, stage, particle, step, count)
         radius = np.sqrt(-2.0 * np.log(first))
@@ -79,13 +79,13 @@ class NoiseSource:
         return np.ascontiguousarray(both.reshape(*first.shape[:-1], 2 * count)[..., : self.noise_size])
 
     def choices(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike) -> Floats:
-        """Uniforms (*S,) in (0, 1), one for each address: an estimator's own choices."""
+        """Return uniforms (*S,) in (0, 1), one for each address, for an estimator's own choices."""
         return self._uniforms(run, stage, particle, _CHOICE_STEP, 1)[0][..., 0]
 
     def _uniforms(
         self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike, count: int
     ) -> tuple[Floats, Floats]:
-        """Two arrays (*S, count) of uniforms in the open interval (0, 1), 53 bits each."""
+        # Two arrays (*S, count) of uniforms in the open interval (0, 1), 53 bits each.
         runs, inverse = np.unique(run, return_inverse=True)
         keys = np.array([_run_key(self.seed, int(r)) for r in runs], dtype=np.uint64).reshape(-1, 2)
         keys = keys[inverse.reshape(np.shape(run))]

@@ -1,4 +1,4 @@
-"""A system, what it must do, and for how long: everything an estimator needs to know."""
+"""Problem: a system, its specifications and the number of steps."""
 
 from __future__ import annotations
 
@@ -7,36 +7,40 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError, did_you_mean
-from avrare.logic.api import Formula
-from avrare.logic.online import FormulaMonitor
-from avrare.protocols import Floats, Signals, Specification, System
-from avrare.rollout.deciding import Deciding
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.logic.formula import Formula, FormulaMonitor
+from avrare.protocols import Floats, HasMargin, Signals, Specification, System, find_ability
+from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.progress import ProgressScored, shape_of
 from avrare.rollout.request import Request, Rollouts
-from avrare.rollout.score import FormulaScored, FunctionScored, MarginScored, PrefixScored, ScoreFunction
+from avrare.rollout.scores.progress_score import ProgressScored, shape_of
+from avrare.rollout.scores.scored_specifications import (
+    FormulaScored,
+    FunctionScored,
+    MarginScored,
+    PrefixScored,
+    ScoreFunction,
+)
 
 SCORES = ("robustness", "margin", "progress")
 DEFAULT_CHUNK = 4096
-_DEFAULT_NAME = "specification"
 
 
 class Problem:
-    """A system with one specification (or several that are scored in one pass).
+    """System with one specification (or several that are monitored in one pass).
 
     Args:
-        system: See ``avrare.protocols.System``; the closed loop built from a scenario is one too.
+        system: An ``avrare.protocols.System``, such as the closed loop of a scenario.
         specification: A formula from ``avrare.stl``, any ``Specification``, or a mapping of names to them.
-        steps: States t = 0..steps are simulated; 0 is a static problem.
+        steps: Last step: states t = 0..steps are simulated; 0 is a static problem.
         score: Importance score for splitting: ``function(signals so far, t) -> (N,)``, a formula whose own
             running score orders the particles in place of the specification's, or a name:
-            "robustness" (the formula's own), "margin" (see ``avrare.rollout.score``; where the noise-free run
-            has no margin, as "robustness"), "progress" (see ``avrare.rollout.danger``). By default "progress"
-            for formulas that may still come true, such as ``eventually``, else "robustness". The default
-            never runs the system; "margin" and "progress" by name make a noise-free run.
-        chunk: Rollouts per unit of work; never changes a result of a system whose rows are independent.
+            "robustness" (the formula's own), "margin" (see ``MarginScored``; where the noise-free rollout
+            has no margin, as "robustness"), "progress" (see ``progress_score``). By default "progress"
+            for formulas that may still become true, such as ``eventually``, else "robustness". The default
+            never runs the system; "margin" and "progress" by name run one noise-free rollout.
+        chunk: Rollouts per unit of work; changes no result of a system whose rows are independent.
 
     Raises:
         UsageError: An argument does not fit.
@@ -56,7 +60,7 @@ class Problem:
         missing = [name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)]
         if missing:
             raise UsageError(
-                f"{type(system).__name__} is no system: it lacks {', '.join(missing)}",
+                f"{type(system).__name__} is not a valid system: it lacks {', '.join(missing)}",
                 "a system has noise_size, initial(noise), step(state, noise) and signals(state)",
             )
         _check_integer(f"{type(system).__name__}.noise_size", system.noise_size, 0)
@@ -66,34 +70,34 @@ class Problem:
         self.steps = int(steps)
         self.score = score
         self.chunk = int(chunk)
-        named = specification if isinstance(specification, Mapping) else {_DEFAULT_NAME: specification}
+        named = specification if isinstance(specification, Mapping) else {"specification": specification}
         if not named:
             raise UsageError("a problem needs at least one specification")
         self.names = tuple(named)
-        self.monitors: tuple[Specification, ...] = tuple(_monitor(spec) for spec in named.values())
+        self.monitors: tuple[Specification, ...] = tuple(_as_monitor(spec) for spec in named.values())
         self._scored: tuple[Specification, ...] | None = None
 
     @property
     def noise_size(self) -> int:
-        """Standard normal numbers per step and particle."""
+        """Number of standard normal numbers per step and particle."""
         return int(self.system.noise_size)
 
     @property
     def specifications(self) -> tuple[Specification, ...]:
-        """The monitors, with the chosen score."""
+        """Monitors with the chosen score."""
         if self._scored is None:
             self._scored = self._with_score()
         return self._scored
 
     def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
-        """The same problem with another score; also ``"prefix"`` (``avrare.rollout.score.PrefixScored``)."""
-        other = object.__new__(type(self))  # copy.copy would go through __reduce__, which ends here
+        """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""
+        other = object.__new__(type(self))  # copy.copy would call __reduce__, which calls this method
         other.__dict__.update(self.__dict__)
         other.score, other._scored = score, None
         return other
 
     def gamma(self, level: float) -> float:
-        """The robustness threshold of a score's level: 0 at failure, as the papers count."""
+        """Return the robustness threshold of a score's level, 0 at failure as in the papers."""
         return 1.0 - level if isinstance(self.specifications[0], MarginScored | ProgressScored) else -level
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
@@ -119,12 +123,15 @@ class Problem:
         return self.simulate(NoiseSource(0, self.noise_size), request, scored=False)
 
     def robustness(self, noise: Floats) -> Floats:
-        """Robustness (N,) of the first specification under noise (N, steps + 1, noise_size), NaN on error."""
+        """Return robustness (N,) of the first specification on noise (N, steps + 1, noise_size).
+
+        It is NaN where the rollout breaks down.
+        """
         outcome = self.replay(noise)
         return np.where(outcome.error, np.nan, outcome.robustness[:, 0])
 
     def nominal(self, *, keep_carries: bool = False) -> Rollouts:
-        """The noise-free run, one row."""
+        """Run the noise-free rollout, one row."""
         return self.replay(np.zeros((1, self.steps + 1, self.noise_size)), keep_carries=keep_carries)
 
     def _with_score(self) -> tuple[Specification, ...]:
@@ -165,16 +172,15 @@ class Problem:
         carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
         scored: list[Specification] = []
         for index, spec in enumerate(self.monitors):
-            margin = getattr(spec, "margin", None)
-            along = [margin(carry.monitors[index]) for carry in carries] if margin else [None]
+            stepped = find_ability(spec, HasMargin)
+            along = [stepped.margin(carry.monitors[index]) for carry in carries] if stepped else [None]
             if any(value is None for value in along):
                 raise UsageError(
                     f"score 'margin' does not fit {self.names[index]}",
                     "it needs a formula of the shape `always ...`; leave the score out, or give a function",
                 )
             nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
-            # Where the noise-free run breaks down or breaks the rule there is no margin to lose: the
-            # formula's own robustness is the score.
+            # Without a positive margin along the complete noise-free rollout, robustness is the score.
             lost = len(nominal) <= self.steps or nominal.min() <= 0
             scored.append(spec if lost else MarginScored(spec, nominal))  # type: ignore[arg-type]
         return tuple(scored)
@@ -185,8 +191,7 @@ def _check_integer(name: str, value: object, least: int) -> None:
         raise UsageError(f"{name} must be an integer of at least {least}, not {value!r}")
 
 
-def _monitor(specification: Any) -> Specification:
-    """A formula becomes its monitor; a specification stays what it is."""
+def _as_monitor(specification: Any) -> Specification:
     if isinstance(specification, Formula):
         return FormulaMonitor(specification)
     if not (hasattr(specification, "start") and hasattr(specification, "update")):

@@ -1,7 +1,8 @@
-"""What an estimator asks of the rollout engine, and what it gets back."""
+"""Requests of an estimator to the rollout engine, and their outcomes."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare import batch
+from avrare.base import batch
 from avrare.protocols import Bools, Floats, Verdict
 
 Integers = NDArray[np.int64]
@@ -18,12 +19,12 @@ FROM_START = -1
 
 @dataclass(frozen=True)
 class Carry:
-    """All that a particle needs to go on: what splitting copies.
+    """State of a particle between two steps, which splitting copies.
 
     Attributes:
         system: State of the system.
         monitors: Monitor state of every specification.
-        verdicts: Verdict of every specification on the newest sample.
+        verdicts: Verdict of every specification on the samples so far.
     """
 
     system: Any
@@ -33,14 +34,14 @@ class Carry:
 
 @dataclass(frozen=True)
 class Past:
-    """How to come to the carries of rows that were not kept: by driving there again, on the same noise.
+    """Addresses of the noise with which rows without a stored carry reach their start.
 
     Attributes:
-        rows: (P,) rows of the request that have no carry, ascending; ``start`` is where they are to be.
-        origin: (P,) step to drive from: -1 the beginning, s >= 0 a carry at step s.
+        rows: (P,) rows of the request that have no carry, ascending; they are to reach their ``start``.
+        origin: (P,) step to simulate from: -1 the beginning, s >= 0 a carry at step s.
         stage: (P, steps + 1) stage that drew the noise of each step up to ``start``.
-        particle: (P, steps + 1) particle that it was drawn for.
-        paid: (P,) steps of the way that count as simulated.
+        particle: (P, steps + 1) particle that the noise was drawn for.
+        paid: (P,) steps before ``start`` that count as simulated.
         carries: (s, entries, carry) in ascending s: the carries of the entries (among the P) with origin s,
             which ascend.
     """
@@ -53,7 +54,7 @@ class Past:
     carries: tuple[tuple[int, Integers, Carry], ...] = ()
 
     def slice(self, begin: int, end: int) -> Past | None:
-        """What concerns rows begin..end of the request, None: nothing."""
+        """Return the part for rows begin..end of the request, None where it is empty."""
         low, high = np.searchsorted(self.rows, (begin, end))
         if low == high:
             return None
@@ -70,7 +71,7 @@ class Past:
 
 @dataclass(frozen=True)
 class Request:
-    """M rollouts, sorted by ``start``.
+    """Request for M rollouts, sorted by ``start``.
 
     Attributes:
         run: (M,) address of the fresh noise.
@@ -82,10 +83,10 @@ class Request:
         tape: (M, steps + 1, noise_size) explicit noise in place of addressed noise, or None.
         keep_carries: Return the carry of every step, or of steps 0, k, 2k, ... and the last.
         every: k to begin with.
-        most_bytes: Of a row's carries; k is doubled where they would take more. 0: no limit.
-        stop_early: End a row as soon as no specification's verdict can change.
-        law: What the system is to draw from instead of its own distribution: handed to ``System.under``.
-        past: Rows with start >= 0 whose carries are to be driven to first; None: there are none.
+        most_bytes: Limit on a row's carries; k is doubled where they would take more. 0: no limit.
+        stop_early: End a row as soon as all its verdicts are final.
+        law: Distribution to draw from instead of the system's own, passed to ``under``; or None.
+        past: Rows with start >= 0 whose carries must be simulated first; None: there are none.
     """
 
     run: Integers
@@ -108,19 +109,19 @@ class Request:
 
     @staticmethod
     def from_start(run: Integers, particle: Integers, *, keep_carries: bool = False) -> Request:
-        """Fresh rollouts of stage 0."""
+        """Return a request for fresh rollouts of stage 0."""
         start = np.full(len(run), FROM_START)
         return Request(run, np.zeros_like(run), particle, start, keep_carries=keep_carries)
 
     @staticmethod
     def replay(tape: Floats, *, keep_carries: bool = False) -> Request:
-        """Rollouts of given noise (M, steps + 1, noise_size)."""
+        """Return a request for rollouts of given noise (M, steps + 1, noise_size)."""
         zeros = np.zeros(len(tape), dtype=np.int64)
         start = np.full(len(tape), FROM_START)
         return Request(zeros, zeros, zeros, start, tape=tape, keep_carries=keep_carries)
 
     def slice(self, begin: int, end: int) -> Request:
-        """Rows begin..end as a request of their own: one chunk of work."""
+        """Return rows begin..end as a request of their own: one chunk of work."""
         if begin <= 0 and end >= self.rows:
             return self
         part, carries = slice(begin, end), []
@@ -146,18 +147,18 @@ class Rollouts:
     """Outcome of a request; rows in the request's order, S specifications.
 
     Attributes:
-        robustness: (M, S) of the whole trace; of the samples before the error for errored rows.
-        violated: (M, S) False for errored rows.
-        error: (M,) the row broke down.
+        robustness: (M, S) robustness of the trace; for rows with an error, of the samples before it.
+        violated: (M, S) verdicts; False for rows with an error.
+        error: (M,) True where the row broke down.
         scores: (M, steps + 1) running score of the first specification; -inf before a row's start.
-            (M, 0) where no score was asked for.
-        simulated_steps: Rows passed to ``System.step``.
-        counts: What each row added to the system's own counters, (M,) each; 0 for errored rows.
-        messages: What broke down, the first few.
-        carries: (t, row indices, carry) of every step when they were asked for.
-        every: k, where they are of steps 0, k, 2k, ... and the last only.
-        log_weight: (M,) log likelihood ratio that the system reports, zeros where it reports none; of the
-            steps before the error for errored rows.
+            (M, 0) where no score was requested.
+        simulated_steps: Number of rows passed to ``System.step``.
+        counts: Increments (M,) of the system's counters by name; 0 for rows with an error.
+        messages: Causes of the first few errors.
+        carries: (t, row indices, carry) by step, where they were requested.
+        every: Carries are those of steps 0, k, 2k, ... and the last, for this k.
+        log_weight: (M,) log likelihood ratio that the system reports, zeros where it reports none; for rows
+            with an error, of the steps before it.
     """
 
     robustness: Floats
@@ -173,7 +174,7 @@ class Rollouts:
 
     @staticmethod
     def join(parts: list[Rollouts]) -> Rollouts:
-        """Outcomes of consecutive chunks as one."""
+        """Join the outcomes of consecutive chunks."""
         if len(parts) == 1:
             return parts[0]
         offsets = np.cumsum([0] + [len(part.error) for part in parts])
@@ -202,9 +203,8 @@ class Rollouts:
 
 
 def total_counts(outcomes: Iterable[Rollouts]) -> dict[str, int]:
-    """The systems' counters, summed over all rollouts."""
-    total: dict[str, int] = {}
+    """Return the systems' counters, summed over all rollouts."""
+    total: Counter[str] = Counter()
     for outcome in outcomes:
-        for name, values in outcome.counts.items():
-            total[name] = total.get(name, 0) + int(values.sum())
+        total.update({name: int(values.sum()) for name, values in outcome.counts.items()})
     return dict(sorted(total.items()))

@@ -1,1 +1,1 @@
-"""Scenario files: from YAML text to a checked ``Scenario``, with every mistake named by its place."""
+"""Scenario files: from YAML text to a checked ``Scenario``; mistakes are reported with their position."""

@@ -1,19 +1,22 @@
-"""One short hash that two runs share when their results may be compared."""
+"""Fingerprint of a scenario: results are comparable if their fingerprints are equal."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 
-from avrare.scenario.files import digests
-from avrare.scenario.schema import Scenario
+from avrare.scenario.schema import Block, Scenario
+
+FILE_OPTION = "file"
+"""Key in ``Field(..., json_schema_extra={"file": True})`` of an option whose value may be a file's path."""
 
 
 def fingerprint(scenario: Scenario) -> str:
-    """16 hexadecimal digits of the resolved scenario, its plugins' versions and the files it names.
+    """Return 16 hexadecimal digits of the resolved scenario, its plugins' versions and the files it names.
 
-    Everything counts, defaults included, except the seed; the number of workers and the executor are no part
-    of a scenario.
+    Defaults count; the seed does not. The number of workers and the executor are not part of a scenario.
     """
     resolved = {key: value for key, value in scenario.resolved.items() if key != "seed"}
     content = {"scenario": resolved, "versions": scenario.versions}
@@ -21,3 +24,30 @@ def fingerprint(scenario: Scenario) -> str:
         content["files"] = files
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
+
+
+def digests(scenario: Scenario) -> dict[str, str]:
+    """Return, for each option that names an existing file, its dotted path and 16 digits of the file's hash.
+
+    Raises:
+        OSError: A file cannot be read.
+    """
+    return {
+        f"{key}.{name}": hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        for key, block in scenario.blocks.items()
+        for name, path in _files(block)
+    }
+
+
+def changed_files(before: Mapping[str, str], after: Mapping[str, str], keys: tuple[str, ...]) -> list[str]:
+    """Return a line for each option below one of ``keys`` whose file has changed between two digests."""
+    both = [path for path in before if path in after and path.startswith(tuple(f"{key}." for key in keys))]
+    return [f"{path}: its file has changed" for path in both if before[path] != after[path]]
+
+
+def _files(block: Block) -> Iterator[tuple[str, Path]]:
+    for name, field in type(block.config).model_fields.items():
+        extra, value = field.json_schema_extra, getattr(block.config, name)
+        marked = isinstance(extra, dict) and extra.get(FILE_OPTION)
+        if marked and isinstance(value, str | Path) and Path(value).is_file():
+            yield name, Path(value)

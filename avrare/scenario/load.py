@@ -1,16 +1,24 @@
-"""A scenario from its file: read, extend, override, check."""
+"""Loading of scenarios: read the file, merge ``extends``, apply overrides, check."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
 
-from avrare.plugin.registry import Registry, default_registry
-from avrare.scenario.merge import read
+from pydantic import BaseModel
+
+from avrare.base.errors import ExitCode, PluginError, did_you_mean
+from avrare.plugin.registry import Registry, Row, default_registry
+from avrare.scenario.extends import read
+from avrare.scenario.marked_values import Mark, Node, Path
 from avrare.scenario.overrides import override
-from avrare.scenario.resolve import resolve
-from avrare.scenario.schema import Scenario
-from avrare.scenario.source import Mark, Node
+from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
+from avrare.scenario.specification_checks import check_block, check_formula, step_of
+from avrare.scenario.validation import Mistake, check, describe, scenario_error
+
+_CORE_KEYS = {"estimator": ("plugin", "specifications")}
+"""Keys of a block that the core reads itself, where there are more than ``plugin``."""
+_SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications"))
 
 
 def load(
@@ -19,27 +27,158 @@ def load(
     estimator: str | None = None,
     registry: Registry | None = None,
 ) -> Scenario:
-    """Read and check a scenario; nothing is built and nothing heavy is imported.
+    """Load and check a scenario; builds nothing and imports nothing heavy.
 
     Args:
-        path: The YAML file.
+        path: YAML file.
         overrides: ``KEY=VALUE`` settings as after ``--set``, applied last, in order.
-        estimator: Name of an estimator whose defaults replace the file's whole estimator block first.
-        registry: Where plugins are looked up; the installed ones by default.
+        estimator: Name of an estimator whose defaults replace the file's estimator block.
+        registry: Installed plugins; found by default.
 
     Raises:
-        ScenarioError: Everything that is wrong, each with its place.
+        ScenarioError: All mistakes, each with its place.
     """
     file = os.fspath(path)
     tree = override(_with_estimator(read(file), estimator), overrides)
-    return resolve(tree, file, registry or default_registry())
+    return _resolve(tree, file, registry or default_registry())
 
 
 def _with_estimator(tree: Node, name: str | None) -> Node:
-    """The tree with the estimator block that holds before ``--set``: named, the file's own, or plain mc."""
     own = tree.child("estimator")
     if name is None and own is not None and own.value is not None:
         return tree
     mark = tree.mark if name is None else Mark("--estimator")
     block = Node({"plugin": Node("mc" if name is None else name, mark, mark)}, mark, mark)
     return Node({**tree.entries, "estimator": block}, tree.mark, tree.key)
+
+
+def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
+    # 1. The core's own keys; the contents of component blocks are left to the plugins' models.
+    document, mistakes = check(Document, _without_options(tree))
+    # 2. The component blocks.
+    blocks: dict[str, Block] = {}
+    for key in PARTS:
+        node = tree.child(key)
+        if node is not None and isinstance(node.value, dict):
+            block, found = _resolve_block(key, node, (key,), registry)
+            mistakes += found
+            if block:
+                blocks[key] = block
+    # 3. The specifications, and references to them.
+    specifications: dict[str, Block | Formula] = {}
+    warnings: list[Mistake] = []
+    dt, steps = step_of(blocks.get("simulator")), document.steps if document else None
+    written = tree.entries_at("specifications")
+    for name, node in written.items():
+        part, errors, found = _resolve_specification(name, node, registry, dt, steps)
+        mistakes += errors
+        warnings += found
+        if part:
+            specifications[name] = part
+    estimated, errors = _estimated(tree, written)
+    mistakes += errors + _check_thresholds(tree, written)
+    if mistakes or document is None:
+        raise scenario_error(mistakes)
+    return Scenario(
+        path=path,
+        specifications=specifications,
+        estimated=tuple(name for name in specifications if name in estimated),
+        warnings=tuple((warning.message, warning.hint) for warning in warnings),
+        **blocks,  # type: ignore[arg-type]  # keys are PARTS
+        **{key: getattr(document, key) for key in _SETTINGS},
+    )
+
+
+def _without_options(tree: Node) -> Node:
+    entries = dict(tree.entries)
+    for key in PARTS:
+        if key in entries:
+            entries[key] = _emptied(entries[key])
+    if (specifications := entries.get("specifications")) is not None and specifications.entries:
+        emptied = {name: _emptied(node) for name, node in specifications.entries.items()}
+        entries["specifications"] = Node(emptied, specifications.mark, specifications.key)
+    return Node(entries, tree.mark, tree.key)
+
+
+def _emptied(node: Node) -> Node:
+    return Node({}, node.mark, node.key) if isinstance(node.value, dict) else node
+
+
+def _resolve_block(
+    kind: str, node: Node, path: Path, registry: Registry
+) -> tuple[Block | None, list[Mistake]]:
+    plugin, plugin_path = node.child("plugin"), (*path, "plugin")
+    if plugin is None:
+        hint = f"installed: {', '.join(registry.names(kind)) or 'none'}"
+        return None, [Mistake(node.name_mark, plugin_path, "required, but missing", hint)]
+    if not isinstance(plugin.value, str):
+        return None, [Mistake(plugin.mark, plugin_path, f"should be a string, found {describe(plugin)}")]
+    try:
+        row = registry.find(kind, plugin.value)
+        model = _options_model(row)
+    except PluginError as error:
+        return None, [Mistake(plugin.mark, plugin_path, error.message, error.hint, ExitCode.PLUGIN)]
+    config, mistakes = check(model, node, path, _CORE_KEYS.get(kind, ("plugin",)))
+    if config is None or row.component is None:
+        return None, mistakes
+    return Block(plugin.value, row.component, config, row.distribution, row.version), mistakes
+
+
+def _options_model(row: Row) -> type[BaseModel]:
+    assert row.component is not None
+    component = f"{row.kind} {row.name!r} of {row.origin or 'an unknown distribution'}"
+    try:
+        model = row.component.load_config()
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise PluginError(f"{component} is broken: {reason}", "run `avrare plugins` for details") from None
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        raise PluginError(f"{component} is broken: {row.component.config} is not a pydantic model")
+    return model
+
+
+def _resolve_specification(
+    name: str, node: Node, registry: Registry, dt: float | None, steps: int | None
+) -> tuple[Block | Formula | None, list[Mistake], list[Mistake]]:
+    path = ("specifications", name)
+    if not isinstance(node.value, dict):
+        return None, [], []  # reported by the schema
+    if ("stl" in node.value) == ("plugin" in node.value):
+        text, hint = "should have either 'stl' or 'plugin'", 'for example {stl: "always (gap > 2.0)"}'
+        return None, [Mistake(node.name_mark, path, text, hint)], []
+    if "stl" in node.value:
+        formula, errors = check(Formula, node, path)
+        found = check_formula(formula, node, path, dt, steps) if formula else ([], [])
+        return formula, errors + found[0], found[1]
+    block, errors = _resolve_block("specification", node, path, registry)
+    found = check_block(block, node, path, dt) if block else ([], [])
+    return block, errors + found[0], found[1]
+
+
+def _estimated(tree: Node, known: dict[str, Node]) -> tuple[list[str], list[Mistake]]:
+    node = tree.entries_at("estimator").get("specifications")
+    if node is None:
+        return list(known), []
+    path = ("estimator", "specifications")
+    if not isinstance(node.value, list) or not node.value:
+        text = f"should be a list of specification names, found {describe(node)}"
+        return [], [Mistake(node.mark, path, text, "remove the option to estimate all specifications")]
+    mistakes = [found for i, item in enumerate(node.value) for found in _check_name(item, (*path, i), known)]
+    return [str(item.value) for item in node.value], mistakes
+
+
+def _check_thresholds(tree: Node, known: dict[str, Node]) -> list[Mistake]:
+    thresholds = tree.child("thresholds")
+    mistakes: list[Mistake] = []
+    for index, item in enumerate(thresholds.items if thresholds else []):
+        node = item.child("specification")
+        if node is not None and isinstance(node.value, str):
+            mistakes += _check_name(node, ("thresholds", index, "specification"), known)
+    return mistakes
+
+
+def _check_name(node: Node, path: Path, known: dict[str, Node]) -> list[Mistake]:
+    if isinstance(node.value, str) and node.value in known:
+        return []
+    word = str(node.value)
+    return [Mistake(node.mark, path, f"there is no specification {word!r}", did_you_mean(word, known))]

@@ -1,22 +1,22 @@
-"""``--set a.b=c``: single values laid over a scenario, last of all."""
+"""Overrides ``--set a.b=c``: single values of a scenario, applied last."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from avrare.errors import ScenarioError, did_you_mean
-from avrare.scenario.source import Mark, Node, Path
+from avrare.base.errors import ScenarioError, did_you_mean
+from avrare.scenario.marked_values import Mark, Node, Path
 from avrare.scenario.yaml import parse_value
 
 
 def override(tree: Node, settings: Sequence[str]) -> Node:
-    """The tree with every ``KEY=VALUE`` applied in order.
+    """Apply every ``KEY=VALUE`` in order and return the new tree.
 
-    KEY is a dotted path in which a number indexes a list; a key that is not there yet is added, and the
-    schema decides later whether it may be. VALUE is YAML.
+    KEY is a dotted path in which a number indexes a list; a missing key is added, and the schema decides
+    later whether it is allowed. VALUE is YAML.
 
     Raises:
-        ScenarioError: A setting without ``=``, with a bad value, or with a path that leads nowhere; all of
+        ScenarioError: Settings without ``=``, with a bad value, or with a path that does not exist; all of
             them at once.
     """
     problems: list[tuple[str, str | None]] = []
@@ -42,7 +42,6 @@ def _apply(tree: Node, setting: str) -> Node:
 
 
 def _put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
-    """A copy of ``node`` in which ``path`` holds ``value``."""
     if not path:
         return value
     step, rest = str(path[0]), path[1:]
@@ -53,19 +52,11 @@ def _put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
         return Node(items, node.mark, node.key)
     if node.value is not None and not isinstance(node.value, dict):
         raise ScenarioError([(f"{mark}: there is no {step!r} inside {node.value!r}", "shorten the path")])
-    if step == "plugin" and not rest and "plugin" in node.entries:
-        node = _renamed(node, value)
-    empty = Node({}, mark, mark)
-    return Node(
-        {**node.entries, step: _put(node.entries.get(step, empty), rest, value, mark)}, node.mark, node.key
-    )
-
-
-def _renamed(block: Node, plugin: Node) -> Node:
-    """A component block without its options when it gets another plugin: they mean nothing to that one."""
-    if block.entries["plugin"].value == plugin.value:
-        return block
-    return Node({}, block.mark, block.key)
+    entries = node.entries
+    if step == "plugin" and not rest and step in entries and entries[step].value != value.value:
+        entries = {}  # the options of one plugin mean nothing to another
+    changed = _put(entries.get(step, Node({}, mark, mark)), rest, value, mark)
+    return Node({**entries, step: changed}, node.mark, node.key)
 
 
 def _index(items: list[Node], step: str, mark: Mark) -> int:

@@ -1,4 +1,4 @@
-"""What a scenario may say: ``Document`` checks the file, ``Scenario`` is the result."""
+"""Schema of scenarios: ``Document`` checks the file, ``Scenario`` is the result."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-import avrare
-from avrare.errors import UsageError
-from avrare.estimation.health import MESSAGES, check_names
+from avrare.base import version
+from avrare.base.errors import UsageError
+from avrare.base.health_messages import MESSAGES, check_names
 from avrare.plugin.component import Component
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
-"""Keys of a scenario that hold one component block each; the key is the kind."""
+"""Keys of a scenario that hold one component block each; the key is the component's kind."""
 
 _SLUG = r"[A-Za-z0-9_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)*"
 _BOUND = re.compile(r"\s*(<=|<)?\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*")
@@ -24,7 +24,7 @@ _BOUND = re.compile(r"\s*(<=|<)?\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*")
 
 def _slug(text: str) -> str:
     if not re.fullmatch(_SLUG, text) or len(text) > 100:
-        raise ValueError("a name may hold letters, digits, '_', '-' and inner '.', at most 100 of them")
+        raise ValueError("a name may contain letters, digits, '_', '-' and inner '.', at most 100 of them")
     return text
 
 
@@ -46,37 +46,40 @@ class _Model(BaseModel):
 
 
 class ScoreFormula(_Model):
-    """A formula that orders the particles of splitting, and decides nothing."""
+    """Formula that orders particles in splitting and does not affect the verdict."""
 
-    stl: str = Field(description="drives are ordered by how near they have come to failing it")
+    stl: str = Field(description="rollouts are ordered by how close they have come to violating it")
 
 
 class Formula(_Model):
-    """A specification written as a formula."""
+    """Specification given as a formula."""
 
     stl: str = Field(
-        description="signal temporal logic over the simulator's signals, e.g. always (gap > 2.0)"
+        description="signal temporal logic formula over the simulator's signals, e.g. always (gap > 2.0)"
     )
     until: Literal["closed", "half-open"] = Field(
-        "closed", description="whether `until` includes the end of its window; half-open is rtamt's reading"
+        "closed", description="whether the window of `until` includes its end; half-open as in rtamt"
     )
     score: ScoreFormula | str | None = Field(
-        None, description="what orders particles: a score's name or {stl: formula}; default by formula shape"
+        None,
+        description="score that orders particles: a name or {stl: formula}; default: by the formula's shape",
     )
 
 
 class Threshold(_Model):
-    """What the failure probability of a specification must stay below."""
+    """Upper bound on the failure probability of a specification."""
 
     specification: str = Field(description="name of one of the scenario's specifications")
     probability: Annotated[str | float, AfterValidator(_bound)] = Field(
         description="upper bound such as '< 2e-2' or '<= 0.1'; a plain number means '<'"
     )
-    confidence: Probability = Field(0.95, description="of the interval that must lie below the bound, 0 to 1")
+    confidence: Probability = Field(
+        0.95, description="confidence level of the interval that must lie below the bound, in (0, 1)"
+    )
 
     @property
     def limit(self) -> float:
-        """The bound itself."""
+        """Bound as a number."""
         return float(str(self.probability).split()[1])
 
     @property
@@ -86,26 +89,26 @@ class Threshold(_Model):
 
 
 class Regression(_Model):
-    """How `avrare check` compares with a saved baseline."""
+    """Comparison of `avrare check` with a saved baseline."""
 
     ratio: float = Field(
         1.0,
         gt=0.0,
         allow_inf_nan=False,
-        description="fails when significantly likelier than this many times the baseline",
+        description="fail if the probability is significantly above this multiple of the baseline",
     )
     exclude: float | None = Field(
         None,
         gt=0.0,
-        description="passes when significantly less likely than this many times the baseline; "
+        description="pass if the probability is significantly below this multiple of the baseline; "
         "default: twice `ratio`",
     )
-    confidence: Probability = Field(0.95, description="of the comparison, 0 to 1")
+    confidence: Probability = Field(0.95, description="confidence level of the comparison, in (0, 1)")
 
     @model_validator(mode="after")
-    def _room_between(self) -> Regression:
+    def _check_order(self) -> Regression:
         if self.exclude is not None and self.exclude <= self.ratio:
-            raise ValueError(f"exclude ({self.exclude:g}) must be more than ratio ({self.ratio:g})")
+            raise ValueError(f"exclude ({self.exclude:g}) must be greater than ratio ({self.ratio:g})")
         return self
 
     @property
@@ -131,40 +134,40 @@ HealthWarning = Annotated[
 
 
 class Document(_Model):
-    """A scenario file after ``extends`` and overrides; component blocks are checked by their plugins."""
+    """Scenario file after ``extends`` and overrides; component blocks are checked by their plugins."""
 
-    name: Slug = Field(description="name of the scenario, also of its folder of results")
-    description: str | None = Field(None, description="what the scenario shows")
-    steps: int = Field(ge=0, le=10_000_000, description="steps of a rollout; 0 is a static problem")
-    simulator: dict[str, Any] = Field(description="the world")
+    name: Slug = Field(description="name of the scenario and of its results folder")
+    description: str | None = Field(None, description="what the scenario is about")
+    steps: int = Field(ge=0, le=10_000_000, description="steps per rollout; 0 for a static problem")
+    simulator: dict[str, Any] = Field(description="simulator of the world")
     perception: dict[str, Any] | None = Field(None, description="perception error model")
     tracker: dict[str, Any] | None = Field(None, description="tracker and predictor")
-    controller: dict[str, Any] | None = Field(None, description="the planner under test")
+    controller: dict[str, Any] | None = Field(None, description="controller (planner) under test")
     specifications: dict[Slug, dict[str, Any]] = Field(
         min_length=1, description="name -> {stl: formula} or {plugin: name, ...}"
     )
-    estimator: dict[str, Any] = Field({"plugin": "mc"}, description="how the probability is estimated")
-    thresholds: tuple[Threshold, ...] = Field((), description="what `avrare check` decides")
+    estimator: dict[str, Any] = Field({"plugin": "mc"}, description="estimator of the failure probability")
+    thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
     regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
     seed: int = Field(0, ge=0, lt=2**63, description="seed of all random numbers")
     chunk: int = Field(25, ge=1, le=1_000_000, description="rollouts per chunk of work")
     max_error_rate: float = Field(
-        0.01, ge=0.0, le=1.0, description="share of rollouts that may end in an error"
+        0.01, ge=0.0, le=1.0, description="fraction of rollouts that may end in an error"
     )
-    confidence: Probability = Field(0.95, description="of the reported intervals, 0 to 1")
-    suppress: tuple[HealthWarning, ...] = Field((), description="names of health warnings to leave out")
+    confidence: Probability = Field(0.95, description="confidence level of the reported intervals, in (0, 1)")
+    suppress: tuple[HealthWarning, ...] = Field((), description="names of health warnings to suppress")
 
 
 @dataclass(frozen=True)
 class Block:
-    """A component that a scenario names, with its checked options.
+    """Component of a scenario with its checked options.
 
     Attributes:
-        plugin: Its name.
-        component: Its description.
-        config: Its options, an instance of the component's own pydantic model.
-        distribution: Where it comes from.
-        version: Of the distribution.
+        plugin: Name of the component.
+        component: Description of the component.
+        config: Options, an instance of the component's own pydantic model.
+        distribution: Distribution that provides it.
+        version: Version of the distribution.
     """
 
     plugin: str
@@ -175,25 +178,25 @@ class Block:
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The block with every default filled in, as plain data."""
+        """Block as plain data with all defaults."""
         options = self.config.model_dump(mode="json", by_alias=True, warnings=False)
         return {"plugin": self.plugin, **options}
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A checked scenario. Nothing is built yet and nothing heavy is imported.
+    """Checked scenario; nothing is built and nothing heavy is imported.
 
     Attributes:
-        path: The file, as the user wrote it.
-        estimated: Names of the specifications that the estimator is asked for, in the scenario's order
-            (the estimator option ``specifications``; all of them by default).
+        path: File, as the user wrote it.
+        estimated: Names of the specifications to estimate, in the scenario's order (the estimator option
+            ``specifications``; all of them by default).
         chunk: Rollouts per chunk of work.
-        max_error_rate: Share of the rollouts that may end in an error.
-        confidence: Of the reported intervals.
-        suppress: Names of health warnings to leave out.
-        regression: How a check compares with a baseline; None: as by default, if there is one.
-        warnings: (message, hint) on specifications that can be used but may not say what is meant.
+        max_error_rate: Fraction of the rollouts that may end in an error.
+        confidence: Confidence level of the reported intervals.
+        suppress: Names of health warnings to suppress.
+        regression: Settings of the comparison with a baseline; None for the default.
+        warnings: (message, hint) on specifications that are valid but may not mean what was intended.
     """
 
     path: str = field(compare=False)
@@ -218,20 +221,20 @@ class Scenario:
 
     @property
     def blocks(self) -> dict[str, Block]:
-        """Every component block by its dotted path, for instance ``tracker``, ``specifications.safe``."""
+        """Component blocks by dotted path, for instance ``tracker`` or ``specifications.safe``."""
         named = {key: getattr(self, key) for key in PARTS}
         named |= {f"specifications.{name}": part for name, part in self.specifications.items()}
         return {key: part for key, part in named.items() if isinstance(part, Block)}
 
     @property
     def versions(self) -> dict[str, str]:
-        """Version of avrare and of every distribution that the scenario uses."""
+        """Versions of avrare and of every distribution that the scenario uses."""
         used = {part.distribution: part.version for part in self.blocks.values() if part.distribution}
-        return dict(sorted({**used, "avrare": avrare.__version__}.items()))
+        return dict(sorted({**used, "avrare": version.__version__}.items()))
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The scenario as plain data with every default filled in; loading it gives this scenario again."""
+        """Scenario as plain data with all defaults; loading it gives an equal scenario."""
         plain: dict[str, Any] = {"name": self.name, "description": self.description, "steps": self.steps}
         plain |= {key: part.resolved for key in PARTS if (part := getattr(self, key))}
         plain["estimator"] = {**plain["estimator"], "specifications": list(self.estimated)}

@@ -1,7 +1,8 @@
-"""YAML text to nodes with places, with the plain scalars of YAML 1.2.
+"""YAML with positions: text to nodes that know their line and column, with the plain scalars of YAML 1.2.
 
 ``1e-3`` and ``.5`` are numbers, only ``true`` and ``false`` are booleans, a date is a string. Duplicate
-keys, keys that are not strings, tags and merge keys are errors. Size, depth and aliases are bounded.
+keys, keys that are not strings, tags and (except in rules files) merge keys are errors. Size, depth and
+aliases are bounded.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from typing import Any
 
 import yaml
 
-from avrare.errors import ScenarioError
-from avrare.scenario.source import Mark, Node, Scalar
+from avrare.base.errors import ScenarioError
+from avrare.scenario.marked_values import Mark, Node, Scalar
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 20_000
 MAX_DEPTH = 50
 
 _TAG = "tag:yaml.org,2002:"
+_MERGE_KEY = "<<"
 _INT = r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
 _FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
 _PLAIN = (
@@ -40,14 +42,14 @@ _HINTS = (
 )
 
 
-class _Problem(Exception):
+class _Refusal(Exception):
     def __init__(self, mark: yaml.Mark | None, text: str, hint: str | None = None) -> None:
         super().__init__(text)
         self.mark, self.text, self.hint = mark, text, hint
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's composer with the plain scalars of YAML 1.2 and a bound on depth."""
+    """PyYAML's composer with the plain scalars of YAML 1.2 and bounds on depth and size."""
 
     yaml_implicit_resolvers = {None: list(_PATTERNS.items())}  # noqa: RUF012  (PyYAML's own attribute)
     depth = 0
@@ -64,7 +66,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes every string that would read as something else, here or in a reader of YAML 1.1."""
+    """PyYAML's dumper that quotes strings which YAML 1.1 or 1.2 would read as something else."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012  (PyYAML's own attribute)
         **yaml.SafeDumper.yaml_implicit_resolvers,
@@ -73,10 +75,10 @@ class _Dumper(yaml.SafeDumper):
 
 
 class _Converter:
-    """Turns composed nodes, whose aliases are still shared, into a tree of marked values."""
+    """Converter of composed nodes, whose aliases are still shared, into a tree of marked values."""
 
-    def __init__(self, place: Callable[[yaml.Mark | None], Mark]) -> None:
-        self.place = place
+    def __init__(self, place: Callable[[yaml.Mark | None], Mark], merge_keys: bool) -> None:
+        self.place, self.merge_keys = place, merge_keys
         self.count = 0
 
     def convert(self, node: yaml.Node, key: Mark | None = None, depth: int = 1) -> Node:
@@ -89,50 +91,60 @@ class _Converter:
             return Node([self.convert(item, None, depth + 1) for item in node.value], mark, key)
         if isinstance(node, yaml.ScalarNode):
             return Node(_scalar(node), mark, key)
-        raise _Problem(node.start_mark, f"the tag {_short(node.tag)} is not allowed", "remove the tag")
+        raise _Refusal(node.start_mark, f"the tag {_short(node.tag)} is not allowed", "remove the tag")
 
     def _mapping(self, node: yaml.MappingNode, depth: int) -> dict[str, Node]:
         entries: dict[str, Node] = {}
+        merged: yaml.Mark | None = None
         for key_node, value_node in node.value:
             key, start = _key(key_node), key_node.start_mark
             if key in entries:
-                first = entries[key].name_mark
-                raise _Problem(
-                    start, f"duplicate key {key!r}", f"it is already set at {first}; keep one of them"
-                )
+                hint = f"it is already set at {entries[key].name_mark}; keep one of them"
+                raise _Refusal(start, f"duplicate key {key!r}", hint)
             entries[key] = self.convert(value_node, self.place(start), depth + 1)
-        return entries
+            if key == _MERGE_KEY and key_node.style is None:
+                merged = start
+        return entries if merged is None else self._merge(entries, merged)
+
+    def _merge(self, entries: dict[str, Node], mark: yaml.Mark) -> dict[str, Node]:
+        if not self.merge_keys:
+            text = f"merge keys ({_MERGE_KEY}) are not supported"
+            raise _Refusal(mark, text, "use 'extends', or repeat the keys")
+        value = entries.pop(_MERGE_KEY)
+        parents = value.value if isinstance(value.value, list) else [value]
+        if not all(isinstance(parent.value, dict) for parent in parents):
+            raise _Refusal(mark, f"{_MERGE_KEY} should be a mapping or a list of mappings")
+        inherited: dict[str, Node] = {}
+        for parent in reversed(parents):  # the first parent takes precedence
+            inherited |= parent.entries
+        return inherited | entries
 
 
 def _check_size(mark: yaml.Mark | None, depth: int, count: int) -> None:
     if depth > MAX_DEPTH:
-        raise _Problem(mark, f"nested more than {MAX_DEPTH} deep")
+        raise _Refusal(mark, f"nested more than {MAX_DEPTH} deep")
     if count > MAX_NODES:
-        raise _Problem(mark, f"more than {MAX_NODES} values, aliases expanded", "use fewer aliases")
+        raise _Refusal(mark, f"more than {MAX_NODES} values, aliases expanded", "use fewer aliases")
 
 
 def _key(node: yaml.Node) -> str:
     if not isinstance(node, yaml.ScalarNode):
-        raise _Problem(node.start_mark, "a key must be a string, not a list or a mapping")
+        raise _Refusal(node.start_mark, "a key must be a string, not a list or a mapping")
     value = _scalar(node)
-    if value == "<<" and node.style is None:
-        raise _Problem(
-            node.start_mark, "merge keys (<<) are not supported", "use 'extends', or repeat the keys"
-        )
     if not isinstance(value, str):
-        raise _Problem(node.start_mark, f"the key {node.value} is not a string", f'quote it: "{node.value}"')
+        raise _Refusal(node.start_mark, f"the key {node.value} is not a string", f'quote it: "{node.value}"')
     return value
 
 
 def _scalar(node: yaml.ScalarNode) -> Scalar:
     text: str = node.value
     if re.search("[\0\ud800-\udfff]", text):
-        raise _Problem(node.start_mark, "a string may not hold NUL or half a surrogate pair")
+        raise _Refusal(node.start_mark, "a string must not contain NUL or half a surrogate pair")
     if node.tag == _TAG + "str":
         return text
     pattern = _PATTERNS.get(node.tag)
     if pattern is None or not pattern.match(text):
-        raise _Problem(node.start_mark, f"the tag {_short(node.tag)} is not allowed here", "remove the tag")
+        raise _Refusal(node.start_mark, f"the tag {_short(node.tag)} is not allowed here", "remove the tag")
     if node.tag == _TAG + "int":
         return _integer(node)
     if node.tag == _TAG + "float":
@@ -147,40 +159,47 @@ def _short(tag: str) -> str:
 def _integer(node: yaml.ScalarNode) -> int:
     text: str = node.value
     if len(text) > 400:
-        raise _Problem(node.start_mark, f"a number of {len(text)} digits is too long")
+        raise _Refusal(node.start_mark, f"a number of {len(text)} digits is too long")
     return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
 
 
-def parse(data: bytes, file: str) -> Node:
-    """The single mapping that a scenario file holds.
+def parse(
+    data: bytes,
+    file: str,
+    content: str = "scenario",
+    hint: str = "a scenario needs name, steps, simulator, specifications",
+    merge_keys: bool = False,
+) -> Node:
+    """Parse a file that holds a single mapping.
 
     Args:
         data: The content of the file.
         file: Its path as the user wrote it, for messages.
+        content: Kind of the file, for messages.
+        hint: Hint for an empty file.
+        merge_keys: True to allow merge keys (``<<``).
 
     Raises:
         ScenarioError: It is not UTF-8, not YAML, empty, too large, or not one mapping with string keys.
     """
     if len(data) > MAX_BYTES:
-        raise _error(Mark(file), f"larger than {MAX_BYTES:,} bytes, too large for a scenario", None)
+        raise _error(Mark(file), f"larger than {MAX_BYTES:,} bytes, too large for a {content}", None)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = data[: error.start]
         mark = Mark(file, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
         raise _error(mark, "not UTF-8 text", "save the file in UTF-8") from None
-    node = _read(text, lambda mark: _place(file, mark))
+    node = _read(text, lambda mark: _place(file, mark), merge_keys)
     if node is None:
-        raise _error(
-            Mark(file, 1, 1), "the file is empty", "a scenario needs name, steps, simulator, specifications"
-        )
+        raise _error(Mark(file, 1, 1), "the file is empty", hint)
     if not isinstance(node.value, dict):
-        raise _error(node.mark, "a scenario is a mapping of keys to values", "write 'key: value' lines")
+        raise _error(node.mark, f"a {content} is a mapping of keys to values", "write 'key: value' lines")
     return node
 
 
 def parse_value(text: str, mark: Mark) -> Node:
-    """A single value, as after ``--set KEY=``; every part of it is placed at ``mark``.
+    """Parse a single value, as after ``--set KEY=``; every part of it is placed at ``mark``.
 
     Raises:
         ScenarioError: The text is not one YAML value.
@@ -190,7 +209,7 @@ def parse_value(text: str, mark: Mark) -> Node:
 
 
 def dump(data: Mapping[str, Any]) -> str:
-    """Plain data as YAML text that ``parse`` reads back to the same values."""
+    """Return plain data as YAML text that ``parse`` reads back to the same values."""
     return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
@@ -198,11 +217,11 @@ def _place(file: str, mark: yaml.Mark | None) -> Mark:
     return Mark(file, mark.line + 1, mark.column + 1) if mark else Mark(file, 1, 1)
 
 
-def _read(text: str, place: Callable[[yaml.Mark | None], Mark]) -> Node | None:
+def _read(text: str, place: Callable[[yaml.Mark | None], Mark], merge_keys: bool = False) -> Node | None:
     try:
         node = _Loader(text).get_single_node()
-        return None if node is None else _Converter(place).convert(node)
-    except _Problem as problem:
+        return None if node is None else _Converter(place, merge_keys).convert(node)
+    except _Refusal as problem:
         raise _error(place(problem.mark), problem.text, problem.hint) from None
     except yaml.reader.ReaderError as error:
         position = int(error.position)
@@ -217,10 +236,9 @@ def _read(text: str, place: Callable[[yaml.Mark | None], Mark]) -> Node | None:
 
 
 def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str | None]:
-    """What a syntax error says in one line, and a hint for the usual mistakes."""
     problem = " ".join((error.problem or "cannot be read").split())
     if "another document" in problem:
-        return "more than one document", "keep one scenario in a file; remove the second '---'"
+        return "more than one document", "keep one document in a file; remove the second '---'"
     context = f" ({' '.join(error.context.split())})" if error.context else ""
     hint = next((hint for sign, hint in _HINTS if sign in problem), None)
     return f"not YAML: {problem}{context}", hint

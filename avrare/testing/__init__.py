@@ -1,6 +1,6 @@
-"""The testing kit: problems whose failure probability is known, and a suite that any estimator can run.
+"""Testing kit: problems of known failure probability, and a conformance suite for estimators.
 
-``avrare.testing.problems`` holds the reference problems, with generators for more of their kind;
-``avrare.testing.systems`` small awkward systems (breaking down, raising, counting, ...);
+``avrare.testing.problems`` holds the reference problems and generators of more of them;
+``avrare.testing.awkward_systems`` small systems that raise, report faults, count, ...;
 ``avrare.testing.estimators`` the conformance suite, the one module here that needs pytest.
 """

@@ -1,12 +1,11 @@
-"""What every estimator must do, as tests to inherit (docs/testing.md).
+"""Conformance suite for estimators, as tests to inherit (docs/testing.md).
 
     class TestMine(EstimatorConformance):
         estimator = "mine"
         options = {"particles": 50, "discard": 10}
 
-Where a study needs many seeds it asks for that many runs of one seed: run r draws from a stream of its own,
-keyed by (seed, run), so that they are as independent as seeds are; ``test_runs_are_a_prefix`` holds an
-estimator to it.
+A study that needs many seeds uses as many runs of one seed: run r draws from its own stream, keyed by
+(seed, run), so runs are as independent as seeds; ``test_runs_are_a_prefix`` checks this.
 """
 
 from __future__ import annotations
@@ -23,12 +22,11 @@ import pytest
 
 import avrare
 from avrare.estimation.result import Result
-from avrare.logic.api import stl
+from avrare.logic.formula import stl
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 from avrare.testing.lattices import Lattice
-from avrare.testing.problem import ReferenceProblem
 from avrare.testing.problems import (
     conjunction,
     count_down,
@@ -38,10 +36,11 @@ from avrare.testing.problems import (
     response,
     walk,
 )
-from avrare.testing.study import Audited, Study, coverage_at_most, deviation, standard_error
+from avrare.testing.reference_problem import ReferenceProblem
+from avrare.testing.repeated_estimates import Audited, Study, coverage_at_most, deviation, standard_error
 
 _FALSE_ALARM = 1e-3
-"""Probability that an estimator of just the least coverage is refused."""
+"""Probability that an estimator with exactly the least coverage is rejected."""
 
 
 def _tied(problem: ReferenceProblem) -> ReferenceProblem:
@@ -49,16 +48,16 @@ def _tied(problem: ReferenceProblem) -> ReferenceProblem:
 
 
 class EstimatorConformance:
-    """A suite to subclass; every attribute may be replaced.
+    """Suite to subclass; every attribute may be replaced.
 
     Attributes:
         estimator: Name of an installed estimator.
-        options: Its options, small: most tests run it on a problem of probability 0.02.
-        reference: That problem, of a few dozen steps.
-        studies: For ``test_unbiased``; ``repeats`` is handed over as ``runs``.
-        seeds: For ``test_interval_covers``; ``repeats`` seeds, with the estimator's own number of runs.
+        options: Options for small estimates: most tests use a problem of probability 0.02.
+        reference: Problem of most tests, with a few dozen steps.
+        studies: Studies of ``test_unbiased``; ``repeats`` is passed as ``runs``.
+        seeds: Study of ``test_interval_covers``: ``repeats`` seeds, with the estimator's own number of runs.
         least_coverage: Share of 95 % intervals that must cover.
-        widest: Ratio of upper end to truth that the median interval of ``seeds`` must not exceed.
+        widest: Largest ratio of upper end to truth of the median interval of ``seeds``.
         overshoot: Share of a budget by which the runs in hand may exceed it on ``reference``.
         unsupported: Tests to skip, with the reason: ``{"test_budget_is_kept": "it has one size"}``.
     """
@@ -83,7 +82,7 @@ class EstimatorConformance:
     unsupported: ClassVar[Mapping[str, str]] = {}
 
     def estimate(self, problem: Problem, **keywords: Any) -> Result:
-        """One estimate; override to test an estimator that is not installed under a name."""
+        """Run one estimate; override to test an estimator that is not installed under a name."""
         return avrare.estimate(problem, self.estimator, **{**self.options, **keywords})
 
     def __init_subclass__(cls) -> None:
@@ -93,7 +92,7 @@ class EstimatorConformance:
             raise TypeError(f"{cls.__name__}.unsupported names no test of the suite: {', '.join(unknown)}")
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """One case of ``test_unbiased`` for each study."""
+        """Make one case of ``test_unbiased`` for each study."""
         if "study" in metafunc.fixturenames:
             metafunc.parametrize("study", self.studies, ids=[study.problem.id for study in self.studies])
 
@@ -103,18 +102,18 @@ class EstimatorConformance:
         if reason is not None:
             pytest.skip(reason)
 
-    # Right
+    # Accuracy
 
     def test_unbiased(self, study: Study) -> None:
-        """Within four standard errors; a factor of two would be six of them away."""
+        """The mean is within four standard errors of the truth; a factor of two would be six away."""
         truth = study.problem.probability
         result = self.estimate(study.problem.problem(), seed=study.seed, runs=study.repeats, **study.options)
         values = result.run_probabilities
-        assert values.shape == (study.repeats,), "every run counts, those that died out as well"
+        assert values.shape == (study.repeats,), "every run counts, also those that died out"
         _assert_unbiased(values, truth)
 
     def test_interval_covers(self) -> None:
-        """Over hundreds of seeds; the slack is that of the binomial law."""
+        """Intervals over many seeds cover the truth, up to binomial scatter."""
         study, truth = self.seeds, self.seeds.problem.probability
         results = [
             self.estimate(study.problem.problem(), seed=study.seed + i, **study.options)
@@ -130,19 +129,19 @@ class EstimatorConformance:
         assert abs(z) < 4.0, f"the mean over seeds is {z:+.1f} standard errors off"
 
     def test_interval_widens_with_confidence(self) -> None:
-        """And holds the estimate at any."""
+        """The interval widens with its confidence and always contains the estimate."""
         result = self.estimate(self.reference.problem(), confidence=0.9)
         bounds = [result.interval_at(confidence) for confidence in (0.5, 0.9, 0.95, 0.999)]
-        assert result.interval == bounds[1], "the interval is not at the confidence asked for"
+        assert result.interval == bounds[1], "the interval does not have the confidence asked for"
         lows, highs = np.array(bounds).T
         assert (np.diff(lows) <= 0.0).all(), f"lower ends {lows}"
         assert (np.diff(highs) >= 0.0).all(), f"upper ends {highs}"
         assert 0.0 <= lows[-1] <= lows[0] <= result.probability <= highs[0] <= highs[-1] <= 1.0, bounds
 
-    # The same
+    # Reproducibility
 
     def test_same_seed_same_bits(self) -> None:
-        """Again, in small chunks, and on two worker processes."""
+        """The same seed gives the same bits, in small chunks and on two worker processes."""
         base = self.estimate(self.reference.problem(), seed=3)
         for chunk, workers in ((4096, 1), (17, 1), (40, 2)):
             other = self.estimate(self.reference.problem(chunk=chunk), seed=3, workers=workers)
@@ -163,7 +162,7 @@ class EstimatorConformance:
         np.testing.assert_array_equal(few, many[:2])
 
     def test_resumable(self, tmp_path: Path) -> None:
-        """Killed again and again and gone on with from its checkpoint, it gives the same bits."""
+        """Killed repeatedly and resumed from its checkpoint, it gives the same bits."""
         immortal = self._mortal()
         whole = self.estimate(immortal, seed=3)
         lives, deaths = 60, 0
@@ -172,12 +171,12 @@ class EstimatorConformance:
             try:
                 resumed = self.estimate(mortal, seed=3, checkpoint=tmp_path / "checkpoint")
             except systems.Killed:
-                lives, deaths = lives + lives // 2, deaths + 1  # to come to an end with any estimator
+                lives, deaths = lives + lives // 2, deaths + 1  # terminates with any estimator
             else:
                 break
         assert deaths, "the estimate was never interrupted: too weak a test"
         taken = [problem.system.lived for problem in (mortal, immortal)]
-        assert taken[0] < taken[1], "nothing was kept: the last attempt took as many steps as the whole"
+        assert taken[0] < taken[1], "nothing was stored: the last attempt took as many steps as the first"
         assert _without_seconds(whole) == _without_seconds(resumed)
         np.testing.assert_array_equal(whole.failures.noise, resumed.failures.noise)
 
@@ -185,10 +184,10 @@ class EstimatorConformance:
         system, formula = systems.Mortal(self.reference.system, lives), stl(self.reference.formula)
         return Problem(system, formula, self.reference.steps, self.reference.score, chunk=50)
 
-    # Honest
+    # Cost and consistency
 
     def test_cost_is_honest(self) -> None:
-        """Rows that the system stepped, rollouts that were asked for."""
+        """``simulated_steps`` counts the rows stepped, ``rollouts`` the rollouts asked for."""
         system = systems.Counting(self.reference.system)
         problem = Audited(system, stl(self.reference.formula), self.reference.steps, self.reference.score)
         result = self.estimate(problem)
@@ -197,14 +196,14 @@ class EstimatorConformance:
 
     @pytest.mark.parametrize("kind", ["steps", "rollouts"])
     def test_budget_is_kept(self, kind: str) -> None:
-        """A third of it is used at least, and the runs in hand do not exceed it by more than they may."""
+        """At least a third is used, and running runs exceed it by at most ``overshoot``."""
         amount = 100_000 if kind == "steps" else 5_000
         result = self.estimate(self.reference.problem(), budget={kind: amount})
         spent = result.simulated_steps if kind == "steps" else result.rollouts
         assert amount / 3 < spent <= amount * (1.0 + self.overshoot), f"{spent} of {amount} {kind}"
 
     def test_budget_too_small_is_refused(self) -> None:
-        """One step does not pay for a rollout."""
+        """A budget of one step, too small for a rollout, is refused."""
         with pytest.raises(avrare.UsageError):
             self.estimate(self.reference.problem(), budget="steps=1")
 
@@ -218,7 +217,7 @@ class EstimatorConformance:
         assert len(result.failures.robustness) <= result.failures.count, "more tapes than failures"
 
     def test_failures_replay(self) -> None:
-        """Their tapes fail again, with the same robustness."""
+        """Failing tapes fail again in a replay, with the same robustness."""
         problem = self.reference.problem()
         failures = self.estimate(problem, runs=10).failures
         assert len(failures.robustness) > 0, "no failure was found: too weak a test"
@@ -227,7 +226,7 @@ class EstimatorConformance:
         np.testing.assert_array_equal(outcome.robustness[:, 0], failures.robustness)
 
     def test_json_has_no_nan(self) -> None:
-        """Neither where all is well nor where nothing was seen."""
+        """The JSON holds no NaN, with and without failures."""
         for formula in ("always (x < 1)", "always (x < 1e9)"):
             result = self.estimate(_walk(formula))
             entry = json.loads(result.to_json(), parse_constant=_refuse)
@@ -235,14 +234,14 @@ class EstimatorConformance:
             assert entry["interval"] == list(result.interval)
 
     def test_unknown_option_is_refused(self) -> None:
-        """By its name."""
+        """An unknown option is refused by its name."""
         with pytest.raises(avrare.UsageError, match="bananas"):
             self.estimate(self.reference.problem(), bananas=3)
 
-    # At the edges
+    # Edge cases
 
     def test_impossible(self) -> None:
-        """The estimate is 0, and without an upper bound it says so; with all scores tied as well."""
+        """The estimate is 0, with an upper bound or a warning, also with all scores tied."""
         still = Problem(Lattice(0.5, 0.0, 0.0), stl("always (x < 1)"), 5)
         for problem in (_walk("always (x < 1e9)"), still):
             result = self.estimate(problem)
@@ -259,27 +258,27 @@ class EstimatorConformance:
         assert 0.0 < low < 1.0, low
 
     def test_unbiased_with_errors(self) -> None:
-        """A breakdown at random is no failure, no pass, and never drawn again."""
-        task, truth, _ = _breaking()
+        """An error at random is neither failure nor pass, and is never drawn again."""
+        task, truth, _ = _walk_with_errors()
         values = self.estimate(task, runs=400).run_probabilities
         _assert_unbiased(values, truth)
 
     def test_errors_are_counted(self) -> None:
-        """All of them, and in the upper end of the interval."""
-        task, _, either = _breaking()
+        """All errors are counted, and in the upper end of the interval."""
+        task, _, either = _walk_with_errors()
         result = self.estimate(task, runs=100)
-        assert result.errors == task.broken > 0, f"{result.errors} of {task.broken} errors are counted"
-        assert "errors" in result.health, "so many errors are worth a warning"
+        assert result.errors == task.errors > 0, f"{result.errors} of {task.errors} errors are counted"
+        assert "errors" in result.health, "so many errors must raise a warning"
         assert result.interval[1] > 0.9 * either, "the upper end does not count errors as failures"
 
     @pytest.mark.parametrize("how", ["nan", "fault", "raise"])
     def test_errors_everywhere(self, how: str) -> None:
-        """Nothing is known where every rollout breaks down."""
+        """Nothing is known where every rollout ends in an error."""
         system = systems.Fragile(how, beyond=-np.inf)
         result = self.estimate(Problem(system, stl("always (x < 1)"), 3))
         assert (result.probability, result.interval) == (0.0, (0.0, 1.0))
         assert result.errors == result.rollouts, "all rollouts are errors"
-        assert "errors" in result.health, "so many errors are worth a warning"
+        assert "errors" in result.health, "so many errors must raise a warning"
 
 
 def _assert_unbiased(values: Floats, truth: float) -> None:
@@ -288,8 +287,8 @@ def _assert_unbiased(values: Floats, truth: float) -> None:
     assert standard_error(values) < truth / 12.0, "too weak a test: use more particles or repeats"
 
 
-def _breaking() -> tuple[Audited, float, float]:
-    """A walk that breaks down at random; P(failure and no error), P(failure or error)."""
+def _walk_with_errors() -> tuple[Audited, float, float]:
+    """Return a walk with random errors, P(failure and no error), P(failure or error)."""
     chance, healthy = 0.01, walk(1.0, 20)
     survival = (1.0 - chance) ** healthy.steps
     task = Audited(systems.Fragile.with_chance(chance), stl(healthy.formula), healthy.steps)
@@ -307,4 +306,4 @@ def _without_seconds(result: Result) -> dict[str, Any]:
 
 
 def _refuse(word: str) -> None:
-    raise AssertionError(f"{word} is no JSON")
+    raise AssertionError(f"{word} is not JSON")

@@ -1,4 +1,4 @@
-"""Walks on a lattice: scores tie at every level, and whole populations with them."""
+"""Lattice walks: scores tie at every level, up to whole populations."""
 
 from __future__ import annotations
 
@@ -11,34 +11,26 @@ from statistics import NormalDist
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare.testing.problem import ReferenceProblem
-from avrare.testing.walks import Position
+from avrare.testing.gaussian_chain import Chain
+from avrare.testing.reference_problem import ReferenceProblem
+from avrare.testing.walk_problems import Linear, Position
 
 
-class Lattice:
-    """x moves by ``rare`` with probability q and by ``common`` otherwise."""
-
-    noise_size = 1
+class Lattice(Linear):
+    """Lattice walk: x moves by ``rare`` with probability q and by ``common`` otherwise."""
 
     def __init__(self, q: float, rare: float, common: float) -> None:
+        super().__init__(Chain())
         self.threshold = NormalDist().inv_cdf(q)
         self.rare, self.common = rare, common
 
-    def initial(self, noise: Floats) -> Position:
-        """All particles at 0."""
-        return Position(np.zeros(len(noise)))
-
     def step(self, state: Position, noise: Floats) -> Position:
-        """One move."""
+        """Move each particle once."""
         return Position(state.x + np.where(noise[:, 0] < self.threshold, self.rare, self.common))
-
-    def signals(self, state: Position) -> dict[str, Floats]:
-        """``x`` (N,)."""
-        return {"x": state.x}
 
 
 def count_down(depth: int, steps: int, q: Fraction | float | str) -> ReferenceProblem:
-    """A count that falls by 1 with probability ``q`` at each step, or stays; fails at -depth.
+    """Return a count that falls by 1 with probability ``q`` at each step, or stays; fails at -depth.
 
     ``q`` is taken exactly: ``"1/10"`` and ``0.1`` differ in the 17th digit.
     """
@@ -46,7 +38,7 @@ def count_down(depth: int, steps: int, q: Fraction | float | str) -> ReferencePr
 
 
 def plus_minus(depth: int, steps: int, q: Fraction | float | str) -> ReferenceProblem:
-    """A walk that falls by 1 with probability ``q`` at each step, or rises by 1; fails at -depth."""
+    """Return a walk that falls by 1 with probability ``q`` at each step, or rises by 1; fails at -depth."""
     return _stays_above("plus_minus", "or rises by 1", depth, steps, Fraction(q), _rising_paths)
 
 
@@ -67,7 +59,7 @@ def _stays_above(
 
 
 def _tail(depth: int, steps: int, q: Fraction, paths: Callable[[int, int, int], int]) -> float:
-    """Exact in rationals: the failing paths with each number of falls, times their probability."""
+    # exact: rational numbers
     return float(
         sum(paths(depth, steps, falls) * q**falls * (1 - q) ** (steps - falls) for falls in range(steps + 1))
     )
@@ -78,7 +70,7 @@ def _resting_paths(depth: int, steps: int, falls: int) -> int:
 
 
 def _rising_paths(depth: int, steps: int, falls: int) -> int:
-    """Paths that touch -depth: all that end there or below, and by reflection as many as end beyond it."""
+    """Count the paths that touch -depth: those that end at or below it and, by reflection, those mirrored."""
     if steps - 2 * falls <= -depth:
         return math.comb(steps, falls)
     mirrored = falls + (steps - 2 * falls + depth)

@@ -1,9 +1,9 @@
-"""The reference problems, by id, and the generators of more of their kind.
+"""Reference problems by id, and generators of more of them.
 
-Each family asks something else of an estimator: several failure regions (``conjunction``, ``four_branch``),
-many dimensions (``linear``), progress that lasts (``walk``) or is soon forgotten (``ornstein_uhlenbeck``),
+Each family tests another ability of an estimator: several failure regions (``conjunction``, ``four_branch``),
+many dimensions (``linear``), progress that lasts (``walk``) or decays (``ornstein_uhlenbeck``),
 ties at every level (``count_down``, ``plus_minus``), a robustness that recovers (``reach``, ``response``),
-and noise that is not normal (``exponential_sum``, ``lognormal_product``).
+and non-Gaussian noise (``exponential_sum``, ``lognormal_product``).
 """
 
 from __future__ import annotations
@@ -12,14 +12,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
-from avrare.errors import UsageError, did_you_mean
-from avrare.testing.flows import exponential_sum, lognormal_product
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.testing.lattices import count_down, plus_minus
-from avrare.testing.problem import ReferenceProblem
-from avrare.testing.reach import reach
-from avrare.testing.response import response
-from avrare.testing.static import conjunction, four_branch, linear
-from avrare.testing.walks import ornstein_uhlenbeck, walk
+from avrare.testing.reach_in_time import reach
+from avrare.testing.reference_problem import ReferenceProblem
+from avrare.testing.respond_in_time import response
+from avrare.testing.static_problems import (
+    conjunction,
+    exponential_sum,
+    four_branch,
+    linear,
+    lognormal_product,
+)
+from avrare.testing.walk_problems import ornstein_uhlenbeck, walk
 
 __all__ = [
     "ReferenceProblem", "conjunction", "count_down", "exponential_sum", "families", "four_branch", "linear",
@@ -29,7 +34,7 @@ __all__ = [
 
 
 def families() -> Mapping[str, Callable[..., ReferenceProblem]]:
-    """The generators by name: ``families()["walk"](level=2.0, steps=50)``."""
+    """Return the generators by name: ``families()["walk"](level=2.0, steps=50)``."""
     return {
         generator.__name__: generator
         for generator in (
@@ -41,19 +46,19 @@ def families() -> Mapping[str, Callable[..., ReferenceProblem]]:
 
 @lru_cache(maxsize=1)
 def reference_problems() -> tuple[ReferenceProblem, ...]:
-    """All of them, with their probabilities to nine digits or more."""
+    """Return all reference problems, with their probabilities to nine digits or more."""
     return tuple(replace(problem, id=name, known=p) for name, p, problem in _table())
 
 
 def reference_problem(id: str) -> ReferenceProblem:
-    """One of them.
+    """Return the reference problem of this id.
 
     Raises:
-        UsageError: There is none of that name.
+        UsageError: There is none.
     """
     known = {problem.id: problem for problem in reference_problems()}
     if id not in known:
-        raise UsageError(f"no reference problem is called {id!r}", did_you_mean(id, known))
+        raise UsageError(f"there is no reference problem {id!r}", did_you_mean(id, known))
     return known[id]
 
 

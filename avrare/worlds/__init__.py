@@ -1,11 +1,10 @@
-"""Bring your own simulator: worlds that each know one world at a time, as a simulator of N of them."""
+"""Worlds: your own simulator, which advances one world at a time, as a batched simulator."""
 
 from avrare.worlds.capabilities import Capabilities, capabilities, require
-from avrare.worlds.channel import Channel
-from avrare.worlds.noisy import Noisy
+from avrare.worlds.noisy_world import Channel, Noisy
 from avrare.worlds.simulator import Worlds, WorldState
+from avrare.worlds.step_timeout import StepTimeout
 from avrare.worlds.system import WorldSystem, as_system
-from avrare.worlds.timeout import StepTimeout
 from avrare.worlds.world import NotDeterministic, World
 
 __all__ = [

@@ -1,9 +1,9 @@
-"""What a simulator can do beyond being run: asked before anything runs for an estimator that needs it.
+"""Capabilities of simulators, checked before an estimator that needs them runs.
 
-| need | who needs it |
+| capability | needed by |
 |---|---|
-| ``branches`` | splitting: a rollout goes on from where another one was |
-| ``noise`` | everything that draws the noise from another law, moves it or stores it |
+| ``branches`` | splitting: a rollout continues from the state of another one |
+| ``noise`` | every method that draws the noise from another distribution, changes it or stores it |
 """
 
 from __future__ import annotations
@@ -14,21 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError
-from avrare.protocols import System
-
-_TRIED = 3
-"""Steps of the trial."""
+from avrare.base.errors import UsageError
+from avrare.protocols import HasLimits, System, find_ability, find_simulator
 
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a system can do.
+    """Capabilities of a system.
 
     Attributes:
-        branches: A rollout can go on from where another one was.
+        branches: A rollout can continue from the state of another one.
         noise: The same noise gives the same rollout.
-        reason: Why not, empty where it can do everything.
+        reason: Reason why a capability is missing; empty where none is.
     """
 
     branches: bool
@@ -36,20 +33,21 @@ class Capabilities:
     reason: str = ""
 
 
-def capabilities(system: System, steps: int = _TRIED) -> Capabilities:
-    """What ``system`` can do: what it says of itself (``lacks``), and what two runs on the same noise show.
+def capabilities(system: System, steps: int = 3) -> Capabilities:
+    """Return the capabilities of ``system``, as declared (``lacks``) and as two runs on the same noise show.
 
     Args:
-        system: Any system; its simulator may have ``lacks``, a mapping of needs to reasons.
-        steps: Steps of the trial, 4 rollouts of them.
+        system: Any system; its simulator may declare ``lacks``, reasons by missing capability.
+        steps: Steps of the trial, which runs 4 rollouts.
     """
-    lacks = dict(getattr(_simulator(system), "lacks", {}))
+    limited = find_ability(find_simulator(system), HasLimits)
+    lacks = dict(limited.lacks) if limited is not None else {}
     if "noise" not in lacks:
         try:
             reason = _difference(system, steps)
         except UsageError:
             raise
-        except Exception:  # a rollout that breaks down is counted where it is run, and says nothing here
+        except Exception:  # an error is counted where it occurs in an estimate
             reason = ""
         if reason:
             lacks = {"noise": reason, "branches": reason} | lacks
@@ -58,43 +56,37 @@ def capabilities(system: System, steps: int = _TRIED) -> Capabilities:
 
 
 def require(system: System, estimator: str, needs: Iterable[str]) -> None:
-    """Refuse a system that cannot do what an estimator needs.
+    """Refuse a system that lacks what an estimator needs.
 
-    Only simulators with ``lacks`` are asked: the others know nothing but values.
+    Only simulators with ``lacks`` are tried: the state of any other is a value, which can be copied.
 
     Args:
         system: Any system.
-        estimator: Its name.
-        needs: "branches", "noise".
+        estimator: Name of the estimator.
+        needs: Names of capabilities: "branches", "noise".
 
     Raises:
-        UsageError: Saying what it cannot do and why.
+        UsageError: A capability is missing; the message gives the reason.
     """
     wanted = list(needs)
-    if not wanted or not hasattr(_simulator(system), "lacks"):
+    if not wanted or find_ability(find_simulator(system), HasLimits) is None:
         return
     can = capabilities(system)
     missing = [need for need in wanted if not getattr(can, need)]
     if missing:
-        what = {"branches": "start rollouts from others", "noise": "choose the noise of a rollout"}
+        what = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
         raise UsageError(
             f"{estimator} must {' and '.join(what[need] for need in missing)}, which this simulator does not "
             f"allow: {can.reason}",
-            "estimator: {plugin: mc} needs nothing of it",
+            "estimator: {plugin: mc} needs neither",
         )
 
 
-def _simulator(system: Any) -> Any:
-    """The part that has worlds: of a closed loop, of worlds with a controller, or the system itself."""
-    return getattr(system, "simulator", None) or getattr(system, "worlds", system)
-
-
 def _difference(system: System, steps: int) -> str:
-    """Where two runs on the same noise differ, empty where they do not."""
-    # Any numbers do, if they are not round ones.
+    # Any numbers will do that are not round.
     noise = np.sin(np.arange(1.0, 2.0 * (steps + 1) * system.noise_size + 1.0)).reshape(2, steps + 1, -1)
-    first, again = _run(system, noise), _run(system, noise)
-    for t, (one, two) in enumerate(zip(first, again, strict=True)):
+    first, second = _run(system, noise), _run(system, noise)
+    for t, (one, two) in enumerate(zip(first, second, strict=True)):
         for name in one:
             if not np.array_equal(one[name], two[name], equal_nan=one[name].dtype.kind == "f"):
                 return f"signal {name!r} differs at step {t} between two runs on the same noise"

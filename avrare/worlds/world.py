@@ -1,66 +1,161 @@
-"""What a simulator offers that knows one world at a time, and what goes wrong with one."""
+"""World: the protocol of a simulator that advances one world at a time, and its readout as arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from avrare.errors import UsageError
-from avrare.protocols import Floats
+from avrare.base.errors import UsageError
+from avrare.protocols import Floats, find_ability
 
 Copy = Literal["replay", "deepcopy", "hook"]
+_HINT = "signals and observation have the same names and shapes in every world, at every step"
+Columns = tuple[dict[str, Floats], Floats]
+"""Signals (N, ...) by name, and observations (N, d)."""
 
 
 class World(Protocol):
-    """One world, changed in place.
+    """World that is changed in place.
 
-    All that is random in it is a transform of the noise that it is handed. After ``reset`` nothing of what
-    was before may show. What it is handed cannot be written to.
-
-    Optional: ``observation() -> (d,)``, what the controller sees (by default the signals in order);
-    ``displace(delta)``, which moves the state after a reset; ``snapshot() -> Any`` and ``restore(snapshot)``,
-    with which any world of the same kind goes on where this one stood; ``close()``; ``lacks``, a mapping of
-    what it cannot do (``avrare.worlds.capabilities``) to the reason.
-
-    For speed: ``prepare(actions, noise)``, which turns the actions of N rows into those that ``step`` is
-    handed, from noise (N, noise_size), each row on its own; ``numbers() -> K floats`` with
-    ``named(table) -> (signals, observations)``, which are read in place of ``signals`` and ``observation``.
+    Every random choice must be a transform of the noise passed in, and ``reset`` must clear all former
+    state. Arrays passed in are read-only. Optional: ``ObservesWorld``, ``CanBeDisplaced``,
+    ``CanBeCopied``, ``CanBeClosed``, ``avrare.protocols.HasLimits``; for speed ``PreparesActions`` and
+    ``ReadsAsTable``.
 
     Attributes:
-        noise_size: Standard normal numbers of a reset, and of every step.
+        noise_size: Number of standard normal numbers of a reset, and of every step.
     """
 
     noise_size: int
 
     def reset(self, noise: Floats) -> None:
-        """Go to t = 0, from noise (noise_size,)."""
+        """Reset to t = 0, from noise (noise_size,)."""
 
     def step(self, action: Any, noise: Floats) -> None:
-        """Go one step on; ``action`` is a row of what the controller gives, or None without one."""
+        """Advance by one step; ``action`` is a row of the controller's action, or None without controller."""
 
     def signals(self) -> Mapping[str, Any]:
-        """Numbers (or arrays of fixed shapes) by name: what formulas read."""
+        """Return numbers (or arrays of fixed shapes) by name, which formulas read."""
+
+
+class ObservesWorld(Protocol):
+    """World with an observation for the controller; by default it observes the signals in order."""
+
+    def observation(self) -> Any:
+        """Return the observation (d,)."""
+
+
+class CanBeDisplaced(Protocol):
+    """World whose state can be moved after a reset."""
+
+    def displace(self, delta: Floats) -> None:
+        """Add ``delta`` to the state."""
+
+
+class CanBeCopied(Protocol):
+    """World with copies of its own making."""
+
+    def snapshot(self) -> Any:
+        """Return a copy of the state."""
+
+    def restore(self, snapshot: Any) -> None:
+        """Continue from a copy that any world of the same kind has made."""
+
+
+class CanBeClosed(Protocol):
+    """World that holds resources."""
+
+    def close(self) -> None:
+        """Release the resources."""
+
+
+class PreparesActions(Protocol):
+    """World that turns the actions of a batch into those of its ``step``, each row on its own."""
+
+    def prepare(self, actions: Any, noise: Floats) -> Any:
+        """Return the actions of N rows for ``step``, from noise (N, noise_size)."""
+
+
+class ReadsAsTable(Protocol):
+    """World that is read as K numbers instead of by ``signals`` and ``observation``."""
+
+    def numbers(self) -> Any:
+        """Return K floats."""
+
+    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+        """Return signals (N, ...) by name and observations (N, d) from a table (N, K)."""
 
 
 class NotDeterministic(UsageError):
-    """A world that does not depend on its noise alone, where that is needed."""
+    """World that does not depend on its noise alone, where that is required."""
 
 
 def observed(world: World, signals: Mapping[str, Any]) -> Any:
-    """(d,) what the controller sees of ``world``, whose signals are known."""
-    observation = getattr(world, "observation", None)
-    if observation is not None:
-        return observation()
+    """Return the observation (d,) of ``world``, whose signals are given."""
+    observing = find_ability(world, ObservesWorld)
+    if observing is not None:
+        return observing.observation()
     return [number for value in signals.values() for number in np.ravel(value).tolist()]
 
 
 def close(world: World) -> None:
-    """Let a world go; what it says to that does not matter any more."""
-    end = getattr(world, "close", None)
-    try:
-        if end is not None:
-            end()
-    except Exception:  # it may have broken down already
-        return
+    """Release a world; exceptions are ignored, as it may have broken down already."""
+    closing = find_ability(world, CanBeClosed)
+    if closing is not None:
+        with contextlib.suppress(Exception):
+            closing.close()
+
+
+class ByName:
+    """Readout of worlds by the names of their signals."""
+
+    def one(self, world: World) -> Any:
+        """Read signals and observation."""
+        signals = world.signals()
+        return signals, observed(world, signals)
+
+    def all(self, rows: Sequence[Any]) -> Columns:
+        """Return the signals and observations of N worlds as arrays.
+
+        Raises:
+            UsageError: They have different names or shapes.
+        """
+        try:
+            names = list(rows[0][0])
+            if any(len(signals) != len(names) for signals, _ in rows):
+                raise KeyError(*names)
+            columns = {name: np.array([row[0][name] for row in rows], dtype=np.float64) for name in names}
+            return columns, np.array([seen for _, seen in rows], dtype=np.float64)
+        except (KeyError, ValueError, TypeError) as error:
+            raise UsageError(f"the worlds do not give the same signals: {error!r}", _HINT) from error
+
+
+class Table:
+    """Readout of K numbers of each world, which any world of the kind can name.
+
+    Args:
+        pattern: World that names the columns of a table (N, K).
+    """
+
+    def __init__(self, pattern: ReadsAsTable) -> None:
+        self.pattern = pattern
+
+    def one(self, world: Any) -> Any:
+        """Read K numbers."""
+        return world.numbers()
+
+    def all(self, rows: Sequence[Any]) -> Columns:
+        """Join the numbers into a table and name its columns."""
+        return self.pattern.named(np.array(rows, dtype=np.float64))
+
+
+Readout = ByName | Table
+
+
+def choose_readout(pattern: Any) -> Readout:
+    """Return the readout for worlds like ``pattern``: as a table where they offer it."""
+    table = find_ability(pattern, ReadsAsTable)
+    return ByName() if table is None else Table(table)

@@ -47,7 +47,7 @@ class Block:
 
     @property
     def file(self) -> str:
-        """Where its outcome goes."""
+        """Path of the outcome."""
         return f"{self.cell}-{self.number:03d}.npz"
 
     @property

@@ -1,4 +1,4 @@
-"""What the failing runs of the merge study have in common: their noise, projected, clustered and drawn.
+"""Clusters of the failures of the merge study: their noise, projected, clustered and drawn.
 
 A tape has 48,000 numbers, and failing tapes are as far from each other as any two tapes are. What matters of
 them is what they do to the actions: at every step the network's action on the noisy rays less that on the
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import avrare
-from avrare import batch
+from avrare.base import batch
 from avrare_highway_env.render import frames, roll, save_gif
 from avrare_highway_env.sensing import Sensors
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare_metadrive.config import NoiseConfig
-from avrare_metadrive.readings import DT, SIGNALS
+from avrare_metadrive.config import DT, SIGNALS, NoiseConfig
 from avrare_metadrive.world import MetaDriveWorld
 
 BEFORE = (30, 20, 10, 0)

@@ -38,7 +38,7 @@ class PeerBlock:
 
     @property
     def file(self) -> str:
-        """Where its outcome goes."""
+        """Path of the outcome."""
         return f"{self.cell}-{self.number:03d}.npz"
 
     def outcome(self) -> dict[str, Any]:

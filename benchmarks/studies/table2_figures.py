@@ -62,7 +62,7 @@ def _stages(study: Study, file: Path) -> None:
 
 
 def _levels(study: Study, file: Path) -> None:
-    """What is left of the noise-free drive's margin at each stage's level, one run of each discard."""
+    """Draw the remaining share of the noise-free margin at each stage's level, one run of each discard."""
     there = [number for number in DISCARDS if any((rule, f"K{number}") in study.outcomes for rule in RULES)]
     figure, axes = _axes(len(there))
     for ax, discard in zip(np.atleast_1d(axes), there, strict=True):

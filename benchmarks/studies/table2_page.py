@@ -30,7 +30,7 @@ TEMPLATE = Path(__file__).with_name("table2.md")
 
 @dataclass(frozen=True)
 class Study:
-    """What there is.
+    """Stored outcomes of the study.
 
     Attributes:
         scenario: Its name.
@@ -46,7 +46,7 @@ class Study:
 
 
 def ground_truth(truths: Path, scenario: Scenario) -> dict[str, Any]:
-    """What is kept of the many rollouts of the same system.
+    """Return the stored summary of the many rollouts of the same system.
 
     Raises:
         SystemExit: There is no ground truth of these settings.
@@ -59,7 +59,7 @@ def ground_truth(truths: Path, scenario: Scenario) -> dict[str, Any]:
 
 
 def _part_of(known: Any, whole: Any) -> bool:
-    """Whether every setting that was known is the same; an option that is new has a default that was so."""
+    """Tell whether every setting known before is the same; a new option has a default that was so."""
     if isinstance(known, dict) and isinstance(whole, dict):
         return all(name in whole and _part_of(value, whole[name]) for name, value in known.items())
     if isinstance(known, list) and isinstance(whole, list):

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from avrare.testing.problems import reference_problem, reference_problems
-from avrare_estimators.summary import interval_of_runs
 from studies import cells, peers
+from studies.run_intervals import interval_of_runs
 
 RESOLVABLE = 0.05
 """Relative standard error of a mean up to which a z-test makes sense."""

@@ -9,7 +9,7 @@ import pytest
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
 
-TOY = Path(__file__).parents[1] / "check" / "toy"
+TOY = Path(__file__).parents[1] / "analysis" / "check" / "toy"
 DRIVE = """\
 name: drive
 steps: 1
@@ -76,7 +76,7 @@ def test_the_first_run_is_saved_and_the_next_is_compared(drive, check):
     code, content = check("drive.yaml", "--seed", "5")
     assert code == 0
     assert verdicts(content) == {("in_lane", "regression"): "pass", ("on_road", "regression"): "pass"}
-    assert "no ratio can be told" in content["rows"][1]["reason"]
+    assert "the ratio is unknown" in content["rows"][1]["reason"]
     assert len(list(Path("baselines/drive").iterdir())) == 1
     assert check("drive.yaml", "--seed", "6", "--save")[0] == 0
     assert len(list(Path("baselines/drive").iterdir())) == 2
@@ -107,7 +107,7 @@ def test_another_question_is_refused_unless_accepted(drive, capsys):
     assert "steps 1 -> 2, simulator.dt 0.1 -> 0.05" in error
     assert "--accept-changes" in error
     assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--accept-changes"]) == 0
-    assert "although the question changed" in capsys.readouterr().out
+    assert "although the problem changed" in capsys.readouterr().out
 
 
 def test_a_new_rule_has_no_baseline(drive, check):
@@ -215,7 +215,7 @@ def test_the_screen_and_the_files(drive, capsys):
     words = ["check", drive(BOUND % 0.0505), "--seed", "2", "--junit", "new/report.xml", "--markdown", "s.md"]
     assert main(words) == 3
     screen = capsys.readouterr().out
-    for part in ("in_lane", "< 0.0505", "<= baseline", "inconclusive", "exit code 3", "use more simulations"):
+    for part in ("in_lane", "< 0.0505", "<= baseline", "inconclusive", "exit code 3", "use more rollouts"):
         assert part in screen
     assert "\x1b" not in screen
     assert "…" not in screen
@@ -227,7 +227,7 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
     assert main(["check", drive(BOUND % 0.1), "--plan"]) == 0
     screen = capsys.readouterr().out
     assert "a pilot run of 200" in screen
-    assert "nothing failed in 200 simulations" in screen
+    assert "no failures in 200 rollouts" in screen
     assert not Path("baselines").exists()
     assert main(["check", "drive.yaml", "--save"]) == 0
     capsys.readouterr()
@@ -243,10 +243,10 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
     ("words", "message"),
     [
         (["--workers", "0"], "--workers"),
-        (["--budget", "steps=9", "--spend", "steps=9"], "leave one of them away"),
+        (["--budget", "steps=9", "--spend", "steps=9"], "remove one of them"),
         (["--spend", "stepz=4"], "steps"),
         (["--spend", "rollouts=4"], "divided into looks"),
-        (["--set", "regression={ratio: 2, exclude: 1.5}"], "exclude (1.5) must be more than ratio (2)"),
+        (["--set", "regression={ratio: 2, exclude: 1.5}"], "exclude (1.5) must be greater than ratio (2)"),
         (["--set", "regression.ration=2"], "ratio"),
         (["--set", "regression.ratio=.inf"], "finite"),
         (["--junit", "."], "is a folder, not a file"),
@@ -280,8 +280,8 @@ def test_a_run_that_fails_a_threshold_is_no_first_baseline_and_says_why(drive, c
     code, content = check(drive(BOUND % 0.02), "--baseline", "kept")
     reasons = {row["specification"]: row["reason"] for row in content["rows"] if row["kind"] == "regression"}
     assert code == 1
-    assert "unsound (it fails a threshold)" in reasons["in_lane"]
-    assert "unsound (another rule" in reasons["on_road"]
+    assert "none was saved: it fails a threshold" in reasons["in_lane"]
+    assert "none was saved: another specification" in reasons["on_road"]
     assert not Path("kept").exists()
 
 
@@ -291,7 +291,7 @@ def test_a_verdict_is_not_lost_with_a_baseline_that_cannot_be_saved(drive, check
     assert code == 3
     assert verdicts(content)["in_lane", "threshold"] == "pass"
     assert verdicts(content)["in_lane", "regression"] == "inconclusive"
-    assert "not saved as one: it could not be" in content["rows"][-1]["reason"]
+    assert "none was saved: the file could not be written" in content["rows"][-1]["reason"]
     assert any(
         "NOT saved: kept/here/0001.json: cannot save the baseline" in note for note in content["notes"]
     )
@@ -334,7 +334,7 @@ def test_a_former_result_is_not_written_over(drive, capsys):
     assert main(words) == 0
     before = {path: path.read_bytes() for path in Path("results").iterdir()}
     assert main([*words, "--seed", "3"]) == 4
-    assert "results/check.json: holds the result of an earlier command" in capsys.readouterr().err
+    assert "results/check.json: contains the result of an earlier command" in capsys.readouterr().err
     Path("results/check.json").unlink()
     assert main(words) == 4
     assert "results/result.json" in capsys.readouterr().err
@@ -346,12 +346,12 @@ def test_a_former_result_is_not_written_over(drive, capsys):
 
 
 def test_an_interrupted_run_is_not_written_over(drive, monkeypatch, capsys):
-    from avrare.record.checkpoint import Checkpoint
+    from avrare.estimation.checkpoint.store import Checkpoint
 
     monkeypatch.setattr(Checkpoint, "remove", lambda self: None)  # as if it had been killed at its end
     assert main(["run", drive(BOUND % 0.1), "--quiet", "--out", "results"]) == 0
     Path("results/result.json").unlink()
     assert main(["check", "drive.yaml", "--out", "results"]) == 4
     error = capsys.readouterr().err
-    assert "holds a run that was interrupted" in error
-    assert "avrare run --resume results goes on with it" in error
+    assert "contains an interrupted run" in error
+    assert "resume it with avrare run --resume results" in error

@@ -174,8 +174,10 @@ def test_help_and_version(capsys):
 
 DOUBTFUL = {
     '"always gap > 2 and gap < 9"': ["line 1, column 1: ", "  always gap > 2 and gap < 9\n  ^\nhint: write "],
-    '"eventually[0:6s] (gap > 2)"': ["looks 60 samples ahead but a run has 40 steps: "],
-    '"always (gap > 2 -> eventually[0:5s] (gap > 9))"': ["looks 50 samples ahead but a run has 40 steps: "],
+    '"eventually[0:6s] (gap > 2)"': ["the formula looks 60 samples ahead but a rollout has 40 step(s): "],
+    '"always (gap > 2 -> eventually[0:5s] (gap > 9))"': [
+        "the formula looks 50 samples ahead but a rollout has 40 step(s): "
+    ],
 }
 
 

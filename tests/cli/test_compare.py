@@ -29,6 +29,7 @@ REPETITION = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_reference_problem(tmp_path, capsys):
     assert main([*WALK, *SMALL, "--out", str(tmp_path / "new" / "folder"), "--seed", "4"]) == 0
     screen = capsys.readouterr().out
@@ -50,6 +51,7 @@ def test_a_reference_problem(tmp_path, capsys):
         assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_json_is_the_same_for_any_number_of_workers(tmp_path, capsys):
     contents, small = [], ["--budget", "steps=2e4", "--repeat", "1", "--no-pictures", "--json"]
     for workers in ("1", "2"):
@@ -65,6 +67,7 @@ def test_json_is_the_same_for_any_number_of_workers(tmp_path, capsys):
     assert not (tmp_path / "comparison.png").exists()
 
 
+@pytest.mark.slow
 def test_a_scenario(tmp_path, capsys):
     words = ["compare", LANE_CHANGE, "--specification", "no_collision", "--estimators", "mc,ams", "--json"]
     words += ["--set", "scenario.steps=3", "--set", "ams.particles=3", "--set", "ams.discard=1"]
@@ -85,7 +88,7 @@ def test_problem_alone_lists_them(capsys):
 
 
 def test_an_interruption_shows_what_is_done_and_exits_two(monkeypatch, capsys, tmp_path):
-    from avrare.compare import study
+    from avrare.analysis.compare import study
 
     real, calls = study.run, []
 
@@ -117,7 +120,7 @@ def test_one_repetition_has_no_error(capsys):
         (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "seconds=3"], 4, "steps=N or rollouts=N"),
         (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=99"], 4, "mc: a budget of steps=99"),
         (["problem:d_rw_L2.5", "--estimators", "amss", *SMALL], 5, "'ams'"),
-        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--truth", "0.1"], 4, "exact answer"),
+        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--truth", "0.1"], 4, "known probability"),
         (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--set", "scenario.steps=3"], 4, "--set"),
         (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--specification", "a"], 4, "--specification"),
         (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--seed", "-1"], 4, "--seed"),
@@ -143,11 +146,11 @@ def test_wrong_words_are_answered_in_words(capsys, words, code, message):
 
 def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr("avrare.compare.study.compare", pytest.fail)
+    monkeypatch.setattr("avrare.analysis.compare.study.compare", pytest.fail)
     words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", "problem:d_rw_L2.5", "--estimators", "mc", *words]) == 4
     assert "cannot write" in capsys.readouterr().err
-    monkeypatch.setattr("avrare.compare.paired.compare_pairs", pytest.fail)
+    monkeypatch.setattr("avrare.analysis.compare.paired.compare_pairs", pytest.fail)
     words = ["--against", LANE_CHANGE, "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", LANE_CHANGE, *words]) == 4
     assert "cannot write" in capsys.readouterr().err
@@ -170,6 +173,7 @@ def test_quiet_prints_a_line_an_estimator(capsys):
     assert main([*WALK, *few, "--plain"]) == 4
 
 
+@pytest.mark.slow
 def test_plain_has_no_control_characters_even_where_colours_are_forced(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm-256color")
@@ -180,6 +184,7 @@ def test_plain_has_no_control_characters_even_where_colours_are_forced(monkeypat
     assert "\x1b" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_quiet_against_another_version(capsys):
     words = ["--against", LANE_CHANGE, "--budget", "rollouts=3", "--set", "scenario.steps=3", "--quiet"]
     assert main(["compare", LANE_CHANGE, *words, "--specification", "no_collision"]) == 0

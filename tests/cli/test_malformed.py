@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from avrare.cli.main import main
-from avrare.scenario.merge import read
+from avrare.scenario.extends import read
 from avrare.scenario.yaml import dump
 
 SEED = 20
@@ -207,6 +207,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, FILES, BATCH))
 def test_malformed_files_are_refused(first, here, capsys):
     print(f"seed {SEED}")

@@ -1,4 +1,4 @@
-"""``avrare new plugin``: what it writes passes its own tests, ruff and mypy, whatever its name."""
+"""``avrare new plugin``: the packages it writes pass their own tests, ruff and mypy under any name."""
 
 import os
 import shutil
@@ -52,6 +52,7 @@ def path(packages):
     return os.pathsep.join(map(str, [*packages.values(), ROOT]))
 
 
+@pytest.mark.slow
 def test_their_own_tests_pass(packages, path):
     tests = [source.parent / "tests" for source in packages.values()]
     options = ["-q", "--import-mode=importlib", "-p", "no:cacheprovider", "-p", "no:randomly"]
@@ -64,7 +65,8 @@ def test_their_own_tests_pass(packages, path):
     assert int(summary.split()[0]) > 100, summary
 
 
-def test_mypy_is_strict_and_content(packages, path):
+@pytest.mark.slow
+def test_strict_mypy_passes(packages, path):
     modules = [source / f"avrare_q{kind}" for kind, source in packages.items()]
     cache = ["--cache-dir", ROOT / ".mypy_cache"]
     done = run([tool("mypy"), "--strict", *cache, *modules], MYPYPATH=path)
@@ -72,7 +74,7 @@ def test_mypy_is_strict_and_content(packages, path):
 
 
 @pytest.mark.parametrize("name", ["q", "{}_and_18_letters_more"])
-def test_ruff_is_content(name, tmp_path):
+def test_ruff_passes(name, tmp_path):
     for kind in KINDS:
         make(kind, tmp_path / kind, name.format(kind[:4]))
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
@@ -80,7 +82,7 @@ def test_ruff_is_content(name, tmp_path):
         assert done.returncode == 0, done.stdout
 
 
-def test_it_says_what_to_do_next(tmp_path, capsys):
+def test_the_next_commands_are_printed(tmp_path, capsys):
     make("tracker", tmp_path, "alpha-beta")
     out = capsys.readouterr().out
     assert out.startswith(f"{tmp_path}/avrare-alpha-beta: tracker 'alpha_beta'\n")
@@ -91,7 +93,7 @@ def test_nothing_is_overwritten(tmp_path, capsys):
     source = make("tracker", tmp_path, "mine")
     (source.parent / "README.md").write_text("mine")
     assert main(["new", "plugin", "mine", "--kind", "controller", "--out", str(tmp_path)]) == 4
-    assert f"{tmp_path}/avrare-mine: is there already" in capsys.readouterr().err
+    assert f"{tmp_path}/avrare-mine: already exists" in capsys.readouterr().err
     assert (source.parent / "README.md").read_text() == "mine"
     assert sorted(path.name for path in (source / "avrare_mine").iterdir()) == [
         "__init__.py", "config.py", "py.typed", "tracker.py",
@@ -121,22 +123,22 @@ def test_bad_names_get_one_clear_line(name, tmp_path, capsys):
     assert main(["new", "plugin", f"--out={tmp_path}", "--kind", "tracker", "--", name]) == 4
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
-    assert lines[0] == f"{name!r} is no name for a plugin"
-    assert lines[1].startswith("hint: small letters, digits")
+    assert lines[0] == f"{name!r} is not a valid plugin name"
+    assert lines[1].startswith("hint: use lowercase letters and digits")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_word_of_python_is_no_name(tmp_path, capsys):
+def test_a_python_keyword_is_refused(tmp_path, capsys):
     assert main(["new", "plugin", f"--out={tmp_path}", "--kind", "tracker", "class"]) == 4
-    assert capsys.readouterr().err.startswith("'class' is a word of Python\nhint: choose another name")
+    assert capsys.readouterr().err.startswith("'class' is a Python keyword\nhint: choose another name")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["mpc", "--kind", "controller"], "the controller 'mpc' exists: it is provided by avrare-mpc"),
-        (["serial", "--kind", "executor"], "the executor 'serial' exists: it is provided by avrare"),
+        (["mpc", "--kind", "controller"], "the controller 'mpc' already exists in avrare-mpc"),
+        (["serial", "--kind", "executor"], "the executor 'serial' already exists in avrare"),
         (["mine", "--kind", "controler"], "unknown kind 'controler'\nhint: did you mean 'controller'?"),
         (["mine"], "the following arguments are required: --kind"),
         (["mine", "--kind", "tracker", "--out", "/proc/nowhere"], "cannot be written"),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from avrare.build.scenario import BuildableScenario
 from avrare.cli.main import main
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
@@ -20,6 +20,7 @@ FIELDS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_run_writes_the_promised_result(tmp_path, capsys):
     assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--seed", "7"]) == 0
     result = json.loads((tmp_path / "result.json").read_text())
@@ -44,12 +45,14 @@ def test_run_writes_the_promised_result(tmp_path, capsys):
         assert rule in table
 
 
+@pytest.mark.slow
 def test_json_prints_the_same_object_and_nothing_else(tmp_path, capsys):
     assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "result.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result(tmp_path):
     results = []
     for name in ("a", "b"):
@@ -59,6 +62,7 @@ def test_the_same_seed_gives_the_same_result(tmp_path):
     assert results[0] == results[1]
 
 
+@pytest.mark.slow
 def test_splitting_estimates_one_rule_after_another(tmp_path):
     words = ["run", LANE_CHANGE, "--estimator", "ams", "--out", str(tmp_path), "--no-pictures"]
     for setting in (
@@ -73,6 +77,7 @@ def test_splitting_estimates_one_rule_after_another(tmp_path):
     assert all(len(entry["run_probabilities"]) == 2 for entry in result["estimates"])
 
 
+@pytest.mark.slow
 def test_a_threshold_gives_a_verdict_and_run_still_exits_zero(tmp_path):
     threshold = "thresholds=[{specification: no_collision, probability: '< 1e-3'}]"
     words = ["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--set", threshold]
@@ -82,6 +87,7 @@ def test_a_threshold_gives_a_verdict_and_run_still_exits_zero(tmp_path):
     assert verdicts == dict.fromkeys(RULES) | {"no_collision": "inconclusive"}
 
 
+@pytest.mark.slow
 def test_pictures_of_the_nominal_and_the_worst_drive(tmp_path):
     words = ["run", LANE_CHANGE, "--set", "steps=6", "--set", "estimator.rollouts=3", "--out", str(tmp_path)]
     assert main([*words, "--set", "estimator.specifications=[no_collision]"]) == 0
@@ -89,6 +95,7 @@ def test_pictures_of_the_nominal_and_the_worst_drive(tmp_path):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
@@ -130,7 +137,7 @@ def test_what_stops_a_later_scenario_is_told_before_the_first_runs(
     tmp_path, monkeypatch, capsys, second, words, code, message
 ):
     ran, files = [], {"first": "{plugin: mc, rollouts: 5}", "second": second}
-    monkeypatch.setattr("avrare.record.rundir.write", lambda folder, *rest: ran.append(folder.name))
+    monkeypatch.setattr("avrare.results.run_folder.write", lambda folder, *rest: ran.append(folder.name))
     for name, estimator in files.items():
         (tmp_path / f"{name}.yaml").write_text(TANK.format(name=name, estimator=estimator))
     paths = [str(tmp_path / f"{name}.yaml") for name in files]
@@ -146,12 +153,13 @@ def test_a_folder_that_cannot_be_made(tmp_path, capsys):
     assert "cannot make this folder" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_score_follows_the_formulas_shape():
     specifications = (
         "specifications={a: {stl: 'always (gap > 0.2)'}, b: {stl: 'eventually (ego_x > 200)'},"
         " c: {stl: 'exists o in others: eventually (distance > 9)'}}"
     )
-    scenario = BuildableScenario(load(LANE_CHANGE, [specifications, "steps=5"]))
+    scenario = LoadedScenario(load(LANE_CHANGE, [specifications, "steps=5"]))
     assert [scenario.problem(name).score for name in "abc"] == ["margin", "progress", None]
 
 

@@ -31,7 +31,9 @@ def test_build_checks_how_far_a_plugins_rule_looks(capsys, steps, doubts):
     assert err.count("warning: ") == doubts
     if doubts:
         place = f"{LANE_CHANGE}: specifications.enter"
-        assert err.startswith(f"warning: {place}: looks 50 samples ahead but a run has 20 steps: ")
+        assert err.startswith(
+            f"warning: {place}: the formula looks 50 samples ahead but a rollout has 20 step(s): "
+        )
 
 
 @pytest.mark.filterwarnings("error")

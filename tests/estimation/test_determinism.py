@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.testing import systems
+import odd_systems
+from avrare.testing import awkward_systems as systems
 
 SETTINGS = {
     "mc": {"rollouts": 300, "runs": 2},
     "ams": {"particles": 30, "discard": 6, "runs": 3},
 }
-SYSTEMS = [systems.Walk(), systems.NestedWalk(), systems.Fragile("raise", 3.0), systems.Odometer()]
+SYSTEMS = [
+    systems.Walk(),
+    odd_systems.NestedWalk(),
+    systems.Fragile("raise", 3.0),
+    odd_systems.Odometer(),
+]
 
 
 def estimate(estimator, system=None, chunk=4096, seed=8, score=None, steps=40, **options):
@@ -57,10 +63,11 @@ def test_chunks_do_not_show(estimator, chunk, system):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", SETTINGS)
 def test_workers_do_not_show(estimator):
-    for system in (systems.NestedWalk(), systems.Fragile("raise", 3.0)):
-        for score in (None, "margin", systems.height):
+    for system in (odd_systems.NestedWalk(), systems.Fragile("raise", 3.0)):
+        for score in (None, "margin", odd_systems.height):
             one, two = (
                 estimate(estimator, system, chunk=40, score=score, workers=workers) for workers in (1, 2)
             )

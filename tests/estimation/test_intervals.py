@@ -75,5 +75,5 @@ def test_log_normal_by_hand():
     assert intervals.log_normal(1e-4, 0.04, 0.95, freedom=9) == pytest.approx(expected, rel=1e-9)
     factor = 1.959963984540054 * math.sqrt(math.log(1.04))
     expected = (1e-4 * math.exp(-factor), 1e-4 * math.exp(factor) + 0.01)
-    found = intervals.log_normal(1e-4, 0.04, 0.95, freedom=0, undecided=0.01)
+    found = intervals.log_normal(1e-4, 0.04, 0.95, freedom=0, errors=0.01)
     assert found == pytest.approx(expected, rel=1e-9)

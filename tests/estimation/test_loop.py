@@ -5,15 +5,16 @@ import pytest
 from pydantic import ValidationError
 
 import avrare
-from avrare.errors import UsageError
+import odd_systems
+from avrare.base.errors import UsageError
 from avrare.estimation import loop
 from avrare.estimation.budget import Budget
 from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, planned, run
-from avrare.estimation.montecarlo import MonteCarlo
-from avrare.estimation.verdict import verdict
-from avrare.execute.serial import SerialExecutor
-from avrare.testing import systems
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.result import verdict
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.testing import awkward_systems as systems
 
 
 def problem(limit=0.5, system=None, **keywords):
@@ -26,7 +27,9 @@ def monte_carlo(task, settings=None, progress=None, **options):
 
 def test_progress_counts_every_chunk():
     seen = []
-    (result,) = monte_carlo(problem(chunk=10, system=systems.Odometer()), progress=seen.append, rollouts=95)
+    (result,) = monte_carlo(
+        problem(chunk=10, system=odd_systems.Odometer()), progress=seen.append, rollouts=95
+    )
     rollouts = [info.rollouts for info in seen]
     assert rollouts == sorted(rollouts)
     assert set(rollouts) == {10, 20, 30, 40, 50, 60, 70, 80, 90, 95}
@@ -146,7 +149,7 @@ def test_a_formula_beyond_the_end_and_a_failing_solver_are_told():
     task = avrare.Problem(Solving(), avrare.stl("always[0:30] (x < 0.5)"), steps=20)
     result = avrare.estimate(task, rollouts=50)
     assert set(result.health) == {"horizon_short", "solver_failures"}
-    assert "30 samples ahead but a run has 20 steps" in result.health["horizon_short"]
+    assert "30 samples ahead but a rollout has 20 step(s)" in result.health["horizon_short"]
     assert "1000 of 10000 solves" in result.health["solver_failures"]
 
 

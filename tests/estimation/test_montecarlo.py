@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.errors import UsageError
+import odd_systems
+from avrare.base.errors import UsageError
 from avrare.estimation.intervals import clopper_pearson, inverse_binomial
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
 
@@ -24,6 +25,7 @@ def coin(probability):
     return linear(-NormalDist().inv_cdf(probability), dim=1).problem()
 
 
+@pytest.mark.slow
 def test_unbiased_and_covering_over_two_hundred_seeds():
     problem = linear(2.0, dim=3).problem()
     truth, rollouts = linear(2.0, dim=3).probability, 400
@@ -80,15 +82,15 @@ def test_failures_of_every_run_replay():
 
 
 def test_counters_are_summed():
-    assert avrare.estimate(walk(system=systems.Odometer()), rollouts=30).counts == {"steps": 3000}
+    assert avrare.estimate(walk(system=odd_systems.Odometer()), rollouts=30).counts == {"steps": 3000}
 
 
 def test_the_course_of_the_scores_is_not_kept():
     """A long run must hold a few numbers a rollout, whatever the number of steps."""
     from avrare.estimation.config import McConfig
     from avrare.estimation.loop import Settings, run
-    from avrare.estimation.montecarlo import MonteCarlo
-    from avrare.execute.serial import SerialExecutor
+    from avrare.estimation.monte_carlo import MonteCarlo
+    from avrare.rollout.executors.serial import SerialExecutor
 
     states = []
 
@@ -128,7 +130,7 @@ def test_few_errors_are_counted_but_no_reason_for_alarm():
 
 
 @pytest.mark.parametrize(
-    "system", [systems.Broken(), systems.Fragile("raise", beyond=-np.inf, at_start=True)]
+    "system", [odd_systems.Broken(), systems.Fragile("raise", beyond=-np.inf, at_start=True)]
 )
 def test_a_system_that_raises_on_every_row(system):
     result = avrare.estimate(walk(system=system, steps=5), rollouts=40)
@@ -138,6 +140,7 @@ def test_a_system_that_raises_on_every_row(system):
     assert result.to_json()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("probability", [0.3, 0.02])
 def test_stopping_at_a_relative_error_is_unbiased_and_keeps_its_confidence(probability):
     problem = coin(probability)
@@ -152,6 +155,7 @@ def test_stopping_at_a_relative_error_is_unbiased_and_keeps_its_confidence(proba
     assert covered > 0.9 - 4 * math.sqrt(0.09 / len(results))
 
 
+@pytest.mark.slow
 def test_the_stop_does_not_depend_on_chunks_or_workers():
     results = [
         avrare.estimate(walk(1.5, chunk=chunk), relative_error=0.2, workers=workers)

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.errors import Interrupted
+from avrare.base.errors import Interrupted
 from avrare.estimation import loop
 from avrare.estimation.budget import Budget
+from avrare.estimation.checkpoint.store import Checkpoint
 from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
-from avrare.estimation.montecarlo import MonteCarlo
-from avrare.execute.serial import SerialExecutor
-from avrare.record.checkpoint import Checkpoint
-from avrare.testing import systems
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.testing import awkward_systems as systems
 from avrare_estimators.config import IsConfig
-from avrare_estimators.importance import ImportanceSampling
+from avrare_estimators.importance.importance_sampling import ImportanceSampling
 
 OPTIONS = {
     "mc": {"rollouts": 400},
@@ -41,6 +41,7 @@ def plain(result):
     return content, result.failures.noise.tobytes(), result.robustness.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OPTIONS)
 def test_killed_again_and_again(tmp_path, name):
     folder, lives, deaths = tmp_path / "kept", 85, 0
@@ -94,7 +95,7 @@ def test_another_call_is_refused(tmp_path, change, told):
         ({"chunk": 20}, "problem.chunk 25 -> 20"),
         ({"steps": 21}, "problem.steps 20 -> 21"),
         ({"limit": 0.8}, '"always (x < 0.9)" -> "always (x < 0.8)"'),
-        ({"scale": 0.2}, "does not come out as it did: robustness"),
+        ({"scale": 0.2}, "does not reproduce: robustness"),
     ],
 )
 def test_another_problem_is_refused(tmp_path, change, told):
@@ -161,7 +162,7 @@ def test_the_step_that_differs_is_told(tmp_path):
     journal = Checkpoint.open(tmp_path / "own", {}).journal("it")
     with pytest.raises(Interrupted):
         run(late(0.0), estimator, SerialExecutor(), Settings(), journal=journal, stop=lambda: next(stop))
-    with pytest.raises(avrare.UsageError, match=r"does not come out as it did: from step (8|9|1\d) on"):
+    with pytest.raises(avrare.UsageError, match=r"does not reproduce: from step (8|9|1\d) on"):
         run(late(1.0), estimator, SerialExecutor(), Settings(), journal=journal)
 
 
@@ -198,7 +199,7 @@ def test_the_folder_cannot_be_used(tmp_path):
 
 def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
-    with pytest.raises(avrare.UsageError, match="is not empty, and no checkpoint"):
+    with pytest.raises(avrare.UsageError, match="is not empty and not a checkpoint"):
         avrare.estimate(problem(), rollouts=10, checkpoint=tmp_path)
     folder = tmp_path / "kept"
     with pytest.raises(systems.Killed):

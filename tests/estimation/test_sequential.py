@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.estimation.intervals import anytime
-from avrare.estimation.sequential import AtThreshold
+from avrare.estimation.stopping_rules import AtThreshold
 from avrare.testing.problems import linear
 
 
@@ -60,7 +60,7 @@ def test_rollouts_that_broke_down_may_be_failures_or_not():
     broken = np.arange(6000) % 50 == 0
     assert AtThreshold(1e-2, 0.95).at(none(6000), broken) == 0
     assert AtThreshold(1e-1, 0.95).at(none(6000), broken) > 0
-    low, high = anytime(0, 6000, 0.95, undecided=120, around=1e-2)
+    low, high = anytime(0, 6000, 0.95, errors=120, around=1e-2)
     assert low == 0.0
     assert high > 0.02
 
@@ -71,6 +71,7 @@ def test_the_sequence_of_a_certain_failure():
     assert high == 1.0
 
 
+@pytest.mark.slow
 def test_monte_carlo_stops_there_whatever_the_chunks_and_workers():
     results = [
         avrare.estimate(coin(0.05, chunk), threshold=0.1, seed=3, workers=workers)
@@ -106,6 +107,7 @@ def test_a_tiny_threshold_is_no_certainty(threshold):
     assert 0.01 < high < 1.0
 
 
+@pytest.mark.slow
 def test_it_does_not_look_at_everything_again_and_again():
     looks = []
 
@@ -115,7 +117,7 @@ def test_it_does_not_look_at_everything_again_and_again():
             return super().at(violated, error)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("avrare.estimation.montecarlo.AtThreshold", Counting)
+        patch.setattr("avrare.estimation.monte_carlo.AtThreshold", Counting)
         result = avrare.estimate(coin(0.3, chunk=10), threshold=0.303, rollouts=60_000, seed=1)
     assert len(looks) < 250
     assert sum(looks) < 60 * result.rollouts

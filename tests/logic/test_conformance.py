@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.errors import FormulaError
+from avrare.base.errors import FormulaError
 from avrare.logic import FormulaMonitor, stl
 
 DATA = Path(__file__).resolve().parent.parent / "data"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from avrare.logic import FormulaMonitor, stl
-from avrare.logic import formula as f
-from avrare.logic.printing import text as str_of
+from avrare.logic.syntax import nodes as f
+from avrare.logic.syntax.printer import to_text as str_of
 
 INF = math.inf
 UNKNOWN_TAIL = 16  # samples after the last one seen, longer than any past window below
@@ -229,12 +229,14 @@ def check_prefixes(node, seed, until, steps=8):
         assert np.array_equal(scores, np.maximum.accumulate(-prefixes[row]))
 
 
+@pytest.mark.slow
 @READINGS
 def test_prefixes_and_monitor_equal_the_definitions(until):
     for seed, node in formulas(200, 0):
         check_prefixes(node, seed, until)
 
 
+@pytest.mark.slow
 @READINGS
 def test_prefixes_and_monitor_equal_the_definitions_below_always(until):
     for seed, child in formulas(150, 500):

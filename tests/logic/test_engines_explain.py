@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from avrare.errors import FormulaError
-from avrare.logic import FormulaMonitor, FormulaWarning, IntervalMonitor, stl
+from avrare.base.errors import FormulaError
+from avrare.logic import FormulaMonitor, FormulaWarning, stl
 
 INF = math.inf
 
@@ -142,7 +142,7 @@ def test_formula_warnings_are_issued_and_kept():
 
 
 def verdicts(text, x, length=None):
-    monitor = IntervalMonitor(stl(text), length)
+    monitor = stl(text).interval_monitor(length)
     state, out = monitor.start(1), []
     for value in x:
         state, verdict = monitor.update(state, {"x": np.array([float(value)])})
@@ -165,17 +165,17 @@ def test_interval_monitors_refuse_more_samples_than_there_are():
     with pytest.raises(FormulaError, match="length is 1"):
         verdicts("always (x < 4)", [1, 1], length=1)
     with pytest.raises(FormulaError, match="length is 0"):
-        IntervalMonitor(stl("x"), 0)
+        stl("x").interval_monitor(0)
 
 
 def test_nan_rows_are_never_decided():
-    monitor = IntervalMonitor(stl("always ((x > 0) and not (x > 9 xor x > 8))", warn=False), 2)
+    monitor = stl("always ((x > 0) and not (x > 9 xor x > 8))", warn=False).interval_monitor(2)
     state, verdict = monitor.update(monitor.start(2), {"x": np.array([math.nan, 1.0])})
     _, verdict = monitor.update(state, {"x": np.array([1.0, 1.0])})
     assert list(verdict.decided) == [False, True]
 
 
-@pytest.mark.parametrize("make", [FormulaMonitor, lambda formula: IntervalMonitor(formula, 9)])
+@pytest.mark.parametrize("make", [FormulaMonitor, lambda formula: formula.interval_monitor(9)])
 def test_monitors_travel_to_other_processes(make):
     monitor = make(stl("always (x > 0 -> eventually x < 0)"))
     copied = pickle.loads(pickle.dumps(monitor))

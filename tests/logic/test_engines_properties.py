@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avrare import batch
-from avrare.logic import Formula, FormulaMonitor, IntervalMonitor, stl
-from avrare.logic import formula as f
-from avrare.logic.printing import text
+from avrare.base import batch
+from avrare.logic import Formula, FormulaMonitor, stl
+from avrare.logic.syntax import nodes as f
+from avrare.logic.syntax.printer import to_text
 
 INF = math.inf
 VEHICLES = 2
@@ -186,7 +186,7 @@ def formulas(draw, depth=4, bound=0, exact_signs=False):
 
 
 def make(node, until="closed"):
-    return Formula(text(node), 1.0, until, node)
+    return Formula(to_text(node), 1.0, until, node)
 
 
 def random_signals(seed, rows=3, steps=STEPS):
@@ -220,6 +220,7 @@ READINGS = st.sampled_from(["closed", "half-open"])
 SEEDS = st.integers(0, 2**16)
 
 
+@pytest.mark.slow
 @examples(150)
 @given(formulas(), READINGS, SEEDS)
 def test_offline_equals_the_definitions(node, until, seed):
@@ -231,6 +232,7 @@ def test_offline_equals_the_definitions(node, until, seed):
         assert list(zip(robustness[row], satisfied[row], strict=True)) == expected
 
 
+@pytest.mark.slow
 @examples(250)
 @given(formulas(), READINGS, SEEDS)
 def test_online_equals_the_definitions_on_every_prefix(node, until, seed):
@@ -311,7 +313,7 @@ def test_wide_windows_equal_the_evaluation_of_every_prefix(words, until):
 def test_a_step_does_not_grow_with_time(words):
     """What is carried stops growing, so a step has the same work at every sample."""
     signals = random_signals(12, rows=2, steps=80)
-    for monitor in (FormulaMonitor(stl(words, warn=False)), IntervalMonitor(stl(words, warn=False))):
+    for monitor in (FormulaMonitor(stl(words, warn=False)), stl(words, warn=False).interval_monitor()):
         state, _ = follow(monitor, monitor.start(2), signals, range(15))
         sizes = set()
         for t in range(15, 80):
@@ -321,6 +323,7 @@ def test_a_step_does_not_grow_with_time(words):
         assert sizes.pop() < 10_000
 
 
+@pytest.mark.slow
 @examples(200)
 @given(formulas(), READINGS, SEEDS, st.sampled_from([STEPS + more for more in (0, 1, 2, 3, 5, 30)]))
 def test_intervals_bracket_what_follows(node, until, seed, length):
@@ -329,7 +332,7 @@ def test_intervals_bracket_what_follows(node, until, seed, length):
     seen = {name: x[:, :STEPS] for name, x in whole.items()}
     for x, first in zip(whole.values(), seen.values(), strict=True):
         first[1:], x[1:, :STEPS] = first[0], x[0, :STEPS]  # four continuations of one beginning
-    monitor = IntervalMonitor(formula, length)
+    monitor = formula.interval_monitor(length)
     _, verdicts = follow(monitor, monitor.start(4), whole, range(length))
     lower, upper = column(verdicts, "lower"), column(verdicts, "upper")
     decided, violated = column(verdicts, "decided"), column(verdicts, "violated")
@@ -352,7 +355,7 @@ def test_intervals_bracket_what_follows(node, until, seed, length):
 def test_endless_intervals_bracket_what_follows(node, seed):
     formula = make(node)
     whole = random_signals(seed, rows=3, steps=STEPS + 14)
-    monitor = IntervalMonitor(formula)
+    monitor = formula.interval_monitor()
     _, verdicts = follow(monitor, monitor.start(3), whole, range(STEPS + 14))
     lower, upper = column(verdicts, "lower"), column(verdicts, "upper")
     assert (lower[:, 1:] >= lower[:, :-1]).all()
@@ -371,7 +374,11 @@ def test_endless_intervals_bracket_what_follows(node, seed):
 
 @examples(80)
 @given(
-    formulas(), READINGS, SEEDS, st.integers(1, STEPS - 1), st.sampled_from([FormulaMonitor, IntervalMonitor])
+    formulas(),
+    READINGS,
+    SEEDS,
+    st.integers(1, STEPS - 1),
+    st.sampled_from([Formula.monitor, Formula.interval_monitor]),
 )
 def test_copies_and_neighbours_change_nothing(node, until, seed, cut, kind):
     signals = random_signals(seed, rows=4)

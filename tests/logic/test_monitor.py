@@ -7,8 +7,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from avrare import batch
-from avrare.errors import FormulaError
+from avrare.base import batch
+from avrare.base.errors import FormulaError
 from avrare.logic import FormulaMonitor, stl
 
 TEXTS = [
@@ -273,7 +273,7 @@ def test_the_threshold_itself_is_a_violation():
         ({"x": np.zeros(3)}, "expected"),
         ({"x": np.array(1.0)}, "expected"),
         ({"x": np.zeros((2, 3))}, "trailing"),
-        ({"x": [1.0, 2.0]}, "not a NumPy array"),
+        ({"x": [1.0, 2.0]}, "must be a NumPy array"),
     ],
 )
 def test_unfit_samples_are_refused(signals, message):

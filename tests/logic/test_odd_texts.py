@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avrare.errors import FormulaError
-from avrare.logic import formula as f
-from avrare.logic.complaints import Complaint
-from avrare.logic.parse import parse, parse_with_warnings
-from avrare.logic.printing import text as printed
+from avrare.base.errors import FormulaError
+from avrare.logic.syntax import nodes as f
+from avrare.logic.syntax.lint import LintWarning
+from avrare.logic.syntax.parser import parse, parse_with_warnings
+from avrare.logic.syntax.printer import to_text as printed
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "formulas.md").read_text()
 SEEDS = [
@@ -34,7 +34,7 @@ def attempt(text):
         node, warnings = parse_with_warnings(text, 0.1)
     except FormulaError as error:
         return error.message
-    assert all(isinstance(each, Complaint) for each in warnings)
+    assert all(isinstance(each, LintWarning) for each in warnings)
     assert parse(printed(node), 0.1) == node
     return node
 
@@ -84,5 +84,6 @@ def test_huge_texts_are_refused(text):
     assert isinstance(attempt(text), str)
 
 
+@pytest.mark.slow
 def test_any_number_of_parentheses_is_fine():
     assert attempt("(" * 20000 + "p" + ")" * 20000) == parse("p")

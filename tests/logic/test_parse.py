@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import pytest
 
-from avrare.errors import FormulaError
+from avrare.base.errors import FormulaError
 from avrare.logic import stl
 
 
@@ -148,7 +148,7 @@ def test_bounds_are_exact(text, dt, horizon):
         ("p ^ 2 > 1", 3, "'^'", "pow"),
         ("", 1, "ends early", ""),
         ("G - 1 > 0", 1, "may be a signal", "(G)"),
-        ("(p > 0) + 1 > 2", 2, "a number is needed", ""),
+        ("(p > 0) + 1 > 2", 2, "expected a number", ""),
         ("always[-1,2] p", 8, "a bound", "[0,3]"),
         ("x[0] > 1", 2, "'['", "temporal"),
         ("inf > 2", 1, "'inf'", "bound"),

@@ -3,9 +3,9 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from avrare.errors import PluginError
+from avrare.base.errors import PluginError
 from avrare.plugin import Component, hookimpl
-from avrare.plugin.known import FIRST_PARTY, pip_line
+from avrare.plugin.first_party import FIRST_PARTY, pip_line
 from avrare.plugin.registry import Registry
 
 
@@ -37,7 +37,7 @@ def the_row(registry, name):
 
 def test_the_cores_own_components_come_through_the_same_hook():
     registry = Registry()
-    assert registry.get("estimator", "mc").factory == "avrare.estimation.montecarlo:build"
+    assert registry.get("estimator", "mc").factory == "avrare.estimation.monte_carlo:build"
     assert registry.names("executor") == ["processes", "serial"]
     assert {row.distribution for row in registry.rows()} == {"avrare"}
 
@@ -114,7 +114,7 @@ def test_descriptions_are_verified(bad, words):
 def test_another_interface_version_is_incompatible():
     registry = with_plugins(next=Plugin(part(api=2)))
     assert the_row(registry, "one").status == "incompatible"
-    with pytest.raises(PluginError, match="written for plugin interface 2, this avrare speaks 1"):
+    with pytest.raises(PluginError, match="written for plugin interface 2; this avrare has 1"):
         registry.get("tracker", "one")
 
 

@@ -1,12 +1,15 @@
-"""What the terminal shows."""
+"""Console output: tables, notes and colours."""
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 import avrare
+from avrare.base.format import format_probability
 from avrare.estimation.plan import Info
-from avrare.report.console import Progress, notes, number, show, table
+from avrare.report.terminal.console import print_table
+from avrare.report.terminal.progress_line import Progress
+from avrare.report.terminal.result_table import note_lines, result_table
 
 
 class Still:
@@ -34,8 +37,8 @@ def test_the_progress_line_says_where_splitting_stands(problem):
     )  # fmt: skip
     line = Progress("safe_distance  ams", problem).line(info, 10.0)
     for part in (
-        "safe_distance  ams", "level 7", "gamma 0.42", "p≈3.1e-05", "survivors 34/100", "sims 520", "52.0/s",
-        "failures 3", "errors 1", "fallback solves 2",
+        "safe_distance  ams", "level 7", "gamma 0.42", "p≈3.1e-05", "survivors 34/100", "rollouts 520",
+        "52.0/s", "failures 3", "errors 1", "fallback solves 2",
     ):  # fmt: skip
         assert part in line
     assert "900" not in line
@@ -44,42 +47,47 @@ def test_the_progress_line_says_where_splitting_stands(problem):
 def test_the_table_fits_eighty_columns_and_cuts_no_word(problem):
     result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(table("title", [result]))
+    console.print(result_table("title", [result]))
     text = console.export_text()
     assert "…" not in text
-    assert number(result.probability) in text
+    assert format_probability(result.probability) in text
     assert max(map(len, text.splitlines())) <= 80
 
 
 def test_a_narrow_terminal_cuts_no_number_either(problem):
     result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
     console = Console(width=30, record=True, soft_wrap=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    show(console, table("title", [result]))
+    print_table(console, result_table("title", [result]))
     text = console.export_text()
     assert "…" not in text
-    for part in ("specification", "probability", number(result.probability), number(result.interval[1], 2)):
+    for part in (
+        "specification",
+        "probability",
+        format_probability(result.probability),
+        format_probability(result.interval[1], 2),
+    ):
         assert part in text
 
 
 def test_a_warning_shared_by_all_stands_once(problem):
     result = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
     assert "single_run" in result.health
-    lines = notes([result, result])
+    lines = note_lines([result, result])
     assert sum("single_run" in line for line in lines) == 1
 
 
 @pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])
 def test_a_goal_that_was_not_reached_is_told(problem, goal):
-    (line,) = notes([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
+    (line,) = note_lines([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
     assert "give more rollouts" in line
-    assert notes([avrare.estimate(problem, "mc", threshold=0.9, seed=3)]) == []
+    assert note_lines([avrare.estimate(problem, "mc", threshold=0.9, seed=3)]) == []
 
 
 @pytest.mark.parametrize(
     ("value", "text"), [(0.0, "0"), (1.0, "1"), (0.01234, "0.0123"), (3.44e-5, "3.4e-05"), (0.5, "0.5")]
 )
 def test_numbers_are_short(value, text):
-    assert number(value) == text
+    assert format_probability(value) == text
     assert float(text) == pytest.approx(value, rel=0.02)
 
 

@@ -4,12 +4,12 @@ import re
 
 import pytest
 
-from avrare.report.html.page import report
+from avrare.report.html.page import render_report
 
 MOVED = """
 requestAnimationFrame = (go) => setTimeout(() => go(performance.now()), 16);  // nobody looks: no frames
 const said = [];
-const box = document.querySelector(".drive"), play = box.querySelector(".play");
+const box = document.querySelector(".player"), play = box.querySelector(".play");
 const slider = box.querySelector("input"), cursor = box.querySelector(".cursor");
 slider.value = 0; slider.dispatchEvent(new Event("input"));
 const first = cursor.style.left;
@@ -25,7 +25,7 @@ setTimeout(() => {
 """
 FRAMES = """
 requestAnimationFrame = (go) => setTimeout(() => go(performance.now()), 16);  // nobody looks: no frames
-const box = document.querySelector(".drive"), canvas = box.querySelector("canvas");
+const box = document.querySelector(".player"), canvas = box.querySelector("canvas");
 const slider = box.querySelector("input"), clock = box.querySelector("output");
 const scrub = (to) => {
   slider.value = to; slider.dispatchEvent(new Event("input"));
@@ -61,23 +61,26 @@ def title(document):
     return re.search(r"<title>(.*?)</title>", document)[1]
 
 
+@pytest.mark.slow
 def test_the_script_runs_under_the_pages_own_policy(made, browse):
-    assert 'data-ready="4"' in browse(report(made))
+    assert 'data-ready="4"' in browse(render_report(made))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["made", "lane_change"])
 def test_it_plays_and_pauses(which, browse, request):
-    found = browse(report(request.getfixturevalue(which)), MOVED)
+    found = browse(render_report(request.getfixturevalue(which)), MOVED)
     assert title(found) == "Pause true Play true"
 
 
+@pytest.mark.slow
 def test_scrubbing_clicking_and_playing_show_other_frames(lane_change, browse):
-    found = browse(report(lane_change), FRAMES)
+    found = browse(render_report(lane_change), FRAMES)
     assert title(found) == "0.00 s, 2.00 s, 3.90 s, 3, true, true, true, true"
 
 
 def test_both_themes(made, browse):
-    dark, light, auto = _themes(browse(report(made), THEMES))
+    dark, light, auto = _themes(browse(render_report(made), THEMES))
     assert light != dark
     assert auto in (light, dark)
 
@@ -88,7 +91,8 @@ def _themes(document):
     return found["dark"], found["light"], found["auto"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["made", "split", "lane_change"])
 def test_nothing_sticks_out_on_a_phone(which, browse, request):
-    wide, _, least = title(browse(report(request.getfixturevalue(which)), WIDE, width=500)).split()
+    wide, _, least = title(browse(render_report(request.getfixturevalue(which)), WIDE, width=500)).split()
     assert int(wide) <= int(least)

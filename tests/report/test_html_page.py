@@ -6,10 +6,10 @@ import re
 import numpy as np
 import pytest
 
+from avrare.base.format import format_typeset
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
-from avrare.report.html.estimates import number
-from avrare.report.html.page import report
+from avrare.report.html.page import render_report
 
 EVIL = "<script>alert('x')</script>"
 
@@ -20,7 +20,7 @@ def films(html):
 
 
 def test_the_report_is_one_file_that_loads_nothing(made):
-    html = report(made)
+    html = render_report(made)
     assert not re.findall(r"https?://|@import|url\(", html)
     assert all(one.startswith("data:image/png;base64,") for one in re.findall(r'src="([^"]*)"', html))
     assert not re.findall(r"<link|<iframe|<object", html)
@@ -28,13 +28,13 @@ def test_the_report_is_one_file_that_loads_nothing(made):
 
 
 def test_every_estimate_stands_in_the_table(made):
-    html = report(made)
+    html = render_report(made)
     for entry in json.loads((made / "result.json").read_text())["estimates"]:
-        row = html[html.index(f'href="#rule-{0 if entry["specification"] == "left" else 1}"') :]
+        row = html[html.index(f'href="#specification-{0 if entry["specification"] == "left" else 1}"') :]
         row = row[: row.index("</tr>")]
-        assert f"<strong>{number(entry['probability'])}</strong>" in row
+        assert f"<strong>{format_typeset(entry['probability'])}</strong>" in row
         assert f"{entry['failures']:,}" in row
-        assert f"interval from {number(entry['interval'][0], 2)} to" in row
+        assert f"interval from {format_typeset(entry['interval'][0], 2)} to" in row
     assert "Passes" in html
     assert "&lt; 0.9" in html
 
@@ -46,20 +46,20 @@ def test_names_that_look_like_markup_stay_text(plane, tamper):
     tamper(plane, "provenance.json", command=["avrare", "run", EVIL], commit=EVIL)
     text = (plane / "scenario.yaml").read_text()
     (plane / "scenario.yaml").write_text(text.replace("A point that is pushed about", EVIL))
-    html = report(plane)
+    html = render_report(plane)
     assert "<script>alert" not in html
     assert html.count("&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt;") >= 4
 
 
 def test_the_worst_and_the_most_likely_failure_are_driven_again(made):
-    html = report(made)
+    html = render_report(made)
     with np.load(made / "failures.npz") as stored:
         robustness, noise = stored["left.robustness"], stored["left.noise"]
     least = np.sqrt(np.square(noise).sum(axis=(1, 2)).min())
-    section = html[html.index('id="rule-0"') : html.index('id="rule-1"')]
+    section = html[html.index('id="specification-0"') : html.index('id="specification-1"')]
     assert f"robustness {robustness.min():.3g} ".replace("-", "−") in section
-    assert f"noise of length {least:.3g}," in section
-    assert "Driven again it has" not in section
+    assert f"norm of the noise {least:.3g} " in section
+    assert "Its robustness is now" not in section
     assert len(films(section)) == 2
     assert films(section)[0] == {"dt": 0.1, "samples": 21}
     assert "Signal x over time" in section
@@ -70,19 +70,19 @@ def test_a_failure_that_comes_out_otherwise_is_told(plane):
         arrays = dict(stored)
     arrays["left.robustness"] = arrays["left.robustness"] - 0.5
     np.savez(plane / "failures.npz", **arrays)
-    assert "another version, or another machine" in report(plane)
+    assert "the version or the machine differs" in render_report(plane)
 
 
 def test_without_its_plugins_the_report_says_so(made, monkeypatch):
     monkeypatch.setenv("AVRARE_PLUGINS", "none")
     default_registry.cache_clear()
     try:
-        html = report(made)
+        html = render_report(made)
     finally:
         default_registry.cache_clear()
-    assert "The scenario of this folder cannot be built here" in html
+    assert "The scenario of this run cannot be built here" in html
     assert "provided by avrare-linear" in html
-    assert "Histogram of the robustness of 400 simulations" in html
+    assert "Histogram of the robustness of 400 rollouts" in html
     assert not films(html)
 
 
@@ -91,12 +91,12 @@ def test_tapes_that_do_not_fit_are_no_bug(plane):
         arrays = dict(stored)
     arrays["left.noise"] = arrays["left.noise"][:, :-3]
     np.savez(plane / "failures.npz", **arrays)
-    html = report(plane)
-    assert "could not be driven again" in html
+    html = render_report(plane)
+    assert "could not be replayed" in html
 
 
 def test_splitting_shows_its_levels(split):
-    html = report(split)
+    html = render_report(split)
     runs = json.loads((split / "result.json").read_text())["estimates"][0]["diagnostics"]["levels"]
     longest = max(map(len, runs))
     assert f"Level of each of 4 runs over up to {longest} stages" in html
@@ -104,8 +104,9 @@ def test_splitting_shows_its_levels(split):
     assert "Estimates of 4 independent runs" in html
 
 
+@pytest.mark.slow
 def test_a_drive_has_its_road_vehicles_and_observations(lane_change):
-    html = report(lane_change)
+    html = render_report(lane_change)
     film = films(html)[0]
     assert film["samples"] == 40
     assert {one["name"] for one in film["others"]} == {"parked", "cut_in", "merge"}
@@ -114,7 +115,7 @@ def test_a_drive_has_its_road_vehicles_and_observations(lane_change):
     assert len(film["seen"][1]) == 3
     assert len(film["plan"][1]) > 5
     assert len(film["predicted"][1]) == 3
-    assert "seeing cut_in" in html
+    assert "perception of cut_in" in html
     assert len(html) < 3_000_000
 
 
@@ -129,8 +130,8 @@ def test_the_file_is_where_it_was_asked_for(made, tmp_path, capsys):
     [
         ("result.json", None, "no result.json in it"),
         ("result.json", "{", "cannot be read"),
-        ("result.json", "[]", "no JSON object"),
-        ("result.json", "{}", "no result of avrare run"),
+        ("result.json", "[]", "not a JSON object"),
+        ("result.json", "{}", "not a result of avrare run"),
         ("rollouts.npz", "no zip", "cannot be read"),
     ],
 )
@@ -153,4 +154,4 @@ def test_a_rule_that_the_scenario_does_not_know_is_no_bug(plane):
         assert place.format("left") in text
         text = text.replace(place.format("left"), place.format("right"))
     (plane / "scenario.yaml").write_text(text)
-    assert "has no specification &#x27;left&#x27;" in report(plane)
+    assert "has no specification &#x27;left&#x27;" in render_report(plane)

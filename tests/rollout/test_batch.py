@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from avrare import batch
-from avrare.errors import UsageError
-from avrare.testing import systems
+import odd_systems
+from avrare.base import batch
+from avrare.base.errors import UsageError
 
 X = np.arange(5.0)
-STATE = systems.Nested(systems.Inner(X), (X + 1, np.stack([X, -X], axis=1)))
+STATE = odd_systems.Nested(odd_systems.Inner(X), (X + 1, np.stack([X, -X], axis=1)))
 
 
 def test_take_and_concatenate():
@@ -36,15 +36,15 @@ def test_copies_are_copies():
 
 
 def test_every_container():
-    state = {"a": X, "b": systems.Point(X), "c": [None, 1, 2.5, "s", True, np.int64(3)][-1], "d": ()}
+    state = {"a": X, "b": odd_systems.Point(X), "c": [None, 1, 2.5, "s", True, np.int64(3)][-1], "d": ()}
     picked = batch.take(state, slice(1, 3))
-    assert picked["b"] == systems.Point(picked["b"].x)
-    assert isinstance(picked["b"], systems.Point)
+    assert picked["b"] == odd_systems.Point(picked["b"].x)
+    assert isinstance(picked["b"], odd_systems.Point)
     assert picked["c"] == 3
     assert [leaf.tolist() for leaf in batch.leaves(picked)] == [[1, 2], [1, 2]]
 
 
-@pytest.mark.parametrize("state", [[X], {"a": {X.size}}, {"a": np.array(1.0)}, object(), systems.Inner])
+@pytest.mark.parametrize("state", [[X], {"a": {X.size}}, {"a": np.array(1.0)}, object(), odd_systems.Inner])
 def test_what_a_state_may_not_hold(state):
     with pytest.raises(UsageError, match="state"):
         batch.take(state, slice(0, 1))

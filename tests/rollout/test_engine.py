@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare import batch
+import odd_systems
+from avrare.base import batch
 from avrare.rollout import engine
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 
 STEPS = 20
 NOISE = NoiseSource(9, 1)
@@ -37,7 +38,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
-@pytest.mark.parametrize("system", [systems.Walk(), systems.NestedWalk(), systems.Fragile("raise", 1.5)])
+@pytest.mark.parametrize("system", [systems.Walk(), odd_systems.NestedWalk(), systems.Fragile("raise", 1.5)])
 def test_rows_do_not_depend_on_their_neighbours(system):
     source = NoiseSource(9, system.noise_size)
     task = problem(system, "eventually[0:5] (x > 0.1) and historically (x > -9)")
@@ -102,7 +103,7 @@ def test_scores_never_fall():
 
 
 def test_counters_of_a_branch_are_its_own():
-    task = problem(systems.Odometer())
+    task = problem(odd_systems.Odometer())
     parents = task.simulate(NOISE, fresh(3, keep_carries=True))
     assert parents.counts["steps"].tolist() == [STEPS] * 3
     children = task.simulate(NOISE, branches(parents, np.array([0, 8, 20])))

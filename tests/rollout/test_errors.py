@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.errors import UsageError
+import odd_systems
+from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 
 STEPS = 30
 ROWS = 300
@@ -108,7 +109,7 @@ def test_infinity_is_a_value():
 
 
 def test_a_formula_without_a_value_is_an_error_and_no_pass():
-    task = avrare.Problem(systems.Infinite(), avrare.stl("always (x - y < 4)"), steps=2)
+    task = avrare.Problem(odd_systems.Infinite(), avrare.stl("always (x - y < 4)"), steps=2)
     tape = np.zeros((3, 3, 1))
     tape[:, 0, 0] = -1.0, 0.5, 2.0  # 0 - 0, inf - 0, inf - inf
     outcome = task.replay(tape)
@@ -133,7 +134,7 @@ def test_nan_in_a_signal_that_no_formula_reads():
 def test_messages_name_the_cause_once():
     assert simulate(systems.Fragile("raise")).messages == ("RuntimeError: the planner gave up",)
     assert simulate(systems.Fragile("nan")).messages == simulate(systems.Fragile("fault")).messages
-    assert simulate(systems.Broken()).messages == ("ZeroDivisionError: no row survives this",)
+    assert simulate(odd_systems.Broken()).messages == ("ZeroDivisionError: no row survives this",)
 
 
 def test_robustness_of_an_errored_row_is_nan():

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource, philox
 
 ONES = 0xFFFFFFFF

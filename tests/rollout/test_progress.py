@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare import batch
-from avrare.errors import UsageError
+from avrare.base import batch
+from avrare.base.errors import UsageError
 from avrare.logic import FormulaMonitor
 from avrare.rollout.problem import Problem
-from avrare.rollout.progress import ProgressScored, shape_of
+from avrare.rollout.scores.progress_score import ProgressScored, shape_of
 
 PENDING = [
     "eventually[0:6] (x > 1)",
@@ -131,6 +131,7 @@ class Pull(Reach):
         return {"x": 0.9 * state["x"] + np.sqrt(0.19) * noise[:, 0]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "text", "steps", "probability"),
     [

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import avrare
+import odd_systems
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 
 STEPS = 12
 NOISE = NoiseSource(4, 1)
@@ -35,7 +36,7 @@ def test_function_sees_the_signals_so_far():
 
 def test_score_does_not_change_the_verdict():
     plain = simulate(None)
-    for score in ("robustness", "margin", systems.height):
+    for score in ("robustness", "margin", odd_systems.height):
         np.testing.assert_array_equal(simulate(score).violated, plain.violated)
         np.testing.assert_array_equal(simulate(score).robustness, plain.robustness)
 

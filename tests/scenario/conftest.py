@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from avrare.errors import ScenarioError
+from avrare.base.errors import ScenarioError
 from avrare.plugin.registry import Registry
 from avrare.scenario.load import load
 

@@ -3,9 +3,9 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from avrare.scenario.explain import _message, check
-from avrare.scenario.jsonschema import scenario_schema
-from avrare.scenario.source import Mark, Node
+from avrare.scenario.json_schema import scenario_schema
+from avrare.scenario.marked_values import Mark, Node
+from avrare.scenario.validation import _reword, check
 from avrare.scenario.yaml import parse
 
 
@@ -14,7 +14,7 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
     assert fails(text) == (
         [
             "s.yaml:2:8: steps: should be a whole number, found the string '40'",
-            "hint: steps: steps of a rollout; 0 is a static problem",
+            "hint: steps: steps per rollout; 0 for a static problem",
             "s.yaml:6:3: simulator.gapp: unknown key",
             "hint: did you mean 'gap'?",
             "s.yaml:13:21: thresholds.0.specification: there is no specification 'neer'",
@@ -117,9 +117,9 @@ def test_an_override_deep_inside_a_value_shows_the_path(fails, good):
             "s.yaml:10:3: specifications.far: should have either",
             4,
         ),
-        ("  far:", "  'f r':", "s.yaml:10:3: specifications.f r: a name may hold", 4),
-        ("name: toy", "name: ../toy", "s.yaml:1:7: name: a name may hold", 4),
-        ("name: toy", 'name: "a\\nb"', "s.yaml:1:7: name: a name may hold", 4),
+        ("  far:", "  'f r':", "s.yaml:10:3: specifications.f r: a name may contain", 4),
+        ("name: toy", "name: ../toy", "s.yaml:1:7: name: a name may contain", 4),
+        ("name: toy", 'name: "a\\nb"', "s.yaml:1:7: name: a name may contain", 4),
         ("name: toy", 'name: toy\n"a\\nb": 1', "s.yaml:2:1: 'a\\nb': unknown key", 4),
     ],
 )
@@ -197,4 +197,4 @@ def test_a_kind_that_is_not_known_is_told_in_our_words(law, hint):
 )
 def test_what_was_found_is_told_unless_the_message_says_it(value, text):
     mark = Mark("s.yaml")
-    assert _message(text.partition(",")[0], Node(value, mark, mark)) == text
+    assert _reword(text.partition(",")[0], Node(value, mark, mark)) == text

@@ -6,8 +6,7 @@ import pytest
 from pydantic import BaseModel, Field
 
 from avrare.plugin.component import Component
-from avrare.scenario.files import changes, digests
-from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.fingerprint import changed_files, digests, fingerprint
 from avrare.scenario.schema import Block, Scenario
 
 
@@ -39,6 +38,6 @@ def test_the_content_counts_and_names_of_nothing_do_not(scenario):
     Path("mine.npz").write_bytes(b"two")
     after = digests(named)
     assert fingerprint(named) != first
-    assert changes(before, after, ("simulator",)) == ["simulator.model: its file has changed"]
-    assert changes(before, after, ("controller", "sim")) == []
-    assert changes({}, after, ("simulator",)) == []
+    assert changed_files(before, after, ("simulator",)) == ["simulator.model: its file has changed"]
+    assert changed_files(before, after, ("controller", "sim")) == []
+    assert changed_files({}, after, ("simulator",)) == []

@@ -2,8 +2,8 @@
 
 import pytest
 
+from avrare.plugin import Finding
 from avrare.plugin.component import Component
-from avrare.plugin.finding import Finding
 
 WRITTEN = "near: {plugin: book, rule: R_G1}"
 

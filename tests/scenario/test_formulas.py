@@ -2,11 +2,11 @@
 
 import pytest
 
-from avrare.logic.formula import bounded_span
-from avrare.logic.parse import parse
-from avrare.scenario.formulas import check_formula, reach_warnings
+from avrare.logic.syntax.nodes import bounded_span
+from avrare.logic.syntax.parser import parse
+from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.schema import Formula
-from avrare.scenario.source import Mark, Node
+from avrare.scenario.specification_checks import check_formula, reach_warnings
 
 FAR = "{plugin: book, rule: R_G2}"
 
@@ -51,8 +51,8 @@ def test_a_look_beyond_the_run_is_a_warning(good, read):
     [(message, hint)] = read(text).warnings
     assert hint is None
     assert message == (
-        "s.yaml:10:14: specifications.far.stl: looks 60 samples ahead but a run has 40 steps: "
-        "what lies beyond counts as if the trace ended"
+        "s.yaml:10:14: specifications.far.stl: the formula looks 60 samples ahead but a rollout has "
+        "40 step(s): windows are clipped at its last sample"
     )
 
 
@@ -74,7 +74,7 @@ def test_only_bounded_looks_ahead_count(text, span):
     assert reach_warnings(node, span) == []
     for steps in range(span):
         [words] = reach_warnings(node, steps)
-        assert words.startswith(f"looks {span} samples ahead but a run has {steps} step")
+        assert words.startswith(f"the formula looks {span} samples ahead but a rollout has {steps} step(s): ")
 
 
 def test_what_the_language_warns_of_is_passed_on(good, read):

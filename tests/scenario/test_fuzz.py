@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from avrare.errors import AvrareError
+from avrare.base.errors import AvrareError
 from avrare.scenario.yaml import dump
 
 PIECES = [

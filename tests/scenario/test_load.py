@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from avrare.errors import ScenarioError
+from avrare.base.errors import ScenarioError
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import Formula

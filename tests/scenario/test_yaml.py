@@ -1,9 +1,10 @@
 import math
 
 import pytest
+import yaml
 
-from avrare.errors import ScenarioError
-from avrare.scenario.source import Mark
+from avrare.base.errors import ScenarioError
+from avrare.scenario.marked_values import Mark
 from avrare.scenario.yaml import MAX_BYTES, dump, parse, parse_value
 
 
@@ -114,3 +115,12 @@ def test_a_dump_reads_back_to_the_same_values():
         "b": {"c": 1e-5, "d": math.inf},
     }
     assert parse(dump(data).encode(), "f").plain() == data
+
+
+def test_merge_keys_are_read_as_in_yaml_1_1_where_they_are_allowed():
+    text = b"a: &a {x: 1, y: 2}\nb: &b {y: 3, z: 4}\nc: {y: 5, <<: [*a, *b]}\nd: {<<: *b, w: 0}\n'<<': 1\n"
+    assert parse(text, "f", merge_keys=True).plain() == yaml.safe_load(text)
+    with pytest.raises(ScenarioError, match=r"f:1:1: << should be a mapping or a list of mappings"):
+        parse(b"<<: 1\n", "f", merge_keys=True)
+    with pytest.raises(ScenarioError, match=r"f:2:1: duplicate key '<<'"):
+        parse(b"<<: {a: 1}\n<<: {b: 1}\n", "f", merge_keys=True)

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.build.scenario import BuildableScenario
+from avrare.base.errors import ScenarioError
 from avrare.driving.geometry import Rectangle, other_rectangles, signed_distance
-from avrare.errors import ScenarioError
 from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
-from avrare.estimation.montecarlo import MonteCarlo
-from avrare.execute.processes import ProcessExecutor
-from avrare.execute.serial import SerialExecutor
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.rollout.executors.processes import ProcessExecutor
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -22,7 +22,7 @@ RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic", "
 
 @pytest.fixture(scope="module")
 def scenario():
-    return BuildableScenario(load(LANE_CHANGE))
+    return LoadedScenario(load(LANE_CHANGE))
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +30,7 @@ def nominal(scenario):
     return scenario.problem(RULES).nominal(keep_carries=True)
 
 
+@pytest.mark.slow
 def test_the_noise_free_drive_keeps_every_rule(nominal):
     assert not nominal.error.any()
     assert not nominal.violated.any()
@@ -53,7 +54,7 @@ def test_no_solve_falls_back_without_noise(nominal):
 
 @pytest.mark.parametrize("name", ["lane_change.yaml", "lane_change_paper.yaml"])
 def test_the_scripted_vehicles_never_overlap(name):
-    scenario = BuildableScenario(load(SCENARIOS / name))
+    scenario = LoadedScenario(load(SCENARIOS / name))
     others = scenario.stack.loop.simulator.traffic.at(np.arange(scenario.steps + 1))
     boxes = other_rectangles(others, scenario.scene)
     vehicles = range(len(scenario.scene.names))
@@ -66,8 +67,9 @@ def test_the_scripted_vehicles_never_overlap(name):
             assert signed_distance(one[a], one[b]).min() > 0.2, (a, b)
 
 
+@pytest.mark.slow
 def test_one_seed_gives_the_same_bits_for_one_worker_and_two():
-    scenario = BuildableScenario(load(LANE_CHANGE, ["steps=12", "chunk=3"]))
+    scenario = LoadedScenario(load(LANE_CHANGE, ["steps=12", "chunk=3"]))
     problem = scenario.problem(RULES)
     results = [
         run(problem, MonteCarlo(McConfig(rollouts=8)), executor, Settings(seed=4))
@@ -79,8 +81,9 @@ def test_one_seed_gives_the_same_bits_for_one_worker_and_two():
             assert {**a.to_dict(), "seconds": 0} == {**b.to_dict(), "seconds": 0}
 
 
+@pytest.mark.slow
 def test_particles_do_not_depend_on_their_neighbours(scenario):
-    short = BuildableScenario(load(LANE_CHANGE, ["steps=8"])).problem(RULES)
+    short = LoadedScenario(load(LANE_CHANGE, ["steps=8"])).problem(RULES)
     tape = np.random.default_rng(5).normal(size=(5, short.steps + 1, short.noise_size))
     together = short.replay(tape).robustness
     alone = np.concatenate([short.replay(tape[i : i + 1]).robustness for i in range(len(tape))])
@@ -88,7 +91,7 @@ def test_particles_do_not_depend_on_their_neighbours(scenario):
 
 
 def test_a_rule_that_the_start_already_breaks_is_refused_by_rule_and_vehicle():
-    near = BuildableScenario(load(LANE_CHANGE, ["simulator.vehicles.1.x=45"]))
+    near = LoadedScenario(load(LANE_CHANGE, ["simulator.vehicles.1.x=45"]))
     with pytest.raises(ScenarioError) as caught:
         near.problem("safe_distance")
     text = "\n".join(caught.value.lines())
@@ -100,7 +103,7 @@ def test_a_rule_that_the_start_already_breaks_is_refused_by_rule_and_vehicle():
 
 
 def test_a_solver_that_finds_nothing_is_counted_and_driven_on():
-    blind = BuildableScenario(load(LANE_CHANGE, ["steps=3"]))
+    blind = LoadedScenario(load(LANE_CHANGE, ["steps=3"]))
     loop = blind.stack.loop
     tracker = loop.tracker
     predict = tracker.predict

@@ -2,9 +2,11 @@
 
 from types import MappingProxyType
 
+import pytest
+
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down
-from avrare.testing.study import Study
+from avrare.testing.repeated_estimates import Study
 
 
 class TestMonteCarlo(EstimatorConformance):
@@ -12,6 +14,7 @@ class TestMonteCarlo(EstimatorConformance):
     options = MappingProxyType({"rollouts": 200})
 
 
+@pytest.mark.slow
 class TestSplitting(EstimatorConformance):
     estimator = "ams"
     options = MappingProxyType({"particles": 50, "discard": 5})

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from avrare.testing.problems import families
 
 PAGE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text()
@@ -20,6 +22,7 @@ def test_the_problems(capsys):
     assert 0.018 < float(probability) < 0.019
 
 
+@pytest.mark.slow
 def test_the_suite(tmp_path):
     path = tmp_path / "test_mine.py"
     path.write_text(SUITE)

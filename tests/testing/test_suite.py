@@ -13,7 +13,7 @@ from scipy import stats
 import avrare
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down, walk
-from avrare.testing.study import Study, coverage_at_most, deviation, standard_error
+from avrare.testing.repeated_estimates import Study, coverage_at_most, deviation, standard_error
 
 
 class Honest(EstimatorConformance):
@@ -98,7 +98,7 @@ def lies():
         ("test_unbiased_with_errors", liar(lambda r: shifted(r, 1.3)), (), "standard errors"),
         ("test_interval_covers", liar(narrow), (), "intervals cover"),
         ("test_interval_covers", liar(wide), (), "says too little"),
-        ("test_interval_widens_with_confidence", liar(same, confidence=0.5), (), "not at the confidence"),
+        ("test_interval_widens_with_confidence", liar(same, confidence=0.5), (), "not have the confidence"),
         ("test_other_seeds_differ", liar(same, seed=1), (), "seeds share"),
         ("test_runs_are_a_prefix", liar(sorted_runs), (), "not equal"),
         ("test_cost_is_honest", liar(cheaper), (), "stepped"),
@@ -107,7 +107,7 @@ def lies():
         ("test_budget_is_kept", liar(same, budget="steps=20000"), ("steps",), "of 100000 steps"),
         ("test_result_is_consistent", liar(lambda r: replace(r, probability=0.5)), (), "mean of the runs"),
         ("test_failures_replay", liar(other_tapes), (), "does not fail"),
-        ("test_json_has_no_nan", liar(infinite), (), "NaN is no JSON"),
+        ("test_json_has_no_nan", liar(infinite), (), "NaN is not JSON"),
         ("test_impossible", liar(wide), (), "no upper bound"),
         ("test_certain", liar(shifted), (), r"\(0.5, 1.0\)"),
         ("test_errors_are_counted", liar(errors_hidden), (), "errors are counted"),
@@ -167,7 +167,7 @@ def test_the_slack_of_coverage_is_binomial(hits, trials, p):
 
 
 def test_the_problems_need_no_pytest():
-    code = "import sys, avrare.testing.problems, avrare.testing.systems; print(*sys.modules)"
+    code = "import sys, avrare.testing.problems, avrare.testing.awkward_systems; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "avrare.testing.problems" in done.stdout.split()
     assert not {"pytest", "scipy", "torch", "matplotlib"} & set(done.stdout.split())

@@ -52,6 +52,7 @@ def run(folder, *words):
     )
 
 
+@pytest.mark.slow
 def test_in_python(folder):
     program = folder / "program.py"
     program.write_text(ESTIMATE.replace("rollouts=2000", "rollouts=200"))
@@ -64,6 +65,7 @@ def test_in_python(folder):
     assert "6.4e-4,\nbetween 2.8e-4 and 1.5e-3" in PAGE
 
 
+@pytest.mark.slow
 def test_as_a_scenario(folder):
     validate, estimate = (line.split()[1:] for line in COMMANDS.splitlines())
     assert run(folder, "-m", "avrare", *validate).returncode == 0
@@ -74,6 +76,7 @@ def test_as_a_scenario(folder):
     assert estimate["errors"] == 0
 
 
+@pytest.mark.slow
 def test_as_a_gymnasium_environment(folder):
     pytest.importorskip("gymnasium")
     done = run(folder, "-m", "avrare", "run", "cart.yaml", "--json")

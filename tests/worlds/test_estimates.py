@@ -5,7 +5,7 @@ import json
 import pytest
 
 import avrare
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.worlds import NotDeterministic, as_system, capabilities, require
 
 FORMULA = "always (x < 0.9)"
@@ -35,6 +35,7 @@ def test_it_is_the_estimate_of_the_batched_system(toys, copy, estimator):
         assert (found.counts.get("replayed_steps", 0) > 0) == (copy == "replay")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copy", ["replay", "deepcopy"])
 def test_two_workers_give_the_same_bits(toys, copy):
     system = as_system(toys.Hooked, toys.Push(), copy=copy)
@@ -56,7 +57,9 @@ def test_other_estimators_take_it_too(toys):
 
 
 def test_a_careless_world_is_refused_by_splitting_before_anything_runs(toys):
-    with pytest.raises(UsageError, match=r"ams must start rollouts from others.*signal 'x' differs at step"):
+    with pytest.raises(
+        UsageError, match=r"ams must continue rollouts from others.*signal 'x' differs at step"
+    ):
         estimate(as_system(toys.Careless), **AMS)
     assert estimate(as_system(toys.Careless), "mc", rollouts=20).errors == 0
 
@@ -67,7 +70,7 @@ def test_one_that_is_careless_later_is_refused_at_the_first_branch(toys):
 
 
 def test_a_leaky_world_is_refused_unless_it_is_made_anew(toys):
-    with pytest.raises(UsageError, match="start rollouts from others"):
+    with pytest.raises(UsageError, match="continue rollouts from others"):
         estimate(as_system(toys.Leaky), **AMS)
     assert plain(estimate(as_system(toys.Leaky, reuse=False), **AMS)) == plain(
         estimate(as_system(toys.Walk), **AMS)
@@ -78,7 +81,9 @@ def test_a_leaky_world_is_refused_unless_it_is_made_anew(toys):
     ("name", "reason"), [("Entangled", "signal 'x' differs"), ("Brittle", "it raises AssertionError")]
 )
 def test_copies_that_are_none(toys, name, reason):
-    with pytest.raises(UsageError, match=f"a copy of the world by deepcopy does not go on.*{reason}"):
+    with pytest.raises(
+        UsageError, match=f"copy of the world by deepcopy does not continue like the world.*{reason}"
+    ):
         estimate(as_system(getattr(toys, name), copy="deepcopy"), **AMS)
     found = plain(estimate(as_system(getattr(toys, name)), **AMS))
     assert found == plain(estimate(as_system(toys.Walk), **AMS))
@@ -109,7 +114,7 @@ def test_an_estimator_says_what_it_misses_before_anything_runs(toys):
     system = as_system(Sealed)
     require(system, "mc", ())
     require(system, "is", ("noise",))
-    with pytest.raises(UsageError, match=r"ams must start rollouts from others.*its maker says so"):
+    with pytest.raises(UsageError, match=r"ams must continue rollouts from others.*its maker says so"):
         require(system, "ams", ("branches",))
     with pytest.raises(UsageError, match="ess must choose the noise"):
         require(as_system(toys.Careless), "ess", ("noise",))

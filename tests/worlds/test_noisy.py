@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
+from avrare.base.special import uniform_from_normal as uniform
 from avrare.worlds import Channel, Noisy, as_system
-from avrare.worlds.channel import uniform
 
 
 @pytest.mark.parametrize(

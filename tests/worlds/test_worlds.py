@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare import batch
-from avrare.build.closed_loop import ClosedLoop
-from avrare.errors import UsageError
+from avrare.base import batch
+from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
+from avrare.stack.closed_loop import ClosedLoop
 from avrare.worlds import Worlds, as_system
 
 STEPS = 12
@@ -162,9 +162,9 @@ def test_no_world():
 
 
 def test_a_world_is_not_what_makes_worlds(toys):
-    with pytest.raises(UsageError, match="by calling a class or a function, not Walk objects") as caught:
+    with pytest.raises(UsageError, match="by a class or a function, not by a Walk object") as caught:
         as_system(toys.Walk())
-    assert caught.value.hint == "hand over what makes a world: Walk, not Walk()"
+    assert caught.value.hint == "pass the class: Walk, not Walk()"
 
 
 def test_signals_that_change(toys):
@@ -181,7 +181,7 @@ def test_an_action_that_is_no_array(toys):
         def act(self, memory, seen, prediction):
             return "left", memory
 
-    with pytest.raises(UsageError, match="gave str"):
+    with pytest.raises(UsageError, match="returned str"):
         course(as_system(toys.Walk, Sentence()), tape(3))
 
 

@@ -1,1 +1,1 @@
-"""A run's folder as one HTML file that needs nothing else."""
+"""A run folder as one self-contained HTML file."""

@@ -3,14 +3,14 @@
   const root = document.documentElement;
   const players = [];
 
-  // Theme: that of the system, or the reader's choice, which lasts where the browser may keep it.
+  // Theme: the system's, or the reader's choice, stored if the browser allows it.
   const button = document.getElementById("theme");
   const themes = ["auto", "light", "dark"];
-  const kept = (value) => {
+  const storedTheme = (value) => {
     try {
       if (value === undefined) return localStorage.getItem("avrare-theme");
       localStorage.setItem("avrare-theme", value);
-    } catch { /* a file may be refused storage */ }
+    } catch { /* storage may be denied to files */ }
     return null;
   };
   const show = (theme) => {
@@ -19,10 +19,10 @@
     button.textContent = `Theme: ${theme}`;
     for (const player of players) player.draw();
   };
-  let theme = themes.includes(kept()) ? kept() : "auto";
+  let theme = themes.includes(storedTheme()) ? storedTheme() : "auto";
   button.addEventListener("click", () => {
     theme = themes[(themes.indexOf(theme) + 1) % themes.length];
-    kept(theme);
+    storedTheme(theme);
     show(theme);
   });
 
@@ -32,10 +32,10 @@
     return values[k] + (at - k) * (values[next] - values[k]);
   };
 
-  // The road from above, the ego at a third of the width.
-  const view = (canvas, film) => {
+  // Top view of the road, with the ego at a third of the width.
+  const topView = (canvas, data) => {
     const pen = canvas.getContext("2d");
-    const { lanes, width: lane, ramp } = film.road;
+    const { lanes, width: lane, ramp } = data.road;
     const low = lanes[0] - lane / 2, high = lanes[lanes.length - 1] + lane / 2;
     let ppm = 8, left = 0, wide = 0, tall = 0;
     const X = (x) => (x - left) * ppm;
@@ -79,16 +79,16 @@
       pen.restore();
     };
 
-    // Above the vehicle, or below it where another one is in the way.
+    // Label above the vehicle, or below it if another vehicle is in the way.
     const name = (words, x, y, w, fill, all) => {
-      const taken = all.some(([u, v]) => v > y + .5 && v < y + 1.5 * lane && Math.abs(u - x) * ppm < 46);
+      const occupied = all.some(([u, v]) => v > y + .5 && v < y + 1.5 * lane && Math.abs(u - x) * ppm < 46);
       pen.font = "600 11px system-ui, sans-serif";
       pen.textAlign = "center";
-      pen.textBaseline = taken ? "top" : "bottom";
+      pen.textBaseline = occupied ? "top" : "bottom";
       pen.lineWidth = 4;
       pen.lineJoin = "round";
       pen.strokeStyle = colour("road");
-      const at = taken ? Y(y) + w / 2 * ppm + 5 : Y(y) - w / 2 * ppm - 5;
+      const at = occupied ? Y(y) + w / 2 * ppm + 5 : Y(y) - w / 2 * ppm - 5;
       pen.strokeText(words, X(x), at);
       pen.fillStyle = fill;
       pen.fillText(words, X(x), at);
@@ -106,11 +106,11 @@
     };
 
     const observed = (k) => {
-      const seen = film.seen[k];
+      const seen = data.seen[k];
       if (!seen) return;
-      pen.strokeStyle = pen.fillStyle = colour("seen");
+      pen.strokeStyle = pen.fillStyle = colour("observed");
       seen.forEach((at, v) => {
-        const other = film.others[v];
+        const other = data.others[v];
         pen.beginPath();
         if (at) {
           pen.arc(X(at[0]), Y(at[1]), 4, 0, 7);
@@ -118,7 +118,7 @@
           pen.lineWidth = 1.5;
           pen.strokeStyle = colour("road");
           pen.stroke();
-          pen.strokeStyle = colour("seen");
+          pen.strokeStyle = colour("observed");
         } else {
           pen.lineWidth = 1.5;
           pen.setLineDash([4, 3]);
@@ -138,18 +138,18 @@
       pen.setTransform(ratio, 0, 0, ratio, 0, 0);
       pen.clearRect(0, 0, wide, tall);
       ppm = Math.min(Math.max(wide / 105, 6.4), (tall - 46) / (high - low));
-      left = between(film.ego.x, t) - wide / ppm * .36;
+      left = between(data.ego.x, t) - wide / ppm * .36;
       road();
       const k = Math.round(t);
-      if (film.predicted && film.predicted[k])
-        for (const points of film.predicted[k]) path(points, colour("predicted"), [2, 4]);
-      const ego = film.ego, all = [ego, ...film.others].map((one) => [between(one.x, t), between(one.y, t)]);
-      [ego, ...film.others].forEach((one, v) => {
+      if (data.predicted && data.predicted[k])
+        for (const points of data.predicted[k]) path(points, colour("predicted"), [2, 4]);
+      const ego = data.ego, all = [ego, ...data.others].map((one) => [between(one.x, t), between(one.y, t)]);
+      [ego, ...data.others].forEach((one, v) => {
         const fill = colour(v === 0 ? "accent" : one.marked ? "fail" : "muted");
         name(v === 0 ? "ego" : one.name, ...all[v], one.w, fill, all);
       });
-      if (film.plan && film.plan[k]) path(film.plan[k], colour("accent"), []);
-      for (const one of film.others) {
+      if (data.plan && data.plan[k]) path(data.plan[k], colour("accent"), []);
+      for (const one of data.others) {
         const fill = colour(one.moving ? "vehicle" : "parked");
         car(between(one.x, t), between(one.y, t), between(one.h, t), one.l, one.w, fill, one.marked);
       }
@@ -163,48 +163,48 @@
   };
 
   const player = (box) => {
-    const film = JSON.parse(box.querySelector("script").textContent);
+    const data = JSON.parse(box.querySelector("script").textContent);
     const canvas = box.querySelector("canvas");
-    const paint = canvas && film.road ? view(canvas, film) : () => {};
+    const paint = canvas && data.road ? topView(canvas, data) : () => {};
     const play = box.querySelector(".play"), slider = box.querySelector("input");
-    const clock = box.querySelector("output"), pace = box.querySelector(".speed");
+    const clock = box.querySelector("output"), speedButton = box.querySelector(".speed");
     const cursors = box.querySelectorAll(".cursor");
-    const last = film.samples - 1;
-    const paces = [1, .5, .25, 2];
-    let t = Number(box.dataset.start), speed = 1, since = null;
+    const last = data.samples - 1;
+    const speeds = [1, .5, .25, 2];
+    let t = Number(box.dataset.start), speed = 1, playingSince = null;
 
     const draw = () => {
       slider.value = Math.round(t);
-      clock.textContent = `${(t * film.dt).toFixed(2)} s`;
-      const at = `${100 * (t + .5) / film.samples}%`;
+      clock.textContent = `${(t * data.dt).toFixed(2)} s`;
+      const at = `${100 * (t + .5) / data.samples}%`;
       for (const one of cursors) one.style.left = at;
       paint(t);
     };
-    const stop = () => { since = null; play.textContent = "Play"; };
+    const stop = () => { playingSince = null; play.textContent = "Play"; };
     const move = (now) => {
-      if (since === null) return;
-      t += (now - since) / 1000 * speed / film.dt;
-      since = now;
+      if (playingSince === null) return;
+      t += (now - playingSince) / 1000 * speed / data.dt;
+      playingSince = now;
       if (t >= last) { t = last; stop(); }
       draw();
-      if (since !== null) requestAnimationFrame(move);
+      if (playingSince !== null) requestAnimationFrame(move);
     };
     play.addEventListener("click", () => {
-      if (since !== null) { t = Math.round(t); stop(); draw(); return; }
+      if (playingSince !== null) { t = Math.round(t); stop(); draw(); return; }
       if (t >= last) t = 0;
-      since = performance.now();
+      playingSince = performance.now();
       play.textContent = "Pause";
       requestAnimationFrame(move);
     });
     slider.addEventListener("input", () => { stop(); t = Number(slider.value); draw(); });
-    pace.addEventListener("click", () => {
-      speed = paces[(paces.indexOf(speed) + 1) % paces.length];
-      pace.textContent = `${speed}×`;
+    speedButton.addEventListener("click", () => {
+      speed = speeds[(speeds.indexOf(speed) + 1) % speeds.length];
+      speedButton.textContent = `${speed}×`;
     });
     for (const area of box.querySelectorAll(".over-time .area")) {
       const go = (event) => {
         const frame = area.getBoundingClientRect();
-        const at = Math.floor((event.clientX - frame.left) / frame.width * film.samples);
+        const at = Math.floor((event.clientX - frame.left) / frame.width * data.samples);
         stop();
         t = Math.min(Math.max(at, 0), last);
         draw();
@@ -217,7 +217,7 @@
     return { draw };
   };
 
-  for (const box of document.querySelectorAll(".drive")) players.push(player(box));
+  for (const box of document.querySelectorAll(".player")) players.push(player(box));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(theme));
   show(theme);
   document.body.dataset.ready = String(players.length);

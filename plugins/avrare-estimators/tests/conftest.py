@@ -1,4 +1,4 @@
-"""Puts this folder on the path, where worker processes find the systems of these tests too."""
+"""Import path of the tests: this folder, also for worker processes."""
 
 import sys
 from pathlib import Path

@@ -23,6 +23,7 @@ def deviation(values, truth):
     return abs(values.mean() - truth) / (values.std(ddof=1) / np.sqrt(len(values)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -70,6 +71,7 @@ def test_not_reaching_failure_is_said():
     assert high > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["e_ou_L5.0", "e_ou_L6.0"])
 def test_many_design_points_are_no_silent_error(name):
     """One Gaussian cannot stand for failures that may come at any time: it must not pretend to."""
@@ -80,6 +82,7 @@ def test_many_design_points_are_no_silent_error(name):
         assert result.health or low / 3 <= problem.probability <= high * 3
 
 
+@pytest.mark.slow
 def test_same_bits_for_two_workers():
     task = avrare.Problem(toy.Coin(), avrare.stl("always (x < 6)"), 9, chunk=40)
     one, two = (avrare.estimate(task, "ce", rollouts=200, runs=2, workers=w) for w in (1, 2))

@@ -5,19 +5,20 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
+from studies.stationarity import rolled_out
 
 import avrare
+import odd_systems
 from avrare.estimation.intervals import clopper_pearson
 from avrare.estimation.loop import Settings, run
-from avrare.execute.serial import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.problem import Problem
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 from avrare.testing.problems import linear, reference_problem, walk
-from avrare.testing.study import deviation
-from avrare_estimators.chains import Move, Untaught
-from avrare_estimators.ess_config import EssConfig
-from avrare_estimators.nested import NestedLevels
-from avrare_estimators.stationarity import rolled_out
+from avrare.testing.repeated_estimates import deviation
+from avrare_estimators.config import EssConfig
+from avrare_estimators.ess.chains import Kernel, Move
+from avrare_estimators.ess.estimator import NestedLevels
 
 SMALL = {"chains": 20, "level_probability": 0.2}
 
@@ -31,16 +32,19 @@ def off(id, **options):
     return deviation(estimate(id, **options).run_probabilities, reference_problem(id).probability)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("id", ["a_beta_-2", "c_fourbranch_k7", "i_lognormal_prod_d1", "i_exp_sum_d10_c30.0"])
 @pytest.mark.parametrize("kernel", ["pcn", "shrink", "surrogate"])
 def test_mean_over_true(id, kernel):
     assert abs(off(id, kernel=kernel, runs=200, seed=2, **SMALL)) < 4.0
 
 
+@pytest.mark.slow
 def test_mean_over_true_in_a_hundred_dimensions():
     assert abs(off("b_linear_d100_p1e-4", runs=100, chains=30, seed=2)) < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("id", ["a_beta_-2", "b_linear_d100_p1e-4"])
 def test_lipschitz_with_a_true_bound(id):
     assert abs(off(id, kernel="lipschitz", lipschitz=1.0, runs=60, **SMALL)) < 4.0
@@ -58,6 +62,7 @@ def test_a_false_bound_is_noticed(second_pass):
     assert 0.05 < int(found[1]) / int(found[2]) < 0.9
 
 
+@pytest.mark.slow
 def test_a_narrower_bracket_is_unbiased_and_cheaper():
     whole, part = (
         estimate("a_beta_-2.5", kernel="shrink", bracket=bracket, runs=100, **SMALL)
@@ -75,11 +80,13 @@ def test_heuristics_say_so(kernel):
     assert "heuristic_kernel" not in estimate("a_beta_-2", runs=2, **SMALL).health
 
 
+@pytest.mark.slow
 def test_growing_slope_is_biased():
     """Why it carries a note."""
     assert off("i_exp_sum_d10_c30.0", kernel="lipschitz_growing", runs=60, **SMALL) > 4.0
 
 
+@pytest.mark.slow
 def test_the_smallest_sample_is_unbiased_too():
     """Ten samples a level: what adapts to itself is off, what follows a pilot is not."""
     options = {"chains": 5, "level_probability": 0.5, "runs": 4000, "kernel": "shrink"}
@@ -93,7 +100,8 @@ def steep(signals, t):
     return np.where(x > 0.5, np.inf, x)
 
 
-@pytest.mark.parametrize("score", [systems.backwards, systems.constant, systems.height, steep])
+@pytest.mark.slow
+@pytest.mark.parametrize("score", [odd_systems.backwards, systems.constant, odd_systems.height, steep])
 def test_any_score_will_do(score):
     """Failures belong to every level, also where a score puts them below it."""
     reference = walk(1.0, 20)
@@ -110,6 +118,7 @@ def test_skipped_samples_cost_and_help():
     assert many.rollouts > 2.5 * few.rollouts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["surrogate", "lipschitz_growing", "bayesian"])
 def test_runs_are_a_prefix(kernel):
     few, many = (estimate("a_beta_-2", kernel=kernel, runs=runs, **SMALL) for runs in (2, 5))
@@ -131,6 +140,7 @@ def test_certain_failure_has_no_error_and_no_negative_zero(runs):
     assert (result.probability, str(result.relative_error)) == (1.0, "0.0")
 
 
+@pytest.mark.slow
 def test_single_run_has_an_interval_and_a_warning():
     truth = reference_problem("c_fourbranch_k7").probability
     results = [estimate("c_fourbranch_k7", runs=1, seed=seed) for seed in range(40)]
@@ -161,7 +171,7 @@ def test_failures_are_different_tapes():
 
 def test_breakdowns_near_failure_show_in_the_upper_end():
     """Who comes beyond the brink breaks down: the fresh draws never see it, the chains do."""
-    problem = Problem(systems.Doomed(0.9), avrare.stl("always (x < 1)"), 10)
+    problem = Problem(odd_systems.Doomed(0.9), avrare.stl("always (x < 1)"), 10)
     result = avrare.estimate(problem, "ess", runs=10, **SMALL)
     assert result.errors > 0
     reaching = walk(0.9, 9).probability
@@ -184,14 +194,14 @@ def test_bad_options_are_refused(options, message):
         estimate("a_beta_-2", **options)
 
 
-class ExactHalfSpace(Untaught):
+class ExactHalfSpace(Kernel):
     """Closed form: an independent draw from total > level, known without a rollout."""
 
     rollouts = 0.0
 
     problem = None
 
-    def of(self, problem):
+    def prepare(self, problem):
         self.problem = problem
         return self
 
@@ -204,7 +214,7 @@ class ExactHalfSpace(Untaught):
         wanted = np.array([-normal.inv_cdf(q) for q in tail])
         tape = fresh + ((wanted - total) / np.sqrt(size))[:, None, None]
         done = Move.begin(state, level, draw, tape, ())
-        return done.take(np.ones(len(level), dtype=bool), rolled_out(self.problem, tape)).stay()
+        return done.accept(np.ones(len(level), dtype=bool), rolled_out(self.problem, tape)).stay()
 
 
 def test_a_kernel_in_closed_form_asks_for_no_rollout():

@@ -2,16 +2,20 @@
 
 from typing import ClassVar
 
+import pytest
+
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down, walk
-from avrare.testing.study import Study
+from avrare.testing.repeated_estimates import Study
 
 
+@pytest.mark.slow
 class TestEss(EstimatorConformance):
     estimator = "ess"
     options: ClassVar = {"chains": 30, "level_probability": 0.25}
 
 
+@pytest.mark.slow
 class TestShrink(EstimatorConformance):
     estimator = "ess"
     options: ClassVar = {"chains": 15, "level_probability": 0.25, "kernel": "shrink"}

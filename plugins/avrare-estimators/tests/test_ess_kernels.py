@@ -5,17 +5,22 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from studies.stationarity import drift, exact_starts, rolled_out
 
-from avrare import batch
+from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.testing.problems import conjunction, four_branch, linear, walk
-from avrare_estimators.bayesian import BayesianKernel
-from avrare_estimators.chains import Draw, Info, Move
-from avrare_estimators.lipschitz import GrowingLipschitzKernel, LipschitzKernel, Slope, _stretch, free_angle
-from avrare_estimators.pcn import PcnKernel, Size
-from avrare_estimators.shrink import ShrinkKernel
-from avrare_estimators.stationarity import drift, exact_starts, rolled_out
-from avrare_estimators.surrogate import Odds, Surface, SurrogateKernel
+from avrare_estimators.ess.chains import Draw, Move, StepOutcome
+from avrare_estimators.ess.kernels.bayesian import BayesianKernel
+from avrare_estimators.ess.kernels.lipschitz import (
+    GrowingLipschitzKernel,
+    LipschitzKernel,
+    _largest_singular_value,
+    free_angle,
+)
+from avrare_estimators.ess.kernels.pcn import PcnKernel
+from avrare_estimators.ess.kernels.shrink import ShrinkKernel
+from avrare_estimators.ess.kernels.surrogate import Surface, SurrogateKernel
 
 REGIONS = {"two_corners": conjunction(-1.2), "half_space": linear(1.5, 20), "four_branch": four_branch(4.0)}
 MANY = 6000
@@ -32,10 +37,10 @@ def kernels(size):
     return {
         "shrink": (ShrinkKernel(), ()),
         "bracket": (ShrinkKernel(2.0), ()),
-        "pcn": (PcnKernel(), Size(np.array([0.7]))),
+        "pcn": (PcnKernel(), np.array([0.7])),
         "surrogate": (SurrogateKernel(), wrong_surface(size)),
         "lipschitz": (LipschitzKernel(1.0), ()),
-        "growing": (GrowingLipschitzKernel(0.3), Slope(np.array([0.3]))),
+        "growing": (GrowingLipschitzKernel(0.3), np.array([0.3])),
         "bayesian": (BayesianKernel(), ()),
     }
 
@@ -63,6 +68,7 @@ def test_valid_kernels_leave_the_law_as_it_is(region, name):
     assert not kernel.note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("region", REGIONS)
 def test_growing_slope_is_caught(region):
     found = drifted(region, *kernels(2)["growing"])
@@ -79,7 +85,7 @@ class NoRatio(SurrogateKernel):
 
     def start(self, known, state, level, draw):
         move = super().start(known, state, level, draw)
-        return replace(move, work=Odds(np.full(len(level), np.inf)))
+        return replace(move, work=np.full(len(level), np.inf))
 
 
 class FreshAngles(ShrinkKernel):
@@ -95,6 +101,7 @@ class FreshAngles(ShrinkKernel):
         return replace(move, work=replace(old, angle=angle), proposal=proposal)
 
 
+@pytest.mark.slow
 def test_mutants_are_caught():
     assert abs(drifted("half_space", NoRatio(), wrong_surface(20)).mean) > 5.0
     assert abs(drifted("two_corners", FreshAngles(), ()).mean) > 3.5
@@ -123,8 +130,8 @@ def test_no_chain_depends_on_its_neighbours(region, name):
         for field in ("tape", "score", "violated", "robustness"):
             np.testing.assert_array_equal(getattr(alone.state, field), getattr(together.state, field)[rows])
         if name == "lipschitz":
-            for field, values in vars(batch.take(together.work.seen, np.array(rows))).items():
-                np.testing.assert_array_equal(getattr(alone.work.seen, field), values)
+            for field, values in vars(batch.take(together.work.slopes, np.array(rows))).items():
+                np.testing.assert_array_equal(getattr(alone.work.slopes, field), values)
 
 
 def test_slopes_are_those_between_a_chain_and_its_proposals():
@@ -136,9 +143,9 @@ def test_slopes_are_those_between_a_chain_and_its_proposals():
         kernel = LipschitzKernel(bound)
         move = kernel.start((), state, np.full(500, 9.0), draw)
         found = replace(state, tape=move.proposal, score=3.0 * move.proposal[:, 0, 0])
-        seen = kernel.tell(move, found).work.seen
-        assert (int(seen.pairs.sum()), int(seen.steep.sum())) == (500, steep)
-        np.testing.assert_allclose(seen.most, 3.0, rtol=1e-6)
+        slopes = kernel.tell(move, found).work.slopes
+        assert (int(slopes.pairs.sum()), int(slopes.steep.sum())) == (500, steep)
+        np.testing.assert_allclose(slopes.most, 3.0, rtol=1e-6)
 
 
 def test_a_broken_rollout_has_no_slope():
@@ -146,8 +153,8 @@ def test_a_broken_rollout_has_no_slope():
     draw = Draw(NoiseSource(0, 1), 0, np.zeros(1, dtype=np.int64), 1, np.zeros(1, dtype=np.int64))
     move = LipschitzKernel(1e-9).start((), state, np.full(1, 9.0), draw)
     found = replace(state, tape=move.proposal, score=np.full(1, -np.inf))
-    seen = LipschitzKernel(1e-9).tell(move, found).work.seen
-    assert (seen.pairs.tolist(), seen.steep.tolist(), seen.most.tolist()) == ([0], [0], [0.0])
+    slopes = LipschitzKernel(1e-9).tell(move, found).work.slopes
+    assert (slopes.pairs.tolist(), slopes.steep.tolist(), slopes.most.tolist()) == ([0], [0], [0.0])
 
 
 def test_broken_rollouts_are_never_taken():
@@ -173,7 +180,7 @@ def test_pcn_adapts_run_by_run():
     move = Move.begin(state, np.zeros(4), draw, state.tape, ())
     move = replace(move, accepted=np.array([True, True, False, False]))
     known = kernel.init(3)
-    new = kernel.adapt(known, Info(draw.run, move.accepted, ())).angle / known.angle
+    new = kernel.adapt(known, StepOutcome(draw.run, move.accepted, ())) / known
     assert new[0] > 1.0 == new[1] > new[2]
 
 
@@ -204,12 +211,12 @@ def test_free_angle_says_when_nothing_is_left():
     assert angle[0] == pytest.approx(np.pi / 2)
 
 
-def test_stretch_bounds_how_fast_the_tape_moves():
+def test_largest_singular_value_bounds_how_fast_the_tape_moves():
     rng = np.random.default_rng(4)
     a, b = rng.normal(size=(2, 50, 3, 2))
     angle = np.linspace(0.0, 2.0 * np.pi, 721)[:, None, None, None]
     speed = np.sqrt(((np.cos(angle) * b - np.sin(angle) * a) ** 2).sum(axis=(2, 3))).max(axis=0)
-    np.testing.assert_allclose(_stretch(a, b), speed, rtol=1e-4)
+    np.testing.assert_allclose(_largest_singular_value(a, b), speed, rtol=1e-4)
 
 
 def test_surrogate_learns_what_there_is_to_learn():

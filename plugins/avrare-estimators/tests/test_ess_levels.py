@@ -1,6 +1,6 @@
 import numpy as np
 
-from avrare_estimators.nested_levels import choose_seeds, effective_size, next_levels, r_hat
+from avrare_estimators.ess.levels import choose_seeds, effective_samples, next_levels, r_hat
 
 
 def _next(values, survivors):
@@ -51,9 +51,9 @@ def test_effective_size_tells_chains_that_stand_still():
     rng = np.random.default_rng(1)
     independent = rng.uniform(size=(50, 10, 200)) < 0.3
     still = np.repeat(rng.uniform(size=(50, 1, 200)) < 0.3, 10, axis=1)
-    assert abs(effective_size(independent).mean() / 2000 - 1) < 0.1
-    assert abs(effective_size(still).mean() / 200 - 1) < 0.1
-    assert effective_size(np.ones((1, 4, 5), dtype=bool)).tolist() == [20.0]
+    assert abs(effective_samples(independent).mean() / 2000 - 1) < 0.1
+    assert abs(effective_samples(still).mean() / 200 - 1) < 0.1
+    assert effective_samples(np.ones((1, 4, 5), dtype=bool)).tolist() == [20.0]
 
 
 def test_r_hat_is_one_for_independent_samples_only():

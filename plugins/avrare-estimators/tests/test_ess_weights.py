@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare_estimators.nested_levels import effective_size, relative_weights
+from avrare_estimators.ess.levels import effective_samples, relative_weights
 
 TRUTH = NormalDist().cdf(-3.5)
 
@@ -27,7 +27,7 @@ class Wide:
     noise_size: int = 1
     notes: ClassVar = {"drawn_wide": "the law is another one"}
 
-    def weighing(self):
+    def with_weights(self):
         return replace(self, asked=True)
 
     def initial(self, noise):
@@ -95,7 +95,7 @@ def test_relative_weights_have_mean_one_and_bear_extremes():
 def test_equal_weights_change_no_effective_size():
     hit = np.random.default_rng(0).random((3, 10, 20)) < 0.3
     ones = np.ones(hit.shape)
-    assert effective_size(hit, ones) == pytest.approx(effective_size(hit))
+    assert effective_samples(hit, ones) == pytest.approx(effective_samples(hit))
 
 
 def test_effective_sizes_of_weights_are_those_of_a_ratio():
@@ -106,4 +106,4 @@ def test_effective_sizes_of_weights_are_those_of_a_ratio():
     hit = rng.random(weights.shape) < 0.2 + 0.1 * (weights > 1.0)
     shares = (weights * hit).mean(axis=(1, 2))
     worth = shares.mean() * (1.0 - shares.mean()) / shares.var()
-    assert np.median(effective_size(hit, weights)) == pytest.approx(worth, rel=0.1)
+    assert np.median(effective_samples(hit, weights)) == pytest.approx(worth, rel=0.1)

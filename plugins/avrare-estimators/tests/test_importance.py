@@ -44,6 +44,7 @@ def deviation(values, truth):
     return abs(values.mean() - truth) / (values.std(ddof=1) / np.sqrt(len(values)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("defensive", [0.0, 0.1, 0.5])
 def test_unbiased_over_two_hundred_seeds(defensive):
     task = LINE.problem()
@@ -58,6 +59,7 @@ def test_unbiased_over_two_hundred_seeds(defensive):
     assert covered > 0.95 - 4 * np.sqrt(0.05 * 0.95 / 200)
 
 
+@pytest.mark.slow
 def test_good_proposals_raise_no_alarm():
     task = LINE.problem()
     results = [estimate(task, exact_shift(), seed) for seed in range(60)]
@@ -81,6 +83,7 @@ def test_failures_replay_bit_for_bit():
     assert result.worst.robustness <= result.failures.robustness.min()
 
 
+@pytest.mark.slow
 def test_same_bits_for_two_workers_and_any_chunk_boundaries():
     task = avrare.Problem(toy.Coin(), avrare.stl("always (x < 6)"), 9, chunk=50)
     proposal = {"gaussian": {"mean": 0.8}}
@@ -141,7 +144,8 @@ def test_degenerate_weights_widen_the_interval():
         assert high >= min(0.025 ** (-1 / rows) - 1, 0.01)
 
 
-def test_a_missed_mode_is_found_by_the_second_look():
+@pytest.mark.slow
+def test_a_missed_mode_is_found_by_the_cross_check():
     """Many design points: at one of them a proposal finds a fraction of the truth and looks well."""
     problem = reference_problem("e_ou_L5.0")
     tape = np.zeros((101, 1))
@@ -207,13 +211,14 @@ def test_the_target_as_its_own_proposal_has_weight_one():
 
 
 def test_perception_rows_do_not_depend_on_their_neighbours():
-    from avrare.build.weighted import Law, WeightedProblem
     from avrare.rollout.noise import NoiseSource
     from avrare.rollout.request import FROM_START, Request
+    from avrare.rollout.weighted_problem import WeightedProblem
+    from avrare.stack.weighted_loop import SamplingLaw
 
     task = WeightedProblem(toy.final_only(LIMIT), NEAR)
     same = np.ones(40, dtype=np.int64)
-    request = Request(0 * same, 0 * same, np.arange(40), FROM_START * same, law=Law())
+    request = Request(0 * same, 0 * same, np.arange(40), FROM_START * same, law=SamplingLaw())
     noise = NoiseSource(1, task.noise_size)
     whole = task.simulate(noise, request)
     assert len(set(whole.log_weight)) == 40
@@ -230,6 +235,7 @@ def test_perception_failures_replay_under_the_target():
     np.testing.assert_array_equal(task.robustness(result.failures.noise), result.failures.robustness)
 
 
+@pytest.mark.slow
 def test_perception_same_bits_for_two_workers():
     task = toy.final_only(LIMIT, chunk=64)
     one, two = (avrare.estimate(task, "is", proposal=NEAR, rollouts=300, workers=w) for w in (1, 2))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare_estimators.learned import INPUTS, OUTPUTS, Network, inputs
+from avrare_estimators.importance.tilted_perception import INPUTS, OUTPUTS, Tilt, TiltNetwork, network_inputs
 
 sys.path.insert(0, str(Path(__file__).parent))
 import toy_closed_loop as toy
@@ -19,7 +19,8 @@ QUICK = {"family": "network", "rollouts": 400, "epochs": 60, "rate": 5e-3, "hidd
 def network(scale=0.1, seed=0):
     rng = np.random.default_rng(seed)
     shapes = [(INPUTS, 100), (100,), (100, 100), (100,), (100, OUTPUTS), (OUTPUTS,)]
-    return Network(np.zeros(INPUTS), np.ones(INPUTS), tuple(scale * rng.standard_normal(s) for s in shapes))
+    layers = tuple(scale * rng.standard_normal(s) for s in shapes)
+    return Tilt(TiltNetwork(np.zeros(INPUTS), np.ones(INPUTS), layers))
 
 
 def world(n):
@@ -32,7 +33,7 @@ def world(n):
 
 def test_a_network_of_zeros_is_the_target():
     target, many = toy.Pem(toy.scene()), world(30)
-    tilted = network(0.0).of(target)
+    tilted = network(0.0).for_target(target)
     noise = np.random.default_rng(2).standard_normal((30, 3))
     seen = target.observe(many, noise)
     np.testing.assert_array_equal(tilted.observe(many, noise).x, seen.x)
@@ -40,9 +41,9 @@ def test_a_network_of_zeros_is_the_target():
 
 
 def test_rows_do_not_depend_on_their_neighbours():
-    from avrare.batch import take
+    from avrare.base.batch import take
 
-    tilted, many = network().of(toy.Pem(toy.scene())), world(60)
+    tilted, many = network().for_target(toy.Pem(toy.scene())), world(60)
     noise = np.random.default_rng(3).standard_normal((60, 3))
     whole = tilted.observe(many, noise)
     assert len(np.unique(whole.y[whole.detected])) > 30
@@ -54,7 +55,7 @@ def test_rows_do_not_depend_on_their_neighbours():
 
 
 def test_inputs_are_what_the_ego_sees():
-    seen = inputs(world(4), toy.scene())
+    seen = network_inputs(world(4), toy.scene())
     assert seen.shape == (4, 1, INPUTS)
     np.testing.assert_allclose(seen[..., 2], np.hypot(seen[..., 0], seen[..., 1]))
     np.testing.assert_allclose(seen[..., 6:], [[[4.5, 1.8]]] * 4)
@@ -64,13 +65,19 @@ def test_tilted_density_integrates_to_one():
     """The mean weight of the target against a tilt of it, whatever the tilt."""
     task = toy.final_only(4.0)
     result = avrare.estimate(
-        task, "is", proposal=network(0.06).of(toy.Pem(toy.scene())), rollouts=6000, defensive=0.0, check=0.0
+        task,
+        "is",
+        proposal=network(0.06).for_target(toy.Pem(toy.scene())),
+        rollouts=6000,
+        defensive=0.0,
+        check=0.0,
     )
     marks = result.diagnostics
     assert 0.001 < marks["mean_weight_error"] < 0.1
     assert abs(marks["mean_weight"] - 1) < 4 * marks["mean_weight_error"]
 
 
+@pytest.mark.slow
 def test_it_learns_and_stays_unbiased():
     pytest.importorskip("torch")
     truth = toy.exact(LIMIT)
@@ -82,6 +89,7 @@ def test_it_learns_and_stays_unbiased():
         assert stages[0]["failures"] < 5 < 40 < stages[-1]["failures"]
 
 
+@pytest.mark.slow
 def test_training_gives_the_same_bits():
     pytest.importorskip("torch")
     task = toy.final_only(LIMIT, chunk=64)
@@ -97,6 +105,7 @@ def test_a_target_without_law_is_refused():
         avrare.estimate(toy.final_only(LIMIT, perception=toy.Blind(toy.scene())), "ce", family="network")
 
 
+@pytest.mark.slow
 def test_without_torch_there_is_a_pip_line(monkeypatch):
     import importlib.util
 

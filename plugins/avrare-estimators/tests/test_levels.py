@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare_estimators.levels import choose_parents, first_above, next_level
+from avrare_estimators.ams.levels import choose_parents, first_above, next_level
 
 
 def level(score, violated, discard):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare import batch
-from avrare.testing import systems
-from avrare_estimators.splitting import Splitting
+import odd_systems
+from avrare.base import batch
+from avrare.testing import awkward_systems as systems
+from avrare_estimators.ams.splitting import Splitting
 
 OPTIONS = {"particles": 40, "discard": 6, "runs": 2, "seed": 4}
 STEPS = 20
@@ -93,7 +94,7 @@ def test_few_carries_change_nothing_but_the_cost(limited, spacings, steps, spaci
 @pytest.mark.parametrize("steps", [6, 2])
 @pytest.mark.parametrize("formula", ["always (x < 0.9)", "eventually[3:9] (x > 0.6)"])
 @pytest.mark.parametrize(
-    "system", [systems.Odometer(), systems.NestedWalk(), systems.Fragile.with_chance(0.01)]
+    "system", [odd_systems.Odometer(), odd_systems.NestedWalk(), systems.Fragile.with_chance(0.01)]
 )
 def test_chunks_do_not_matter(limited, steps, formula, system):
     limited(steps)
@@ -103,7 +104,7 @@ def test_chunks_do_not_matter(limited, steps, formula, system):
 
 
 @pytest.mark.parametrize("steps", [99, 6, 2])
-@pytest.mark.parametrize("system", [systems.Odometer(), systems.Fragile.with_chance(0.01)])
+@pytest.mark.parametrize("system", [odd_systems.Odometer(), systems.Fragile.with_chance(0.01)])
 def test_interrupted_it_comes_to_the_same(limited, tmp_path, steps, system):
     limited(steps)
     whole, paid = estimate(system=system)

@@ -10,49 +10,49 @@ import numpy as np
 import pytest
 
 from avrare.estimation.loop import Settings, run
-from avrare.execute.serial import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down, ornstein_uhlenbeck, walk
-from avrare.testing.study import Study, deviation
-from avrare_estimators import splitting
+from avrare.testing.repeated_estimates import Study, deviation
+from avrare_estimators.ams import splitting
+from avrare_estimators.ams.levels import Level, first_above
+from avrare_estimators.ams.splitting import Splitting
 from avrare_estimators.config import AmsConfig
-from avrare_estimators.levels import Level, first_above
-from avrare_estimators.splitting import Splitting
 
 
 class NominalWeight(Splitting):
     """Weighs by K, not by the number discarded."""
 
-    def _weigh(self, state, killed, level):
-        super()._weigh(state, np.where(killed > 0, self.config.discard, 0), level)
+    def _reweight(self, state, discarded, level):
+        super()._reweight(state, np.where(discarded > 0, self.config.discard, 0), level)
 
 
 class ExactlyK(Splitting):
     """Discards exactly K: those that tie with the level survive, and a child branches where they reach it."""
 
-    def _split(self, state):
+    def _advance_level(self, state):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(splitting, "next_level", exactly_k)
             patch.setattr(splitting, "first_above", first_at_or_above)
-            return super()._split(state)
+            return super()._advance_level(state)
 
 
 class BranchAtLevel(Splitting):
     """A child branches where its parent reaches the level, not where it exceeds it."""
 
-    def _split(self, state):
+    def _advance_level(self, state):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(splitting, "first_above", first_at_or_above)
-            return super()._split(state)
+            return super()._advance_level(state)
 
 
 class RestartAtWorst(Splitting):
     """A child branches at the most critical step of its parent."""
 
-    def _split(self, state):
+    def _advance_level(self, state):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(splitting, "first_above", lambda scores, level: scores.argmax(axis=1))
-            return super()._split(state)
+            return super()._advance_level(state)
 
 
 class OwnScore(Splitting):

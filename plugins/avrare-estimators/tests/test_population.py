@@ -5,7 +5,7 @@ import pytest
 
 from avrare.protocols import Verdict
 from avrare.rollout.request import Carry
-from avrare_estimators.population import Population
+from avrare_estimators.ams.state import Population
 
 
 def carry(x, score):
@@ -21,8 +21,8 @@ def test_history_holds_what_it_was_given_whichever_leaves_are_one_array(first_sh
         return carry(x, x if shared else 10.0 * x)
 
     population = Population.empty(5, 5, 3)
-    population.remember(2, np.arange(5), given([0, 1, 2, 3, 4], first_shared))
-    population.remember(2, np.array([3, 1]), given([30, 10], then_shared))
+    population.store_carry(2, np.arange(5), given([0, 1, 2, 3, 4], first_shared))
+    population.store_carry(2, np.array([3, 1]), given([30, 10], then_shared))
     slots = np.array([1, 2, 3])
     ((step, kept),) = population.branch(slots, np.array([2, 2, 2]))
     assert step == 2

@@ -8,10 +8,11 @@ import pytest
 from scipy import stats
 
 import avrare
-from avrare.testing import systems
+import odd_systems
+from avrare.testing import awkward_systems as systems
 from avrare.testing.lattices import Lattice
 from avrare.testing.problems import count_down, reference_problem
-from avrare.testing.reach import Lag
+from avrare.testing.reach_in_time import Lag
 
 WALK = reference_problem("d_rw_L2.5")
 RARE_WALK = reference_problem("d_rw_L3.8")
@@ -46,7 +47,7 @@ def test_cost_is_what_was_passed_to_step(problem):
 
 
 def test_counters_count_each_step_once():
-    result = estimate(walk(system=systems.Odometer()))
+    result = estimate(walk(system=odd_systems.Odometer()))
     assert result.counts == {"steps": result.simulated_steps}
 
 
@@ -62,7 +63,7 @@ def test_failures_replay_bit_for_bit(problem):
     assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
 
 
-@pytest.mark.parametrize("score", [systems.backwards, Lag(0.1)])
+@pytest.mark.parametrize("score", [odd_systems.backwards, Lag(0.1)])
 def test_discarded_failures_are_not_lost(score):
     """A score may put failures below other particles; they count, and their tapes are kept."""
     task = walk(0.4, steps=6, score=score)
@@ -147,6 +148,7 @@ def test_frequent_failures(limit, runs):
         assert 0.0 <= low <= result.probability <= high <= 1.0
 
 
+@pytest.mark.slow
 def test_extreme_confidence():
     for confidence in (1e-9, 0.9999, 1 - 1e-12):
         for runs in (1, 2):
@@ -200,7 +202,7 @@ def test_errored_particles_are_never_parents():
 
 
 def test_errors_on_the_way_to_failure_are_not_failures():
-    task = walk(1.5, system=systems.Doomed(1.0))
+    task = walk(1.5, system=odd_systems.Doomed(1.0))
     result = estimate(task, particles=60, discard=6, runs=5)
     healthy = estimate(walk(1.5), particles=60, discard=6, runs=5)
     assert result.errors > 0
@@ -261,9 +263,9 @@ def test_one_specification_at_a_time():
 
 def test_progress_shows_levels():
     from avrare.estimation.loop import Settings, run
-    from avrare.execute.serial import SerialExecutor
+    from avrare.rollout.executors.serial import SerialExecutor
+    from avrare_estimators.ams.splitting import Splitting
     from avrare_estimators.config import AmsConfig
-    from avrare_estimators.splitting import Splitting
 
     seen = []
     estimator = Splitting(AmsConfig(particles=40, discard=8, runs=2))
@@ -277,6 +279,7 @@ def test_progress_shows_levels():
     assert levels[-1] <= 0.0 < seen[-1].stage
 
 
+@pytest.mark.slow
 def test_equal_runs_are_no_certainty_and_no_alarm():
     tries = (estimate(walk(steps=100), seed, particles=20, discard=2, runs=2) for seed in range(100, 150))
     result = next(r for r in tries if r.run_probabilities[0] == r.run_probabilities[1])
@@ -301,6 +304,7 @@ def test_the_published_variant_discards_one_more_and_counts_robustness_zero():
     assert avrare.estimate(touching, "ams", particles=5, discard=1, variant="published").probability == 1.0
 
 
+@pytest.mark.slow
 def test_the_published_variant_is_unbiased_where_robustness_only_falls():
     walk, truth = reference_problem("d_rw_L2.5").problem(), reference_problem("d_rw_L2.5").probability
     values = avrare.estimate(
@@ -309,6 +313,7 @@ def test_the_published_variant_is_unbiased_where_robustness_only_falls():
     assert abs(values.mean() - truth) < 4 * values.std(ddof=1) / np.sqrt(len(values)) < truth
 
 
+@pytest.mark.slow
 def test_the_published_variant_loses_failures_where_robustness_recovers():
     reference = reference_problem("g_eventually_c0.5")
     values = avrare.estimate(
@@ -317,6 +322,7 @@ def test_the_published_variant_loses_failures_where_robustness_recovers():
     assert values.mean() < 0.2 * reference.probability
 
 
+@pytest.mark.slow
 def test_ties_are_told():
     result = avrare.estimate(count_down(4, 9, "1/5").problem(), "ams", particles=50, discard=2, runs=10)
     assert "ties" in result.health

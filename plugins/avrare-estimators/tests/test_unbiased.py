@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.testing import systems
+import odd_systems
+from avrare.testing import awkward_systems as systems
 from avrare.testing.problems import ReferenceProblem, count_down, reference_problem
-from avrare.testing.reach import Lag
+from avrare.testing.reach_in_time import Lag
 
 WALK = reference_problem("d_rw_L2.5")
 RARE_WALK = reference_problem("d_rw_L3.8")
@@ -30,6 +31,7 @@ def deviation(values, truth):
     return abs(values.mean() - truth) / (values.std(ddof=1) / np.sqrt(len(values)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "settings"),
     [
@@ -48,6 +50,7 @@ def test_unbiased(problem, settings):
     assert values.std(ddof=1) / np.sqrt(len(values)) < 0.12 * problem.probability, "too weak a test"
 
 
+@pytest.mark.slow
 def test_unbiased_over_two_hundred_seeds():
     values = np.array(
         [estimate(FEW_LEVELS, seed, particles=30, discard=5, runs=1).probability for seed in range(200)]
@@ -55,7 +58,7 @@ def test_unbiased_over_two_hundred_seeds():
     assert deviation(values, FEW_LEVELS.probability) < 4
 
 
-@pytest.mark.parametrize("score", [systems.height, systems.backwards, systems.constant, Lag(0.1)])
+@pytest.mark.parametrize("score", [odd_systems.height, odd_systems.backwards, systems.constant, Lag(0.1)])
 def test_any_score_is_unbiased(score):
     """A bad score costs, but does not lie; here even one that discards the failures first."""
     task = avrare.Problem(systems.Walk(), avrare.stl("always (x < 0.4)"), 6, score)
@@ -99,6 +102,7 @@ def test_dropping_extinct_runs_would_be_found_out(ties):
     assert deviation(values[~extinct], truth) > 10
 
 
+@pytest.mark.slow
 def test_genealogical_variance_is_unbiased():
     result = estimate(FEW_LEVELS, seed=5, particles=40, discard=5, runs=3000)
     truth = FEW_LEVELS.probability
@@ -107,6 +111,7 @@ def test_genealogical_variance_is_unbiased():
     assert squares.std() / np.sqrt(3000) < 0.1 * squares.mean()
 
 
+@pytest.mark.slow
 def test_interval_of_ten_runs_covers():
     truth, seeds = FEW_LEVELS.probability, 100
     intervals = [
@@ -117,6 +122,7 @@ def test_interval_of_ten_runs_covers():
     assert np.median([high / low for low, high in intervals]) < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_start", [False, True])
 def test_errors_that_strike_at_random(at_start):
     """Truth: the row fails and no step of it breaks down. Breakdowns are rows like others, never redrawn."""

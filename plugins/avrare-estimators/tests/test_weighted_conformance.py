@@ -2,11 +2,14 @@
 
 from typing import ClassVar
 
+import pytest
+
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import conjunction, count_down, walk
-from avrare.testing.study import Study
+from avrare.testing.repeated_estimates import Study
 
 
+@pytest.mark.slow
 class TestImportance(EstimatorConformance):
     estimator = "is"
     options: ClassVar = {"rollouts": 200, "proposal": {"gaussian": {"mean": 0.2}}, "check": 0.0}
@@ -14,6 +17,7 @@ class TestImportance(EstimatorConformance):
     seeds = Study(walk(1.0, 20), 200, {"rollouts": 400})
 
 
+@pytest.mark.slow
 class TestCrossEntropy(EstimatorConformance):
     estimator = "ce"
     options: ClassVar = {"rollouts": 100, "check": 0.0}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from avrare_estimators.gaussian import held_back, mixture
-from avrare_estimators.proposals import Gaussian, kind_of
+from avrare_estimators.importance.gaussian_family import fit_mixture, limit_divergence
+from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.weights import (
     annealed,
     effective_size,
@@ -75,7 +75,9 @@ def test_resampling_is_in_proportion():
 
 def test_mixture_density_integrates_to_one():
     """E_q[p/q] = 1, and E_p[q/p] = 1: both, or the density has a wrong constant or the wrong sign."""
-    law = Gaussian(np.array([0.3, 0.7]), np.array([[[0.5, 0.0]], [[-0.4, 0.3]]]), np.full((2, 1, 2), 0.9))
+    law = GaussianMixture(
+        np.array([0.3, 0.7]), np.array([[[0.5, 0.0]], [[-0.4, 0.3]]]), np.full((2, 1, 2), 0.9)
+    )
     rng = np.random.default_rng(2)
     for tapes, sign in ((law.sample(rng, 40000), 1), (rng.standard_normal((40000, 1, 2)), -1)):
         values = np.exp(sign * law.log_ratio(tapes))
@@ -84,7 +86,7 @@ def test_mixture_density_integrates_to_one():
 
 
 def test_log_ratio_rows_do_not_depend_on_their_neighbours():
-    law = Gaussian(np.array([0.3, 0.7]), np.ones((2, 7, 3)), np.full((2, 7, 3), 0.9))
+    law = GaussianMixture(np.array([0.3, 0.7]), np.ones((2, 7, 3)), np.full((2, 7, 3), 0.9))
     tapes = np.random.default_rng(3).standard_normal((50, 7, 3))
     whole = law.log_ratio(tapes)
     for part in (slice(0, 1), slice(13, 31), [4, 40]):
@@ -95,23 +97,23 @@ def test_fit_finds_what_matters_and_leaves_the_rest():
     rng = np.random.default_rng(4)
     tapes = rng.standard_normal((400, 10, 10))
     tapes[:, 3, 4] = 2.0 + 0.5 * tapes[:, 3, 4]
-    law = mixture(tapes, np.full(400, 1 / 400), None, 1, 0.1)
+    law = fit_mixture(tapes, np.full(400, 1 / 400), None, 1, 0.1)
     assert law.mean[0, 3, 4] == pytest.approx(2.0, abs=0.1)
     assert law.std[0, 3, 4] == pytest.approx(0.5, abs=0.1)
     others = np.ones((10, 10), bool)
     others[3, 4] = False
     assert (law.mean[0][others] == 0.0).mean() > 0.5
-    assert mixture(tapes, np.full(400, 1 / 400), None, 1, 0.8).std.min() == 0.8
+    assert fit_mixture(tapes, np.full(400, 1 / 400), None, 1, 0.8).std.min() == 0.8
 
 
 def test_a_law_is_held_back_to_what_its_level_needs():
     rng = np.random.default_rng(6)
-    law = Gaussian(np.ones(1), rng.normal(0, 0.3, (1, 40, 12)), rng.uniform(0.8, 1.1, (1, 40, 12)))
-    tapes = held_back(law, 3.0).sample(rng, 4000)
-    far = -held_back(law, 3.0).log_ratio(tapes)
+    law = GaussianMixture(np.ones(1), rng.normal(0, 0.3, (1, 40, 12)), rng.uniform(0.8, 1.1, (1, 40, 12)))
+    tapes = limit_divergence(law, 3.0).sample(rng, 4000)
+    far = -limit_divergence(law, 3.0).log_ratio(tapes)
     assert far.mean() == pytest.approx(3.0, abs=0.2)
-    near = Gaussian(np.ones(1), 0.1 * law.mean, np.ones((1, 40, 12)))
-    np.testing.assert_array_equal(held_back(near, 3.0).mean, near.mean)
+    near = GaussianMixture(np.ones(1), 0.1 * law.mean, np.ones((1, 40, 12)))
+    np.testing.assert_array_equal(limit_divergence(near, 3.0).mean, near.mean)
 
 
 def test_mixture_finds_two_modes():
@@ -119,7 +121,7 @@ def test_mixture_finds_two_modes():
     tapes = 0.4 * rng.standard_normal((300, 1, 2))
     tapes[:100, 0, 0] += 3.0
     tapes[100:, 0, 0] -= 3.0
-    law = mixture(tapes, np.full(300, 1 / 300), None, 2, 0.1)
+    law = fit_mixture(tapes, np.full(300, 1 / 300), None, 2, 0.1)
     order = np.argsort(law.mean[:, 0, 0])
     np.testing.assert_allclose(law.mean[order, 0, 0], [-3, 3], atol=0.15)
     np.testing.assert_allclose(law.share[order], [2 / 3, 1 / 3], atol=0.02)
@@ -130,4 +132,4 @@ def test_what_is_no_proposal(wrong):
     from avrare import UsageError
 
     with pytest.raises(UsageError):
-        kind_of(wrong)
+        proposal_kind(wrong)

@@ -7,8 +7,8 @@ from statistics import NormalDist
 import numpy as np
 
 import avrare
-from avrare.build.closed_loop import ClosedLoop
 from avrare.driving import Action, Observation, Road, Scene, Vehicles
+from avrare.stack.closed_loop import ClosedLoop
 
 PHI = NormalDist()
 

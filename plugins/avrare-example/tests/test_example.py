@@ -1,11 +1,11 @@
-"""The example keeps to what it tells authors; ``tests/authors/test_example.py`` installs it from a wheel."""
+"""The example follows the advice to authors; tests/testing/conformance/test_example.py installs its wheel."""
 
 import numpy as np
 import pytest
 
 import avrare
-from avrare.authors import Subject, checks_of
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
+from avrare.testing.conformance import Subject, checks_of
 from avrare_example.config import SpillageConfig, TankConfig
 from avrare_example.spillage import build as build_spillage
 from avrare_example.tank import build as build_tank

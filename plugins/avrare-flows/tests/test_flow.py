@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
 from avrare.cli.main import main
-from avrare.errors import UsageError
 from avrare_flows.command import read_samples
 from avrare_flows.flow import Flow
 
@@ -24,7 +24,7 @@ def rough(kind, size, seed=1):
     """Pyro's transforms with weights that bend a lot, and the same as a flow."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        parts = [train._block(kind, size, 16) for _ in range(3)]
+        parts = [train._pyro_transforms(kind, size, 16) for _ in range(3)]
         for network in train._networks(parts):
             for weight in network.parameters():
                 weight.data.normal_(0.0, 0.5)
@@ -95,15 +95,16 @@ def test_what_is_no_flow_is_refused(tmp_path):
     ):
         np.savez(tmp_path / f"{name}.npz", **{**arrays, **change})
     for name, text in (
-        *((f"{name}.npz", "is no flow") for name in ("half", "bit", "blocks", "size", "nan")),
-        ("other.npz", "is no flow"),
-        ("text.npz", r"is no flow \(not an .npz file\)"),
+        *((f"{name}.npz", "not a flow") for name in ("half", "bit", "blocks", "size", "nan")),
+        ("other.npz", "not a flow"),
+        ("text.npz", r"not a flow \(not an .npz file\)"),
         ("none.npz", "cannot be read"),
     ):
         with pytest.raises(UsageError, match=text):
             Flow.load(tmp_path / name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "steps"), [("affine_coupling", 600), ("spline_autoregressive", 150)])
 def test_a_fit_comes_nearer_to_bent_samples_than_a_normal_law(kind, steps):
     rng = np.random.default_rng(0)
@@ -209,7 +210,7 @@ def test_complex_samples_are_refused(tmp_path):
 
 
 def test_a_descent_that_diverges_is_told():
-    with pytest.raises(UsageError, match="no finite density"):
+    with pytest.raises(UsageError, match="not reached a finite density"):
         train.fit(np.random.default_rng(0).normal(size=(100, 2)), steps=3, rate=1e300)
 
 

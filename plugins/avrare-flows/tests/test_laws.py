@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 import avrare
-from avrare.errors import UsageError
-from avrare.testing.static import Static, Values, row_sum
+from avrare.base.errors import UsageError
+from avrare.testing.static_problems import Static, Values, row_sum
 from avrare_flows import transformed
 from avrare_flows.laws import Joint
 from avrare_flows.marginals import Exponential, Gamma, LogNormal, Normal

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare_flows import marginals as m
 from avrare_flows.compound import Mixture, Point, Scipy, Truncated, beam
 
@@ -26,8 +26,8 @@ MIXED = Mixture((1.0, 3.0), (m.Normal(-2.0, 0.1), m.Exponential()))
 def test_a_law_is_scipys_in_both_tails(name):
     law, peer = LAWS[name]
     expected = np.where(Z <= 0.0, peer.ppf(stats.norm.cdf(Z)), peer.isf(stats.norm.sf(Z)))
-    np.testing.assert_allclose(m.of_normal(law, Z), expected, rtol=1e-9, atol=1e-12)
-    x = m.of_normal(law, np.linspace(-5.0, 5.0, 41))
+    np.testing.assert_allclose(m.from_normal(law, Z), expected, rtol=1e-9, atol=1e-12)
+    x = m.from_normal(law, np.linspace(-5.0, 5.0, 41))
     lower, upper = law.tails(x)
     np.testing.assert_allclose(lower, peer.cdf(x), rtol=1e-9)
     np.testing.assert_allclose(upper, peer.sf(x), rtol=1e-9)
@@ -39,14 +39,14 @@ def test_the_distribution_function_undoes_the_transform(law):
     z = np.linspace(-6.0, 6.0, 121)
     if isinstance(law, m.Uniform | Truncated):
         z = z[np.abs(z) < 3.0]  # near a finite end x has no digits left to tell z by
-    np.testing.assert_allclose(m.to_normal(law, m.of_normal(law, z)), z, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(m.to_normal(law, m.from_normal(law, z)), z, rtol=1e-7, atol=1e-7)
 
 
 def test_the_far_tail_of_an_exponential_is_exact():
     z = 20.0  # upper tail 2.75e-89, far below what 1 - F can hold
     expected = -stats.norm.logsf(z)
-    assert m.of_normal(m.Exponential(), np.array([z]))[0] == pytest.approx(expected, rel=1e-12)
-    assert m.of_normal(m.Exponential(), np.array([-20.0]))[0] == pytest.approx(
+    assert m.from_normal(m.Exponential(), np.array([z]))[0] == pytest.approx(expected, rel=1e-12)
+    assert m.from_normal(m.Exponential(), np.array([-20.0]))[0] == pytest.approx(
         stats.norm.cdf(-20.0), rel=1e-12
     )
 
@@ -56,7 +56,7 @@ def test_a_truncated_normal_is_scipys_even_in_a_tail(low, high):
     z = np.linspace(-4.0, 4.0, 33)
     law, peer = Truncated(m.Normal(), low, high), stats.truncnorm(low, high)
     expected = np.where(z <= 0.0, peer.ppf(stats.norm.cdf(z)), peer.isf(stats.norm.sf(z)))
-    found = m.of_normal(law, z)
+    found = m.from_normal(law, z)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     np.testing.assert_allclose(law.log_density(found), peer.logpdf(found), rtol=1e-7)
     assert law.log_density(np.array([low - 1.0, high + 1.0])).tolist() == [-np.inf, -np.inf]
@@ -66,24 +66,24 @@ def test_a_truncated_normal_is_scipys_even_in_a_tail(low, high):
 def test_the_far_tails_of_students_law_go_on(freedom):
     law = m.StudentT(freedom)
     z = np.linspace(5.0, {0.5: 18.0, 1.0: 26.0}.get(freedom, 36.0), 500)
-    x = m.of_normal(law, z)
+    x = m.from_normal(law, z)
     assert (np.diff(x) > 0.0).all()
-    assert np.array_equal(m.of_normal(law, -z), -x)
+    assert np.array_equal(m.from_normal(law, -z), -x)
     np.testing.assert_allclose(m.to_normal(law, x), z, rtol=1e-9)
-    cauchy = m.of_normal(m.StudentT(1.0), np.array([-37.0]))  # -1 / (pi p) so far out
+    cauchy = m.from_normal(m.StudentT(1.0), np.array([-37.0]))  # -1 / (pi p) so far out
     np.testing.assert_allclose(cauchy, -1.0 / (np.pi * special.ndtr(-37.0)), rtol=1e-11)
 
 
 def test_nothing_is_left_between_ends_that_hold_nothing():
-    with pytest.raises(UsageError, match="nothing of Weibull"):
+    with pytest.raises(UsageError, match="Weibull has no probability"):
         Truncated(m.Exponential(), -3.0, -1.0)
-    with pytest.raises(UsageError, match="nothing of Normal"):
+    with pytest.raises(UsageError, match="Normal has no probability"):
         Truncated(m.Normal(), 50.0)
 
 
 def test_a_mixture_has_the_distribution_function_of_its_parts():
     z = np.linspace(-7.0, 7.0, 71)
-    x = m.of_normal(MIXED, z)
+    x = m.from_normal(MIXED, z)
     assert (np.diff(x) >= 0.0).all()
     lower, upper = MIXED.tails(x)
     np.testing.assert_allclose(np.where(z <= 0.0, lower, upper), stats.norm.sf(np.abs(z)), rtol=1e-10)
@@ -98,7 +98,7 @@ def test_a_mixture_needs_a_weight_for_each_law():
 def test_the_beam_model_reads_what_thrun_says():
     law = beam(4.0, 10.0, std=0.1, decay=2.0, hit=0.7, short=0.2, nothing=0.06, anything=0.04)
     z = np.random.default_rng(0).standard_normal(200_000)
-    x = m.of_normal(law, z)
+    x = m.from_normal(law, z)
     assert x.min() >= 0.0
     assert x.max() == 10.0
     share = np.array([(x == 10.0).mean(), (np.abs(x - 4.0) < 0.4).mean(), (x < 3.0).mean()])
@@ -114,15 +114,15 @@ def test_the_beam_model_reads_what_thrun_says():
 def test_a_beam_may_have_a_distance_for_each_particle():
     distance, z = np.array([2.0, 5.0, 9.5]), np.array([-1.0, 0.3, 1.2])
     options = {"std": 0.1, "decay": 2.0, "hit": 0.8, "short": 0.1, "nothing": 0.05, "anything": 0.05}
-    together = m.of_normal(beam(distance, 10.0, **options), z)
+    together = m.from_normal(beam(distance, 10.0, **options), z)
     alone = [
-        m.of_normal(beam(d, 10.0, **options), np.array([u]))[0] for d, u in zip(distance, z, strict=True)
+        m.from_normal(beam(d, 10.0, **options), np.array([u]))[0] for d, u in zip(distance, z, strict=True)
     ]
     assert together.tolist() == alone
 
 
 def test_an_atom_has_no_density():
-    assert m.of_normal(Point(3.0), Z).tolist() == [3.0] * len(Z)
+    assert m.from_normal(Point(3.0), Z).tolist() == [3.0] * len(Z)
     with pytest.raises(UsageError, match="atoms"):
         Point(3.0).log_density(Z)
 
@@ -130,7 +130,7 @@ def test_an_atom_has_no_density():
 def test_any_distribution_of_scipy_will_do():
     law, peer = Scipy(stats.skewnorm(4.0)), stats.skewnorm(4.0)
     z = np.array([-3.0, 0.0, 2.0, 6.0])
-    x = m.of_normal(law, z)
+    x = m.from_normal(law, z)
     np.testing.assert_allclose(peer.cdf(x[:3]), stats.norm.cdf(z[:3]), rtol=1e-6)
     assert peer.sf(x[3]) == pytest.approx(stats.norm.sf(6.0), rel=1e-6)
     np.testing.assert_allclose(law.log_density(x), peer.logpdf(x))
@@ -139,8 +139,8 @@ def test_any_distribution_of_scipy_will_do():
 @pytest.mark.parametrize("law", [*(law for law, _ in LAWS.values()), MIXED, Scipy(stats.gamma(2.0))])
 def test_a_number_does_not_depend_on_its_neighbours(law):
     z = np.random.default_rng(1).standard_normal(64)
-    together = m.of_normal(law, z)
-    assert together.tolist() == [m.of_normal(law, z[i : i + 1])[0] for i in range(len(z))]
+    together = m.from_normal(law, z)
+    assert together.tolist() == [m.from_normal(law, z[i : i + 1])[0] for i in range(len(z))]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from scipy import stats
 
 import avrare
-from avrare.errors import AvrareError
+from avrare.base.errors import AvrareError
 from avrare_flows import marginals as m
 from avrare_flows.config import LawConfig, TransformedConfig
 from avrare_flows.flow import Flow
@@ -96,13 +96,13 @@ def test_a_law_is_what_its_name_says(written, peer):
     law = law_of(TypeAdapter(LawConfig).validate_python(written))
     z = np.array([-3.0, -0.5, 0.7, 4.0])
     expected = np.where(z <= 0, peer.ppf(stats.norm.cdf(z)), peer.isf(stats.norm.sf(z)))
-    np.testing.assert_allclose(m.of_normal(law, z), expected, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(m.from_normal(law, z), expected, rtol=1e-8, atol=1e-12)
 
 
 def test_a_beam_is_written_as_it_is_called():
     written = {"law": "beam", "distance": 4, "most": 10, "std": 0.1, "decay": 2, "hit": 0.9, "nothing": 0.1}
     law = law_of(TypeAdapter(LawConfig).validate_python(written))
-    assert m.of_normal(law, np.array([3.0]))[0] == 10.0
+    assert m.from_normal(law, np.array([3.0]))[0] == 10.0
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_a_beam_is_written_as_it_is_called():
         ("correlation: [[1]]", "correlation has shape"),
         ("initial: [{law: normal}, {law: normal}, {law: normal}]", "3 numbers a row"),
         ("initial: {law: scipy, name: norms}", "no continuous distribution"),
-        ("initial: {law: normal, low: 60}", "nothing of Normal"),
+        ("initial: {law: normal, low: 60}", "Normal has no probability"),
     ],
 )
 def test_mistakes_are_told_without_a_traceback(extra, text, tmp_path):

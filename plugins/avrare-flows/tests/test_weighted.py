@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.errors import UsageError
-from avrare.testing.static import Static, Values, row_sum
+from avrare.base.errors import UsageError
+from avrare.testing.static_problems import Static, Values, row_sum
 from avrare_flows import transformed, weighted
 from avrare_flows.flow import Flow
 from avrare_flows.laws import Joint
@@ -126,7 +126,7 @@ def test_weights_are_those_of_all_rows():
 
 
 def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
-    walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)])).weighing()
+    walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)])).with_weights()
     z = np.random.default_rng(0).standard_normal((6, 3, 1))
     state = walk.initial(z[:, 0])
     assert walk.log_weights(state).tolist() == [0.0] * 6
@@ -140,7 +140,9 @@ def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
 
 
 def test_a_weight_that_is_no_number_is_a_fault():
-    system = weighted(Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)).weighing()
+    system = weighted(
+        Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)
+    ).with_weights()
     assert system.faults(system.initial(np.array([[1.0], [-1.0]]))).tolist() == [True, False]
 
 
@@ -148,10 +150,11 @@ def test_a_weight_that_is_no_number_is_a_fault():
 def test_estimators_that_know_no_weights_are_refused(estimator):
     options = {"proposal": {"gaussian": {"std": 2.0}}} if estimator == "is" else {}
     problem = avrare.Problem(weighted(Total(3), THREE, THREE.log_density), FORMULA, 0)
-    with pytest.raises(UsageError, match="comes with weights"):
+    with pytest.raises(UsageError, match="noise has weights"):
         avrare.estimate(problem, estimator, **options)
 
 
+@pytest.mark.slow
 def test_weights_are_the_same_for_two_workers():
     system = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
     problem = avrare.Problem(pickle.loads(pickle.dumps(system)), avrare.stl("always (x < 5)"), 4, chunk=100)

@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 import avrare
-from avrare import batch
-from avrare.errors import UsageError
+from avrare.base import batch
+from avrare.base.errors import UsageError
 from avrare_glider import aircraft
 from avrare_glider.config import FeedbackConfig, GliderConfig
 from avrare_glider.feedback import gains, linearised
@@ -90,7 +90,7 @@ def test_the_nominal_flight_is_the_published_problem_solved():
 
 def test_the_optimiser_finds_it_again():
     pytest.importorskip("casadi")
-    from avrare_glider.optimise import optimise
+    from glider_nominal_flight import optimise
 
     np.testing.assert_allclose(optimise().inputs, nominal().inputs, atol=1e-4)
 
@@ -212,6 +212,7 @@ def test_scenarios_perch_without_noise_and_fail_with_a_push(name):
     assert problem.robustness(tape)[0] < 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["glider", "glider_actuator"])
 def test_slices_and_monte_carlo_agree(name):
     more = ["simulator.noise.actuator=0.5"] if name == "glider_actuator" else ["simulator.noise.z=0.024"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare_gp_pem.store import load, locate
+from avrare_gp_pem.runtime.store import load, locate
 
 
 def make_scene(count, length=4.5, width=1.8):
@@ -83,7 +83,7 @@ def build(request):
 
 def made_up_drive(n, artefact=False, rate=None, seed=0):
     """Rows with a known law: logistic detection, Student-t errors along and across; flips of yaw."""
-    from avrare_gp_pem.table import table
+    from avrare_gp_pem.training.table import make_table
 
     rng = np.random.default_rng(seed)
     distance, bearing = rng.uniform(3, 80, n), rng.uniform(-np.pi, np.pi, n)
@@ -96,7 +96,7 @@ def made_up_drive(n, artefact=False, rate=None, seed=0):
     along, across = true_scales(distance) * rng.standard_t(3, (2, n))
     cos, sin = np.cos(yaw), np.sin(yaw)
     flips = np.where(rng.uniform(size=n) < 0.1, np.pi, 0.0)
-    return table(
+    return make_table(
         {
             "right": distance * np.cos(bearing),
             "forward": distance * np.sin(bearing),

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrare_gp_pem.features import Box
-from avrare_gp_pem.law import ErrorLaw
-from avrare_gp_pem.variant import Variant
+from avrare_gp_pem.runtime.features import Box
+from avrare_gp_pem.runtime.observation_model import ObservationLaw
+from avrare_gp_pem.runtime.variant import Variant
 
 pytest.importorskip("scipy")
 ROWS = 4000
@@ -35,26 +35,28 @@ def variant():
 
 
 def unseen(errors, detected=None):
-    from avrare_gp_pem.calibrate import Unseen
+    from avrare_gp_pem.training.calibration import UnseenRows
 
     latents = np.zeros((len(errors), 5))
     seen = np.ones(len(errors), bool) if detected is None else detected
-    return Unseen(latents, latents, np.full(len(errors), 20.0), seen, np.where(seen[:, None], errors, np.nan))
+    return UnseenRows(
+        latents, latents, np.full(len(errors), 20.0), seen, np.where(seen[:, None], errors, np.nan)
+    )
 
 
 def shares(calibrated, errors):
     """Seen and own shares beyond 4 scales and 4 standard deviations, of both errors."""
-    from avrare_gp_pem.scores import error_fits
+    from avrare_gp_pem.training.scores import error_fits
 
     one = np.full((len(errors),), 1.0)
     law = calibrated.law(Box(0 * one, 20 * one, 1.5 * one, 4.5 * one, 1.8 * one, 1.7 * one, 4 * one), 0.0)
-    assert isinstance(law, ErrorLaw)
+    assert isinstance(law, ObservationLaw)
     fits = error_fits(law, np.ones(len(errors), bool), errors)
     return [(fit.beyond(4.0), fit.beyond_sd(4.0)) for fit in fits]
 
 
 def test_a_true_student_law_is_found_with_its_scale_and_detection():
-    from avrare_gp_pem.calibrate import calibrate
+    from avrare_gp_pem.training.calibration import calibrate
 
     rng = np.random.default_rng(0)
     errors = rng.standard_t([2.5, 4.0], (ROWS, 2)) * [0.3, 0.08]
@@ -66,7 +68,7 @@ def test_a_true_student_law_is_found_with_its_scale_and_detection():
 
 
 def test_of_laws_as_likely_the_one_with_the_tails_seen_is_taken():
-    from avrare_gp_pem.calibrate import _degrees, _error_loss, calibrate
+    from avrare_gp_pem.training.calibration import _degrees, _error_loss, calibrate
 
     # Nine rows of ten have light tails and the tenth very heavy ones: no Student-t law is right.
     rng = np.random.default_rng(1)
@@ -88,7 +90,7 @@ def test_of_laws_as_likely_the_one_with_the_tails_seen_is_taken():
 
 
 def test_errors_that_are_all_zero_are_no_error():
-    from avrare_gp_pem.calibrate import calibrate
+    from avrare_gp_pem.training.calibration import calibrate
 
     found = calibrate(variant(), unseen(np.zeros((500, 2))))
     assert np.isfinite(found.dof).all()
@@ -96,7 +98,7 @@ def test_errors_that_are_all_zero_are_no_error():
 
 
 def test_calibration_reads_no_errors_of_the_missed():
-    from avrare_gp_pem.calibrate import calibrate
+    from avrare_gp_pem.training.calibration import calibrate
 
     rng = np.random.default_rng(2)
     errors, detected = rng.standard_t(3, (2000, 2)), rng.uniform(size=2000) < 0.5

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from avrare_gp_pem.features import NAMES, Box, box_of, features
-from avrare_gp_pem.law import ErrorLaw
-from avrare_gp_pem.relative import relative
+from avrare_gp_pem.runtime.features import NAMES, Box, box_of, features
+from avrare_gp_pem.runtime.observation_model import ObservationLaw
+from avrare_gp_pem.runtime.visibility import relative
 
 
 def read(world, scene):
@@ -54,7 +54,7 @@ def law_of(location, world):
     shape = world.others.x.shape
     located = np.broadcast_to(np.asarray(location, float), (*shape, 2))
     scale = np.full((*shape, 2), 1e-9)
-    return ErrorLaw(np.ones(shape), np.zeros(shape), located, scale, (3.0, 3.0), 6.0, 0.0)
+    return ObservationLaw(np.ones(shape), np.zeros(shape), located, scale, (3.0, 3.0), 6.0, 0.0)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, -2.0])
@@ -70,12 +70,14 @@ def test_observed_is_truth_minus_error_in_the_frame_of_the_vehicle(make, angle):
 
 def test_error_of_the_data_frame_comes_back(make):
     # the error of a label, taken to the vehicle's axes and back through a world, is the label's
-    from avrare_gp_pem.data import to_rows
+    from avrare_gp_pem.training.table import BOX, ERRORS, errors_in, make_table
 
     yaw, error = 2.0, np.array([0.3, -0.4])  # error in right, forward
-    row = to_rows(np.array([[5.0, 20.0, yaw, 4.5, 1.8, 1.7, 4.0]]), np.array([[1.0, *error, 0.0]]))
+    row = (5.0, 20.0, yaw, 4.5, 1.8, 1.7, 4.0, 1.0, *error, 0.0)
+    names = (*BOX, "detected", *ERRORS)
+    table = make_table({name: np.array([value]) for name, value in zip(names, row, strict=True)})
     world = make.world([[20.0, -5.0, yaw - np.pi / 2]])  # forward = x, right = -y
-    observation = law_of(row.errors[0], world).draw(world, np.zeros((1, 4)))
+    observation = law_of(errors_in("vehicle", table)[0], world).draw(world, np.zeros((1, 4)))
     right = -(world.others.y - observation.y)[0, 0]
     forward = (world.others.x - observation.x)[0, 0]
     np.testing.assert_allclose([right, forward], error, atol=1e-6)

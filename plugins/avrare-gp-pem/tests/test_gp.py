@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare_gp_pem.data import off_axis
-from avrare_gp_pem.diagonal_gp import diagonal_gp
-from avrare_gp_pem.gp import sparse_gp
-from avrare_gp_pem.store import FOLDER, load, locate, save
+from avrare_gp_pem.runtime.gp import DiagonalGp, SparseGp
+from avrare_gp_pem.runtime.store import FOLDER, load, locate, save
+from avrare_gp_pem.training.cleaning import off_axis
 
 DATA = Path(__file__).parents[4] / "shared" / "data" / "perception"
 
@@ -55,7 +54,7 @@ def pyro_prediction(parameters, x):
 
 def test_small_process_agrees_with_pyro():
     x = np.random.default_rng(1).normal(size=(100, 3))
-    mean, variance = sparse_gp(**small()).predict(x)
+    mean, variance = SparseGp(**small()).predict(x)
     expected_mean, expected_variance = pyro_prediction(small(), x)
     np.testing.assert_allclose(mean, expected_mean, atol=1e-9)
     np.testing.assert_allclose(variance, expected_variance, atol=1e-9)
@@ -73,7 +72,7 @@ def test_shipped_process_agrees_with_pyro(pointpillars, name):
 
 def test_frozen_prediction():
     # made once with Pyro (pyro_prediction above); holds without it
-    process = sparse_gp(
+    process = SparseGp(
         inducing=np.array([[0.0, 1.0], [-1.0, 0.5], [2.0, -1.0]]),
         lengthscale=np.array([1.0, 2.0]),
         variance=np.array(1.5),
@@ -90,15 +89,15 @@ def test_frozen_prediction():
 def test_diagonal_factors_are_triangular_ones_without_the_rest():
     parameters = small(points=19)
     diagonals = np.diagonal(parameters["factor"], axis1=1, axis2=2).copy()
-    full = sparse_gp(**(parameters | {"factor": np.stack([np.diag(d) for d in diagonals])}))
-    quick = diagonal_gp(**(parameters | {"factor": diagonals}))
+    full = SparseGp(**(parameters | {"factor": np.stack([np.diag(d) for d in diagonals])}))
+    quick = DiagonalGp(**(parameters | {"factor": diagonals}))
     x = np.random.default_rng(5).normal(size=(70, 3))
     for expected, got in zip(full.predict(x), quick.predict(x), strict=True):
         np.testing.assert_allclose(got, expected, atol=2e-4)
 
 
 def test_variance_far_away_is_that_of_the_prior():
-    mean, variance = sparse_gp(**small()).predict(np.full((1, 3), 1e3))
+    mean, variance = SparseGp(**small()).predict(np.full((1, 3), 1e3))
     np.testing.assert_allclose(variance, 1.7)
     np.testing.assert_allclose(mean[0], small()["prior"] @ [1, 1e3])
 
@@ -118,7 +117,7 @@ def test_rows_are_the_same_in_any_batch_and_place(model, name):
 
 
 def test_no_row_no_prediction():
-    assert sparse_gp(**small()).predict(np.empty((0, 3)))[0].shape == (0, 2)
+    assert SparseGp(**small()).predict(np.empty((0, 3)))[0].shape == (0, 2)
 
 
 def test_file_survives_a_round_trip(pointpillars, tmp_path):
@@ -142,16 +141,17 @@ def test_shipped_file_is_small_and_says_where_it_comes_from(name):
         assert all(file[name].dtype != object for name in file.files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pointpillars", "paper"])
 def test_inducing_points_are_no_rows_of_the_data(name):
     if not DATA.is_dir():
         pytest.skip("the training data is not here")
-    from avrare_gp_pem.convert import convert
-    from avrare_gp_pem.features import features
+    from avrare_gp_pem.runtime.features import features
+    from avrare_gp_pem.training.text_tables import convert
 
     rows, model = convert(DATA / "nuscenes_inputs.txt", DATA / "nuscenes_labels.txt"), load(locate(name))
     for variant in (one for one in (model.clean, model.delivered) if one is not None):
-        columns = variant.normalised(features(rows.box, variant.inputs))
+        columns = variant.normalised(features(rows, variant.inputs))
         for process in (variant.latents.detection, variant.latents.error):
             nearest = min(np.abs(columns - point).max(axis=1).min() for point in process.inducing)
             assert nearest > 1e-3

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from avrare_gp_pem import normal
-from avrare_gp_pem.law import ErrorLaw
-from avrare_gp_pem.student import student
+from avrare_gp_pem.runtime import normal
+from avrare_gp_pem.runtime.observation_model import ObservationLaw
+from avrare_gp_pem.runtime.student_t import student
 
 POINTS = np.array([-8.0, -6.0, -5.0, -1.0, -0.5, 0.0, 0.3, 0.7, 2.0, 5.6, 5.7, 8.0])
 
@@ -41,7 +41,7 @@ def test_truncated_density_integrates_to_one_and_ends():
 
 def law(detect=0.7, speed_sd=0.3, n=1):
     shape = (n, 1)
-    return ErrorLaw(
+    return ObservationLaw(
         detect=np.full(shape, detect),
         miss=np.full(shape, 1 - detect),
         location=np.broadcast_to(np.array([0.1, -0.05]), (*shape, 2)),
@@ -58,7 +58,7 @@ def test_log_prob_integrates_to_one(make):
     x, y = (part.ravel() for part in np.meshgrid(grid, grid))
     world = make.world([[20.0, 3.0, 0.4]], n=len(x))
     wide = law(n=len(x))
-    wide = ErrorLaw(wide.detect, wide.miss, wide.location, wide.scale * 8, wide.dof, 4.0, 0.3)
+    wide = ObservationLaw(wide.detect, wide.miss, wide.location, wide.scale * 8, wide.dof, 4.0, 0.3)
     observation = wide.draw(world, np.zeros((len(x), 4)))
     at = type(observation)(
         detected=np.ones((len(x), 1), bool),
@@ -103,5 +103,5 @@ def test_impossible_observations_have_no_probability(make):
 
 
 def test_noise_of_the_wrong_shape_is_refused(make):
-    with pytest.raises(ValueError, match="noise is"):
+    with pytest.raises(ValueError, match="noise has shape"):
         law().draw(make.world([[20.0, 0.0, 0.0]]), np.zeros((1, 5)))

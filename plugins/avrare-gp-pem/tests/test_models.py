@@ -7,12 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from avrare.batch import take
-from avrare.errors import UsageError
+from avrare.base.batch import take
+from avrare.base.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
-from avrare_gp_pem.model import build_gp
-from avrare_gp_pem.parametric import build_parametric
-from avrare_gp_pem.student import student
+from avrare_gp_pem.runtime.models import build_gp, build_parametric
+from avrare_gp_pem.runtime.student_t import student
 
 FIELDS = ("detected", "x", "y", "speed_x")
 
@@ -133,7 +132,7 @@ def test_unknown_model_is_a_usage_error(make, tmp_path):
         build_gp(GpPemConfig(model=str(tmp_path / "none.npz")), make.scene(1))
     broken = tmp_path / "broken.npz"
     broken.write_bytes(b"nonsense")
-    with pytest.raises(UsageError, match=r"no perception model: not an \.npz file"):
+    with pytest.raises(UsageError, match=r"not a perception model: not an \.npz file"):
         build_gp(GpPemConfig(model=str(broken)), make.scene(1))
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     with pytest.raises(UsageError, match="'format' is missing"):

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from avrare.batch import take
+from avrare.base.batch import take
 from avrare_gp_pem.config import NaivePemConfig, ParametricPemConfig
-from avrare_gp_pem.naive import build_naive
-from avrare_gp_pem.parametric import build_parametric
+from avrare_gp_pem.runtime.models import build_naive, build_parametric
 
 
 def drawn(model, world, seed=0):

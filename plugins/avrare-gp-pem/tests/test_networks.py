@@ -5,14 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig
-from avrare_gp_pem.features import AXES, COLUMNS, COMMON, Box, features
-from avrare_gp_pem.model import build_gp
-from avrare_gp_pem.networks import networks
-from avrare_gp_pem.store import FittedPem, load, save
-from avrare_gp_pem.variant import Variant
-from avrare_gp_pem.yaw import YawLaw
+from avrare_gp_pem.runtime.features import AXES, COLUMNS, COMMON, Box, features
+from avrare_gp_pem.runtime.models import build_gp
+from avrare_gp_pem.runtime.networks import networks
+from avrare_gp_pem.runtime.store import FittedPem, load, save
+from avrare_gp_pem.runtime.variant import Variant, YawErrors
 
 INPUTS = ("range", "cos_aspect", "sin_aspect", "length", "reach_50")
 
@@ -79,7 +78,7 @@ def test_rows_are_the_same_in_any_batch_and_place(widths):
 
 def test_layers_that_do_not_fit_are_refused():
     weights, biases = random_networks()
-    with pytest.raises(ValueError, match="do not fit"):
+    with pytest.raises(ValueError, match="do not match"):
         networks((weights[0], weights[2]), (biases[0], biases[2]))
 
 
@@ -120,7 +119,7 @@ def test_columns_have_the_names_that_models_list():
 
 
 def test_file_survives_a_round_trip(tmp_path, make):
-    yaw = YawLaw(np.array([-3.0, 0.02]), np.array([0.01, 0.001]), np.array(2.0))
+    yaw = YawErrors(np.array([-3.0, 0.02]), np.array([0.01, 0.001]), np.array(2.0))
     model = FittedPem(random_variant(), random_variant("ego", seed=4), {"licence": "none"}, yaw)
     save(tmp_path / "a.npz", model)
     again = load(tmp_path / "a.npz")
@@ -170,18 +169,18 @@ def test_files_whose_parts_do_not_fit_are_refused(tmp_path, change):
     with np.load(tmp_path / "a.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "b.npz", **(arrays | change))
-    with pytest.raises(UsageError, match="no perception model"):
+    with pytest.raises(UsageError, match="not a perception model"):
         load(tmp_path / "b.npz")
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, -2.0])
 def test_errors_in_the_frame_of_the_ego(make, angle):
     # ego turned by the angle, car anywhere: an error to the right lies to the ego's right
-    from avrare_gp_pem.law import ErrorLaw
+    from avrare_gp_pem.runtime.observation_model import ObservationLaw
 
     world = make.turned(make.world([[20.0, 3.0, 1.1]]), angle)
     located = np.array([[[0.5, 0.2]]])
-    law = ErrorLaw(
+    law = ObservationLaw(
         np.ones((1, 1)), np.zeros((1, 1)), located, np.full((1, 1, 2), 1e-9), (3.0, 3.0), 6.0, 0.3, True
     )
     seen = law.draw(world, np.zeros((1, 4)))
@@ -193,7 +192,7 @@ def test_errors_in_the_frame_of_the_ego(make, angle):
 
 
 def test_yaw_law_integrates_to_one():
-    law = YawLaw(np.array([-2.0, 0.02]), np.array([0.05, 0.002]), np.array(2.5))
+    law = YawErrors(np.array([-2.0, 0.02]), np.array([0.05, 0.002]), np.array(2.5))
     error = np.linspace(-np.pi, np.pi, 400001)
     density = np.exp(law.log_density(error, np.full_like(error, 30.0)))
     assert np.trapezoid(density, error) == pytest.approx(1.0, abs=1e-4)

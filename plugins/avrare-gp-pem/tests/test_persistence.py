@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from avrare.batch import take
-from avrare.errors import ScenarioError
+from avrare.base.batch import take
+from avrare.base.errors import ScenarioError
 from avrare.protocols import PersistentPerceptionErrorModel
-from avrare.scenario.files import digests
-from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.load import load
-from avrare_gp_pem import store
 from avrare_gp_pem.config import NaivePemConfig, Persistence
-from avrare_gp_pem.naive import build_naive
+from avrare_gp_pem.runtime import store
+from avrare_gp_pem.runtime.models import build_naive
 
 FIELDS = ("detected", "x", "y", "speed_x")
 LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrare.errors import UsageError
-from avrare_gp_pem.clean import artefact_of, clean
-from avrare_gp_pem.convert import convert
-from avrare_gp_pem.table import read, write
+from avrare.base.errors import UsageError
+from avrare_gp_pem.training.cleaning import clean, find_artefact
+from avrare_gp_pem.training.table import read_table, write_table
+from avrare_gp_pem.training.text_tables import convert
 
 HEADER = "right,forward,yaw,length,width,height,visibility,detected,error_right,error_forward,error_yaw"
 GOOD = "1.5,20,1.5,4.5,1.8,1.6,4,1,0.1,-0.2,0.01"
@@ -22,7 +22,7 @@ def file(tmp_path, *lines):
 
 
 def test_a_good_file(tmp_path):
-    rows = read(file(tmp_path, HEADER, GOOD, "", MISSED))
+    rows = read_table(file(tmp_path, HEADER, GOOD, "", MISSED))
     np.testing.assert_array_equal(rows.detected, [True, False])
     np.testing.assert_array_equal(rows.forward, [20, 30])
     np.testing.assert_array_equal(rows.error_forward, [-0.2, np.nan])
@@ -30,7 +30,9 @@ def test_a_good_file(tmp_path):
 
 def test_optional_columns_and_detected_boxes(tmp_path):
     header = "detected,width,length,yaw,forward,right,detected_right,detected_forward,detected_yaw,note"
-    rows = read(file(tmp_path, header, "1,1.8,4.5,3.1,20,1,0.75,20.5,-3.1,hello", "0,1.8,4.5,3.1,20,1,,,,"))
+    rows = read_table(
+        file(tmp_path, header, "1,1.8,4.5,3.1,20,1,0.75,20.5,-3.1,hello", "0,1.8,4.5,3.1,20,1,,,,")
+    )
     np.testing.assert_allclose([rows.error_right[0], rows.error_forward[0]], [0.25, -0.5])
     np.testing.assert_allclose(rows.error_yaw[0], 6.2 - 2 * np.pi)
     np.testing.assert_array_equal([rows.height[0], rows.visibility[0]], [1.7, 4.0])
@@ -39,7 +41,7 @@ def test_optional_columns_and_detected_boxes(tmp_path):
 def test_empty_cells_of_optional_columns_get_their_defaults(tmp_path):
     cells = GOOD.split(",")
     cells[5], cells[6], cells[10] = "nan", "", ""
-    rows = read(file(tmp_path, HEADER, GOOD, ",".join(cells)))
+    rows = read_table(file(tmp_path, HEADER, GOOD, ",".join(cells)))
     np.testing.assert_array_equal([rows.height[1], rows.visibility[1]], [1.7, 4.0])
     assert np.isnan(rows.error_yaw[1])
 
@@ -54,7 +56,7 @@ def test_empty_cells_of_optional_columns_get_their_defaults(tmp_path):
 )
 def test_a_missing_column_has_a_hint(tmp_path, header, hint):
     with pytest.raises(UsageError) as caught:
-        read(file(tmp_path, header, GOOD))
+        read_table(file(tmp_path, header, GOOD))
     assert hint in caught.value.hint
 
 
@@ -62,20 +64,20 @@ def test_a_missing_column_has_a_hint(tmp_path, header, hint):
     ("lines", "message"),
     [
         ([], "the file is empty"),
-        ([HEADER], "a header and no rows"),
+        ([HEADER], "there are no rows below the header"),
         ([HEADER.replace("yaw,l", "yow,l"), GOOD], "data.csv:1: missing column 'yaw'"),
         ([HEADER.replace("detected", "seen"), GOOD], "data.csv:1: missing column 'detected'"),
         ([HEADER.replace("width", "length"), GOOD], "data.csv:1: column 'length' occurs twice"),
-        ([HEADER, GOOD, GOOD + ",1"], "data.csv:3: 12 values in a table of 11 columns"),
-        ([HEADER, GOOD, "", GOOD.replace("20", "far")], "data.csv:4: forward: 'far' is not a number"),
+        ([HEADER, GOOD, GOOD + ",1"], "data.csv:3: 12 values, but the header has 11 columns"),
+        ([HEADER, GOOD, "", GOOD.replace("20", "far")], "csv:4: forward: should be a number, found 'far'"),
         ([HEADER, GOOD, GOOD.replace("20", "nan")], "data.csv:3: forward: is missing or not a number"),
         ([HEADER, GOOD, GOOD.replace("4.5", "")], "data.csv:3: length: is missing"),
-        ([HEADER, GOOD.replace("4.5", "4500")], "data.csv:2: length: 4500 cannot be: metres?"),
-        ([HEADER, GOOD.replace(",1.5", ",88")], "data.csv:2: yaw: 88 cannot be: radians"),
-        ([HEADER, GOOD.replace("20", "2000")], "data.csv:2: forward: 2000 cannot be"),
-        ([HEADER, GOOD.replace("4,1", "7,1")], "data.csv:2: visibility: 7 cannot be"),
-        ([HEADER, GOOD.replace("4,1", "4,0.5")], "data.csv:2: detected: 0.5 cannot be: 0 or 1?"),
-        ([HEADER, MISSED, GOOD.replace("0.1", "-1000")], "data.csv:3: error_right: -1000 cannot be"),
+        ([HEADER, GOOD.replace("4.5", "4500")], "data.csv:2: length: 4500 is implausible: metres?"),
+        ([HEADER, GOOD.replace(",1.5", ",88")], "data.csv:2: yaw: 88 is implausible: radians"),
+        ([HEADER, GOOD.replace("20", "2000")], "data.csv:2: forward: 2000 is implausible"),
+        ([HEADER, GOOD.replace("4,1", "7,1")], "data.csv:2: visibility: 7 is implausible"),
+        ([HEADER, GOOD.replace("4,1", "4,0.5")], "data.csv:2: detected: 0.5 is implausible: 0 or 1?"),
+        ([HEADER, MISSED, GOOD.replace("0.1", "-1000")], "data.csv:3: error_right: -1000 is implausible"),
         ([HEADER, GOOD.replace("-0.2", "")], "data.csv:2: error_forward: is missing"),
     ],
 )  # fmt: skip
@@ -84,24 +86,24 @@ def test_a_broken_file_says_where(tmp_path, lines, message):
     if not lines:
         path.write_text("")
     with pytest.raises(UsageError) as caught:
-        read(path)
+        read_table(path)
     assert message in caught.value.message
 
 
 def test_no_file_and_no_text(tmp_path):
     with pytest.raises(UsageError, match="no such file"):
-        read(tmp_path / "none.csv")
+        read_table(tmp_path / "none.csv")
     (tmp_path / "binary.csv").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(UsageError, match="not a readable CSV"):
-        read(tmp_path / "binary.csv")
-    with pytest.raises(UsageError, match="not a readable CSV"):
-        read(tmp_path)
+    with pytest.raises(UsageError, match="not UTF-8 text"):
+        read_table(tmp_path / "binary.csv")
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_table(tmp_path)
 
 
 def test_writing_and_reading_back_changes_nothing(tmp_path, drive):
     rows = drive(300)
-    write(tmp_path / "a.csv", rows)
-    again = read(tmp_path / "a.csv")
+    write_table(tmp_path / "a.csv", rows)
+    again = read_table(tmp_path / "a.csv")
     for name in ("right", "yaw", "visibility", "detected", "error_right", "error_yaw"):
         np.testing.assert_array_equal(getattr(again, name), getattr(rows, name))
 
@@ -145,9 +147,9 @@ def test_two_files_with_other_names_and_without_errors_of_yaw(tmp_path):
         ("# Format: <moon>\n1\n", "1 0 0 0\n", "in.txt: no column gives right, forward, yaw, length, width"),
         ("\n", "1 0 0 0\n", "no rows"),
         ("# <loc_x> <loc_y>\n1 2\n", "1 0 0 0\n", "no column gives yaw"),
-        ("1 inf 0.5 4.5 1.8 1.6 3\n", "1 0 0 0\n", "in.txt:1: forward: inf cannot be"),
+        ("1 inf 0.5 4.5 1.8 1.6 3\n", "1 0 0 0\n", "in.txt:1: forward: inf is implausible"),
         ("1 20 0.5 4.5 1.8 1.6 3\n", "\n1 nan 0 0\n", "out.txt:2: error_right: is missing"),
-        ("1 20 0.5 4.5 1.8 1.6 3\n", "0.5 0 0 0\n", "out.txt:1: detected: 0.5 cannot be"),
+        ("1 20 0.5 4.5 1.8 1.6 3\n", "0.5 0 0 0\n", "out.txt:1: detected: 0.5 is implausible"),
         ("1 20 0.5 4.5 1.8 0\n1 20 0.5 4.5 1.8 -1\n", "1 0 0 0\n1 0 0 0\n", "in.txt:2: occlusion: -1 is not"),
     ],
 )
@@ -170,8 +172,8 @@ def test_duplicates_go_and_none_is_on_both_sides(drive):
 
 
 def test_the_artefact_is_found_where_it_is(drive):
-    assert not artefact_of(drive(4000)).present
-    found = artefact_of(drive(4000, artefact=True))
+    assert not find_artefact(drive(4000)).present
+    found = find_artefact(drive(4000, artefact=True))
     assert found.present
     assert found.aligned < 0.6 * found.oblique
     data = clean(drive(4000, artefact=True))

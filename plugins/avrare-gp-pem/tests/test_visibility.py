@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare_gp_pem.visibility import category, visibility
+from avrare_gp_pem.runtime.visibility import category, visibility
 
 
 @pytest.mark.parametrize("distance", [5.0, 30.0, 300.0, 3000.0])

@@ -21,6 +21,7 @@ def scenario(name, *overrides):
     return avrare.load(path, overrides).problem(SPECIFICATION[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIFICATION)
 def test_both_estimators_run(name):
     wild = {"pendulum": ["simulator.noise.action.scale=2.5"], "cartpole": ["simulator.noise.action.scale=2"]}
@@ -63,9 +64,9 @@ def test_two_workers_give_the_same_bits(tmp_path, capsys):
     ("change", "code", "message"),
     [
         ("simulator.env=CartPol-v1", 4, "there is no environment 'CartPol-v1'"),
-        ("simulator.env=os:CartPole-v1", 4, "no installed plugin"),
+        ("simulator.env=os:CartPole-v1", 4, "not an installed plugin"),
         ("simulator.copy=hook", 4, "snapshot, restore"),
-        ("controller.gain=[[1, 2]]", 4, "the gain has 2 columns, but there are 4 numbers"),
+        ("controller.gain=[[1, 2]]", 4, "the gain has 2 columns, but the observation has 4 numbers"),
     ],
 )
 def test_mistakes_are_said_in_a_sentence(change, code, message, capsys):

@@ -9,13 +9,13 @@ import pytest
 from gymnasium import spaces
 
 import avrare
-from avrare.build.closed_loop import ClosedLoop
-from avrare.errors import AvrareError, PluginError, UsageError
+from avrare.base.errors import AvrareError, PluginError, UsageError
 from avrare.rollout.noise import NoiseSource
+from avrare.stack.closed_loop import ClosedLoop
 from avrare.worlds import capabilities
 from avrare_gymnasium.config import GymnasiumConfig
 from avrare_gymnasium.controllers import Constant, Feedback
-from avrare_gymnasium.simulator import build
+from avrare_gymnasium.world import build
 
 POLE = {"env": "CartPole-v1", "signals": {"x": 0, "angle": 2}}
 TAPE = {"stream": {"by": "tape", "at": "reset", "numbers": 4}, "action": {"scale": 1.5}}
@@ -210,14 +210,14 @@ def test_what_breaks_down_is_counted(kind):
     result = estimate(odd(kind, step_timeout=0.1 if kind == "hanging" else None))
     assert 3 < broken < 57
     assert result.errors == broken
-    message = {"raising": "beyond the limit", "missing": "NaN", "hanging": "no end after 0.1 s"}[kind]
+    message = {"raising": "beyond the limit", "missing": "NaN", "hanging": "did not end within 0.1 s"}[kind]
     assert message in result.health["errors"]
 
 
 def test_one_that_is_not_deterministic():
     problem = avrare.Problem(odd("careless"), avrare.stl("always (x < 3)"), 6, chunk=10)
     assert "differs" in capabilities(problem.system).reason
-    with pytest.raises(avrare.UsageError, match="ams must start rollouts from others"):
+    with pytest.raises(avrare.UsageError, match="ams must continue rollouts from others"):
         avrare.estimate(problem, "ams", particles=20, discard=4, runs=1)
 
 
@@ -237,7 +237,7 @@ def test_one_that_is_its_own_master():
         ({"env": "CartPole-v1", "noise": {"observation": {"scale": [1, 2]}}}, "2 scales for 4 numbers"),
         (
             {"env": "CartPole-v1", "noise": {"initial": {"attribute": "wheel", "scale": 1}}},
-            "wheel is no state",
+            "wheel is not a numeric state",
         ),
     ],
 )
@@ -273,10 +273,10 @@ def test_a_missing_package(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"env": "os:CartPole-v1"}, "would run the code of module 'os'"),
-        ({"env": "tests.toys:Mine-v0"}, "no installed plugin"),
-        ({"env": "CartPole-v1", "signals": {"reward": 1}}, "cannot name a signal"),
-        ({"env": "CartPole-v1", "signals": {"a b": 1}}, "cannot name a signal"),
+        ({"env": "os:CartPole-v1"}, "would run code of module 'os'"),
+        ({"env": "tests.toys:Mine-v0"}, "not an installed plugin"),
+        ({"env": "CartPole-v1", "signals": {"reward": 1}}, "is not a valid signal name"),
+        ({"env": "CartPole-v1", "signals": {"a b": 1}}, "is not a valid signal name"),
         ({"env": "CartPole-v1", "signals": {"x": -1}}, "count from 0"),
         ({"env": "CartPole-v1", "copy": "clone"}, "copy"),
         ({"env": "CartPole-v1", "noise": {"action": {"scale": -1.0}}}, "greater than or equal to 0"),

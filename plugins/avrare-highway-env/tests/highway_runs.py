@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avrare.batch import leaves
+from avrare.base.batch import leaves
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.simulator import HighwayEnvSimulator
 

@@ -7,8 +7,8 @@ from highway_runs import simulator, steering
 
 from avrare.driving.geometry import Rectangle
 from avrare_highway_env import scenes
-from avrare_highway_env.lanes import FlatLane
-from avrare_highway_env.lidar import cast, closing, directions
+from avrare_highway_env.scenes import FlatLane
+from avrare_highway_env.sensing import cast, closing, directions
 
 SCENES = {"merge": {}, "highway": {"vehicles": 8}, "roundabout": {}}
 

@@ -8,7 +8,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_runs import numbers, simulator, tape
 
 import avrare
-from avrare.batch import concatenate, take
+from avrare.base.batch import concatenate, take
 from avrare_highway_env.drivers import LightEgo
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -58,6 +58,7 @@ def test_copies_diverge_only_by_their_noise(loop):
     assert not same(take(late, slice(1, 2)), states[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "options"),
     [("mc", {"rollouts": 8}), ("ams", {"particles": 6, "discard": 2, "runs": 1})],

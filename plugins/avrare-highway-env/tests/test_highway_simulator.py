@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from highway_runs import numbers, run, same, simulator, steering, tape
 
-from avrare.batch import concatenate, take
+from avrare.base.batch import concatenate, take
+from avrare.base.errors import UsageError
 from avrare.driving import Action
-from avrare.errors import UsageError
-from avrare_highway_env.readings import ABSENT
+from avrare_highway_env.worlds import ABSENT
 
 
 @pytest.fixture(scope="module", params=list(runs.OPTIONS))

@@ -5,12 +5,11 @@ import pytest
 from highway_runs import run, simulator, tape
 from pydantic import ValidationError
 
-from avrare.batch import take
+from avrare.base.batch import take
+from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
-from avrare.errors import UsageError
-from avrare_highway_env.path import Path
-from avrare_highway_env.path_follower import PathFollower, build
-from avrare_highway_env.path_follower_config import PathFollowerConfig
+from avrare_highway_env.config import PathFollowerConfig
+from avrare_highway_env.path_follower import Path, PathFollower, build
 from avrare_highway_env.sensing import Ego
 
 NORTH = ((2.0, -60.0), (2.0, 60.0))
@@ -52,7 +51,7 @@ def test_places_on_a_path():
 @pytest.mark.parametrize(
     ("waypoints", "message"),
     [
-        ([], "two waypoints or more, there are 0"), ([[0, 0]], "two waypoints or more, there are 1"),
+        ([], "at least two waypoints, found 0"), ([[0, 0]], "at least two waypoints, found 1"),
         ([[0, 0], [1, 1], [1, 1]], "waypoint 2 is the same"), ([[0, 0], [1, 1, 1]], "waypoints.1"),
         ([[0, 0], [1, float("nan")]], "finite"),
     ],
@@ -141,5 +140,5 @@ def test_without_others_the_road_is_free():
 
 @pytest.mark.parametrize("state", [np.zeros((2, 4)), vehicles([(0.0, 0.0, 0.0, 0.0)])])
 def test_other_simulators_are_refused(state):
-    with pytest.raises(UsageError, match="path_follower needs to see the other vehicles"):
+    with pytest.raises(UsageError, match="path_follower needs the states of the other vehicles"):
         PathFollower(PathFollowerConfig(waypoints=NORTH)).act(None, state, None)

@@ -5,7 +5,7 @@ import pytest
 from highway_runs import run, simulator, tape
 from PIL import Image
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare_highway_env.render import frames, save_gif
 
 

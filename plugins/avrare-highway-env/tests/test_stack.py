@@ -10,8 +10,8 @@ import pytest
 from highway_runs import run, simulator, tape
 
 import avrare
-from avrare.build.rules import build_rule
-from avrare.errors import ScenarioError
+from avrare.base.errors import ScenarioError
+from avrare.stack.rule_monitors import build_rule
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 WORLD = """
@@ -52,6 +52,7 @@ def scenario(tmp_path, policy, world, rule):
 NOISY = "scene: merge, start_seed: 3, lidar: {cells: 24, speeds: false, noise_variance: 0.01}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "options"),
     [("mc", {"rollouts": 10}), ("ams", {"particles": 6, "discard": 2, "runs": 2})],
@@ -92,7 +93,7 @@ def test_rules_for_straight_roads_are_refused_elsewhere(tmp_path, policy):
 
 def test_a_policy_needs_its_sensors(tmp_path, policy):
     world = scenario(tmp_path, policy, "scene: merge", '{stl: "always (gap > 0)"}')
-    with pytest.raises(avrare.UsageError, match="made for 30 observed numbers, it is given 6"):
+    with pytest.raises(avrare.UsageError, match="observations of 30 numbers, the simulator gives 6"):
         world.problem("rule").robustness(np.zeros((1, 21, 9)))
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrare.batch import take
+from avrare.base.batch import take
 from avrare_imm.imm import Mixture, forecast, fuse, step
-from avrare_imm.models import lateral_models, longitudinal_models, rollout, transition_matrix
+from avrare_imm.models import lateral_models, longitudinal_models, look_ahead, transition_matrix
 
 LATERAL = lateral_models((3.0, 4.0, 5.0), 7.0, (-1.75, 1.75, 5.25), 0.1, 0.1, 0.1, 0.95)
 LONGITUDINAL = longitudinal_models(("cv", "ca"), 0.1, 1.0, (0.1, 0.1), 0.95)
@@ -97,7 +97,7 @@ def test_rows_do_not_depend_on_their_batch(models, rows):
     rng = np.random.default_rng(4)
     full = begin(models, rng, (30, 3))
     part = take(full, np.array(rows))
-    ahead = rollout(models, 20)
+    ahead = look_ahead(models, 20)
     for _ in range(4):
         measurement, detected = observe(models, rng, (30, 3))
         full = step(models, full, measurement, detected)
@@ -126,7 +126,7 @@ def test_vehicles_do_not_depend_on_each_other(models):
 def test_forecast_equals_stepping_every_mode(models):
     rng = np.random.default_rng(6)
     track = begin(models, rng, (3, 2))
-    positions = forecast(rollout(models, 20), track)
+    positions = forecast(look_ahead(models, 20), track)
     assert positions.shape == (3, 2, 21)
     np.testing.assert_array_equal(positions[..., 0], fuse(track)[0][..., 0])
     for i in range(3):
@@ -159,7 +159,7 @@ def test_an_update_leaves_its_input_alone(models):
     copies = [leaf.copy() for leaf in (once.mean, once.covariance, once.probability)]
     step(models, once, *observe(models, rng, (2, 2)))
     fuse(once)
-    forecast(rollout(models, 5), once)
+    forecast(look_ahead(models, 5), once)
     for leaf, copy in zip((once.mean, once.covariance, once.probability), copies, strict=True):
         np.testing.assert_array_equal(leaf, copy)
 

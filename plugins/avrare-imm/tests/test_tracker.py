@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from avrare.batch import concatenate, size, take
+from avrare.base.batch import concatenate, size, take
+from avrare.base.errors import UsageError
 from avrare.driving import Observation, Road, Scene, Vehicles, World
-from avrare.errors import UsageError
 from avrare.protocols import Tracker
 from avrare_imm import avrare_components
 from avrare_imm.config import ImmConfig

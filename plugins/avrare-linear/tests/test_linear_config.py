@@ -50,11 +50,11 @@ def config(**changes):
         ({"observer": {"gain": [[1, 2]]}}, "observer.gain must be states x outputs, 2 x 1, not 1 x 2"),
         ({"outputs": [], "C": None, "measurement_noise": None}, "observer needs outputs and C"),
         ({"inputs": [], "B": None}, "feedback needs inputs and B"),
-        ({"B": None}, "inputs and B belong together"),
-        ({"C": None}, "outputs and C belong together"),
-        ({"states": ["x", "x"]}, "names of their own"),
-        ({"states": ["x", "2v"]}, "'2v' is no name"),
-        ({"outputs": ["x_estimate"]}, "names of their own"),
+        ({"B": None}, "give inputs and B together"),
+        ({"C": None}, "give outputs and C together"),
+        ({"states": ["x", "x"]}, "different names"),
+        ({"states": ["x", "2v"]}, "'2v' is not a valid signal name"),
+        ({"outputs": ["x_estimate"]}, "different names"),
         ({"A": [[1, "one"], [0, 1]]}, "'one' is not a number"),
         ({"process_noise": [0.1, True]}, "True is not a number"),
         ({"A": [[1, [1]], [0, 1]]}, "valid number"),
@@ -94,7 +94,7 @@ def test_a_controller_of_another_plugin_is_refused():
 
 
 def test_a_matrix_that_is_no_covariance_is_refused_when_it_is_built():
-    with pytest.raises(avrare.UsageError, match="process_noise is no covariance"):
+    with pytest.raises(avrare.UsageError, match="process_noise is not a covariance"):
         from_config(config(process_noise=[[1.0, 2.0], [2.0, 1.0]]))
 
 

@@ -14,9 +14,9 @@ from avrare.testing.problems import (
     response,
     walk,
 )
-from avrare.testing.static import Static, row_sum
-from avrare_linear.ellipse import Segments, Slicer, draw
-from avrare_linear.gaussian import responses
+from avrare.testing.static_problems import Static, row_sum
+from avrare_linear.ellipse import Segments, Slicer, draw_angles
+from avrare_linear.gaussian import simulate_signals
 from avrare_linear.predicates import AffineFormula
 
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 3000, endpoint=False) + 1e-5
@@ -53,7 +53,7 @@ def robustness_along(system, formula, tape, other):
     """(M, K) at the angles of the scan, by running the system."""
     cosine, sine = np.cos(ANGLES)[:, None, None], np.sin(ANGLES)[:, None, None]
     tapes = (tape[:, None] * cosine + other[:, None] * sine).reshape(-1, *tape.shape[1:])
-    return formula.robustness(responses(system, tapes))[:, 0].reshape(len(tape), -1)
+    return formula.robustness(simulate_signals(system, tapes))[:, 0].reshape(len(tape), -1)
 
 
 def check(system, text, steps, levels, many=12):
@@ -142,23 +142,23 @@ def test_levels_may_differ_from_ellipse_to_ellipse_and_from_sample_to_sample():
 def test_a_row_does_not_depend_on_its_neighbours(text):
     slicer, (tape, other) = Slicer.of(Plane(), 9, avrare.stl(text)), ellipses(2, 9, 41)
     uniforms = NoiseSource(2, 1).choices(0, 0, np.arange(41))
-    together = draw(slicer.segments(tape, other, 0.2), uniforms)
+    together = draw_angles(slicer.segments(tape, other, 0.2), uniforms)
     assert len(np.unique(together)) > 20
     for row in (0, 9, 40):
         part = slice(row, row + 1)
-        assert draw(slicer.segments(tape[part], other[part], 0.2), uniforms[part])[0] == together[row]
+        assert draw_angles(slicer.segments(tape[part], other[part], 0.2), uniforms[part])[0] == together[row]
 
 
 def test_draws_are_uniform_on_the_segments():
     low, high = np.array([[0.5, 2.0, 6.0]]), np.array([[1.0, 3.5, 6.0]])
     many = 20_000
     segments = Segments(np.repeat(low, many, axis=0), np.repeat(high, many, axis=0))
-    angles = draw(segments, (np.arange(many) + 0.5) / many)
+    angles = draw_angles(segments, (np.arange(many) + 0.5) / many)
     assert segments.contains(angles[:, None]).all()
     assert np.mean(angles < 1.0) == pytest.approx(0.25, abs=1e-3)
     assert np.mean(angles < 2.75) == pytest.approx(0.625, abs=1e-3)
     nothing = Segments(np.full((2, 1), 2 * np.pi), np.full((2, 1), 2 * np.pi))
-    assert draw(nothing, np.array([0.1, 0.9])).tolist() == [0.0, 0.0]
+    assert draw_angles(nothing, np.array([0.1, 0.9])).tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.testing.awkward_systems import Walk
 from avrare.testing.problems import exponential_sum
-from avrare.testing.systems import Walk
-from avrare_linear.gaussian import TrajectoryGaussian, responses, transform
+from avrare_linear.gaussian import TrajectoryGaussian, apply_map, simulate_signals
 from avrare_linear.system import LinearSystem
 
 RNG = np.random.default_rng(5)
@@ -56,7 +56,7 @@ def test_the_map_gives_the_signals_of_runs():
     linear = observed()
     tape = RNG.standard_normal((20, STEPS + 1, linear.noise_size))
     law = TrajectoryGaussian.of(linear, STEPS)
-    found, expected = law.signals(tape), responses(linear, tape)
+    found, expected = law.signals(tape), simulate_signals(linear, tape)
     assert set(found) == {"x", "v", "x_estimate", "v_estimate", "a", "seen"}
     for name, values in expected.items():
         np.testing.assert_allclose(found[name], values, atol=1e-12)
@@ -68,7 +68,7 @@ def test_the_covariance_is_that_of_many_runs():
     linear = observed()
     tape = RNG.standard_normal((40_000, STEPS + 1, linear.noise_size))
     law = TrajectoryGaussian.of(linear, STEPS, ("x", "a"))
-    found = responses(linear, tape, law.names)
+    found = simulate_signals(linear, tape, law.names)
     drawn = np.cov(np.stack([found["x"][:, -1], found["a"][:, -1], found["x"][:, 3]]))
     cov = law.covariance
     exact = [
@@ -82,10 +82,10 @@ def test_the_covariance_is_that_of_many_runs():
 
 def test_a_row_does_not_depend_on_its_neighbours():
     matrix, tape = RNG.standard_normal((30, 24)), RNG.standard_normal((65, 8, 3))
-    together = transform(matrix, tape)
+    together = apply_map(matrix, tape)
     np.testing.assert_allclose(together, tape.reshape(65, -1) @ matrix.T, atol=1e-12)
     for row in (0, 7, 64):
-        assert transform(matrix, tape[row : row + 1])[0].tolist() == together[row].tolist()
+        assert apply_map(matrix, tape[row : row + 1])[0].tolist() == together[row].tolist()
 
 
 def test_what_is_not_affine_is_refused_by_name():

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare import batch
+from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.testing.problems import conjunction, four_branch, linear, reach, reference_problem, walk
-from avrare.testing.static import Static, row_sum
-from avrare_estimators.chains import Draw, Points
-from avrare_linear.kernel import ExactKernel, WholeTrace, solvable
+from avrare.testing.static_problems import Static, row_sum
+from avrare_estimators.ess.chains import Draw, Points
+from avrare_linear.kernel import ExactKernel, WholeTrace, to_solvable
 
 
 class LogProduct(Static):
@@ -45,7 +45,7 @@ PROBLEMS = {
     "b": (linear(1.5, 20).problem(), 0.0),
     "d, level": (walk(2.5).problem(), -1.0),
     "i": (avrare.Problem(LogProduct(5), avrare.stl("log_product < 1.6"), 0), 0.0),
-    "g, whole trace": (solvable(reach(1.0).problem()), -1.5),
+    "g, whole trace": (to_solvable(reach(1.0).problem()), -1.5),
     "margin": (ramp("margin"), 0.5),
 }
 
@@ -135,11 +135,11 @@ def test_scores_without_a_closed_form_are_replaced_or_refused():
     problem = reach(1.0).problem()
     with pytest.raises(avrare.UsageError, match="score of specification"):
         ExactKernel.of(problem)
-    assert isinstance(solvable(problem).score, WholeTrace)
+    assert isinstance(to_solvable(problem).score, WholeTrace)
     for score in ("robustness", "margin"):
-        assert solvable(ramp(score)).score == score
-    with pytest.raises(avrare.UsageError, match="is none"):
-        solvable(avrare.Problem(Ramp(), _NoFormula(), 3))
+        assert to_solvable(ramp(score)).score == score
+    with pytest.raises(avrare.UsageError, match="is not given as stl"):
+        to_solvable(avrare.Problem(Ramp(), _NoFormula(), 3))
 
 
 class _NoFormula:
@@ -150,6 +150,7 @@ class _NoFormula:
         raise NotImplementedError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a_beta_-2", "b_linear_d100_p1e-4", "g_eventually_c1.0"])
 def test_the_estimator_is_unbiased(name):
     problem = reference_problem(name)

@@ -8,8 +8,15 @@ import pytest
 
 import avrare
 from avrare_linear.gaussian import TrajectoryGaussian
-from avrare_linear.gradient import chain, log_gradient, sensitivity
-from avrare_linear.synthesis import Effort, Step, descend, failing_tapes, parameter_gradient, synthesise
+from avrare_linear.gradient import apply_chain_rule, compute_sensitivity, estimate_log_gradient
+from avrare_linear.synthesis import (
+    DescentStep,
+    Effort,
+    descend,
+    estimate_parameter_gradient,
+    sample_failures,
+    synthesise,
+)
 from avrare_linear.system import LinearSystem
 
 Phi, quantile = NormalDist().cdf, NormalDist().inv_cdf
@@ -77,10 +84,10 @@ def test_gradients_of_exact_failures(parameter):
     expected = by_differences(lambda v: reaches_limit(replace(system, **{parameter: v})), value)
     law = TrajectoryGaussian.of(system, T, ("x",))
     tapes = exact_failures(law, 100_000)
-    moves = sensitivity(
+    moves = compute_sensitivity(
         lambda v: replace(system, **{parameter: v.reshape(value.shape)}), value.ravel(), T, ("x",)
     )
-    parts = [chain(law, log_gradient(law, part), moves) for part in np.split(tapes, 50)]
+    parts = [apply_chain_rule(law, estimate_log_gradient(law, part), moves) for part in np.split(tapes, 50)]
     error = np.std(parts, axis=0, ddof=1) / np.sqrt(50)
     found = np.mean(parts, axis=0)
     assert np.abs(expected).max() > 0.05
@@ -98,7 +105,7 @@ def test_the_complex_step_is_the_derivative_of_the_map(parameter):
             replace(system, **{parameter: entries.reshape(value.shape)}), T, ("x", "a")
         )
 
-    found = sensitivity(
+    found = compute_sensitivity(
         lambda v: replace(system, **{parameter: v.reshape(value.shape)}), value.ravel(), T, ("x", "a")
     )
     for k in range(value.size):
@@ -110,7 +117,9 @@ def test_the_complex_step_is_the_derivative_of_the_map(parameter):
 
 @pytest.mark.parametrize(("parameter", "rtol"), [("mean", 0.1), ("spread", 0.1)])
 def test_the_gradient_of_sampled_failures(parameter, rtol):
-    step = parameter_gradient(plane([1.0, 0.5]), avrare.stl(FOUR), 0, parameter, Effort(runs=8), seed=2)
+    step = estimate_parameter_gradient(
+        plane([1.0, 0.5]), avrare.stl(FOUR), 0, parameter, Effort(runs=8), seed=2
+    )
 
     def exact(value):
         diagonal = np.diag(value[0]) if parameter == "spread" else (1.0, 1.0)
@@ -125,6 +134,7 @@ def test_the_gradient_of_sampled_failures(parameter, rtol):
     assert step.probability == pytest.approx(four_squares((1.0, 0.5)), rel=0.5)
 
 
+@pytest.mark.slow
 def test_the_four_squares_drive_the_mean_to_the_origin():
     effort = Effort(chains=40, runs=2, moves=20)
     steps = synthesise(
@@ -138,7 +148,7 @@ def test_the_four_squares_drive_the_mean_to_the_origin():
 
 def test_failing_tapes_fail_and_are_a_sample():
     problem = avrare.Problem(plane([0.0, 0.0]), avrare.stl("x < 2.5"), 0)
-    failing = failing_tapes(problem, Effort(chains=50, runs=4, moves=30), seed=3)
+    failing = sample_failures(problem, Effort(chains=50, runs=4, moves=30), seed=3)
     tapes, weight = failing.tape, failing.weight
     assert failing.probability == pytest.approx(Phi(-2.5), rel=0.4)
     assert len(tapes) > 1000
@@ -152,22 +162,22 @@ def test_failing_tapes_fail_and_are_a_sample():
 def test_a_parameter_that_moves_what_has_no_noise_is_refused():
     system = replace(observed(), spread=np.zeros((1, 2, 2)))
     with pytest.raises(avrare.UsageError, match="direction without noise"):
-        parameter_gradient(
+        estimate_parameter_gradient(
             system, avrare.stl("always (x < 2)"), T, "mean", Effort(chains=20, runs=1, moves=1)
         )
 
 
 def test_unknown_parameters_are_refused():
     with pytest.raises(avrare.UsageError, match="no parameter 'gian'") as error:
-        parameter_gradient(observed(), avrare.stl("always (x < 2)"), T, "gian", Effort())
+        estimate_parameter_gradient(observed(), avrare.stl("always (x < 2)"), T, "gian", Effort())
     assert error.value.hint == "did you mean 'gain'?"
     with pytest.raises(avrare.UsageError, match="no parameter 'observer'"):
-        parameter_gradient(plane([0.0, 0.0]), avrare.stl("x < 2"), 0, "observer", Effort())
+        estimate_parameter_gradient(plane([0.0, 0.0]), avrare.stl("x < 2"), 0, "observer", Effort())
 
 
 def test_descent_stops_where_it_is_told_to():
     def bowl(value, iteration):
-        return Step(value, float(value[0] ** 2), 2.0 * value)
+        return DescentStep(value, float(value[0] ** 2), 2.0 * value)
 
     start = np.array([1.0])
     every = descend(bowl, start, rate=0.25, iterations=6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare import batch
+from avrare.base import batch
 from avrare_linear.gains import kalman, regulator
 from avrare_linear.system import LinearSystem
 

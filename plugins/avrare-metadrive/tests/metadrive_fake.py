@@ -5,8 +5,8 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
+from avrare_metadrive.config import SIGNALS
 from avrare_metadrive.process import serve
-from avrare_metadrive.readings import SIGNALS
 
 GOAL = 3.0
 

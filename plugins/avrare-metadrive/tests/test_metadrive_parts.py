@@ -10,12 +10,12 @@ from scipy.special import ndtr
 from scipy.stats import truncnorm
 
 import avrare_metadrive
-from avrare.errors import PluginError
-from avrare.plugin.known import pip_line
+from avrare.base.errors import PluginError
+from avrare.plugin.first_party import pip_line
 from avrare.plugin.registry import Registry
 from avrare_metadrive import expert, version, world
 from avrare_metadrive.config import ExpertConfig, MetaDriveConfig
-from avrare_metadrive.lidar import disturbed
+from avrare_metadrive.world import disturb
 
 SD = np.sqrt(0.004)
 
@@ -38,7 +38,7 @@ def test_options_that_are_refused(wrong):
 
 def test_describing_and_validating_import_nothing_heavy():
     code = (
-        "import sys, avrare_metadrive, avrare_metadrive.config; avrare_metadrive.refuse_others()\n"
+        "import sys, avrare_metadrive, avrare_metadrive.config; avrare_metadrive.avrare_components()\n"
         "print([name for name in ('metadrive', 'panda3d', 'scipy', 'gymnasium') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -51,7 +51,7 @@ def test_another_version_is_a_row_with_the_reason(monkeypatch):
     registry.register(avrare_metadrive, "metadrive", "avrare-metadrive", "0.1.0")
     (row,) = [row for row in registry.rows() if row.distribution == "avrare-metadrive"]
     assert row.status == "broken"
-    assert "metadrive-simulator 0.4.2 is installed, and 0.4.3 is needed" in row.detail
+    assert "metadrive-simulator 0.4.2 is installed, but 0.4.3 is required" in row.detail
     assert "\n" not in row.detail
     with pytest.raises(PluginError, match=r"0\.4\.2"):
         registry.require("simulator", "metadrive")
@@ -75,18 +75,18 @@ def test_noise_follows_the_truncated_normal_law(distance):
     normals = np.linspace(-4.0, 4.0, 81)
     ends = (0.0 - distance) / SD, (1.0 - distance) / SD
     expected = truncnorm.ppf(ndtr(normals), *ends, loc=distance, scale=SD)
-    found = disturbed(np.full(81, distance), normals, SD)
+    found = disturb(np.full(81, distance), normals, SD)
     np.testing.assert_allclose(found, expected, atol=1e-9)
     assert (np.diff(found) > 0.0).all()
 
 
 def test_noise_stays_within_what_a_ray_can_read_and_keeps_its_tails():
-    far = disturbed(np.array([0.5, 0.5, 1.0, 0.0]), np.array([-12.0, 12.0, -12.0, 12.0]), 0.01)
+    far = disturb(np.array([0.5, 0.5, 1.0, 0.0]), np.array([-12.0, 12.0, -12.0, 12.0]), 0.01)
     np.testing.assert_allclose(far[:2], [0.38, 0.62], atol=1e-12)
     # Half the law is left at an end of the range: twice the probability of what is beyond is P(Z < -12).
     beyond = ndtr(-(1.0 - far[2]) / 0.01), ndtr(-far[3] / 0.01)
     np.testing.assert_allclose(2.0 * np.array(beyond), ndtr(-12.0), rtol=1e-6)
-    wild = disturbed(np.linspace(0.0, 1.0, 101), np.where(np.arange(101) % 2, -60.0, 60.0), SD)
+    wild = disturb(np.linspace(0.0, 1.0, 101), np.where(np.arange(101) % 2, -60.0, 60.0), SD)
     assert (wild >= 0.0).all()
     assert (wild <= 1.0).all()
 
@@ -94,10 +94,10 @@ def test_noise_stays_within_what_a_ray_can_read_and_keeps_its_tails():
 def test_noise_of_a_row_does_not_depend_on_its_neighbours():
     rng = np.random.default_rng(3)
     rays, normals = rng.uniform(size=(7, 240)), rng.standard_normal((7, 240))
-    together = disturbed(rays, normals, SD)
+    together = disturb(rays, normals, SD)
     for row in range(7):
-        assert np.array_equal(together[row], disturbed(rays[row], normals[row], SD))
-    assert disturbed(rays, normals, 0.0) is rays
+        assert np.array_equal(together[row], disturb(rays[row], normals[row], SD))
+    assert disturb(rays, normals, 0.0) is rays
 
 
 def made_up(inputs, hidden):

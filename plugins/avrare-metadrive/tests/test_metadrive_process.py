@@ -7,11 +7,11 @@ import time
 import numpy as np
 import pytest
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.worlds.simulator import Worlds
 from avrare_metadrive import world
 from avrare_metadrive.config import MetaDriveConfig
-from avrare_metadrive.process import First
+from avrare_metadrive.process import RootProcess
 from avrare_metadrive.world import MetaDriveWorld
 
 STEPS = 5
@@ -19,7 +19,7 @@ STEPS = 5
 
 @pytest.fixture
 def counter(helpers):
-    return First("metadrive_counter")
+    return RootProcess("metadrive_counter")
 
 
 def test_a_copy_goes_on_from_where_the_first_stood(counter):
@@ -90,10 +90,10 @@ def _gone(process, seconds=20.0):
 @pytest.fixture
 def make(helpers, monkeypatch):
     monkeypatch.setattr(world, "ENGINE", "metadrive_fake")
-    world._starts.clear()
+    world._roots.clear()
     config = MetaDriveConfig(lasers=12, noise={"variance": 0.004})
     yield lambda: MetaDriveWorld(config)
-    world._starts.clear()
+    world._roots.clear()
 
 
 def _tape(n):
@@ -129,7 +129,7 @@ def test_the_driver_sees_noise_on_the_rays_alone(make):
     seen = one.observation()
     assert (seen[:35] == 0.0).all()
     assert (seen[35:] != true).all()
-    assert np.array_equal(seen[35:], world.disturbed(true, tape[0], np.sqrt(0.004)))
+    assert np.array_equal(seen[35:], world.disturb(true, tape[0], np.sqrt(0.004)))
     again = make()
     again.reset(tape[1])
     assert (again.observation()[35:] != seen[35:]).all()
@@ -162,12 +162,12 @@ def test_a_start_that_has_died_is_made_again(make):
     one, tape = make(), _tape(1)[0]
     one.reset(tape[0])
     before = one.numbers().copy()
-    (start,) = [process for process, _ in world._starts.values()]
+    (start,) = [process for process, _ in world._roots.values()]
     start._connection.close()
     one.reset(tape[0])
     assert np.array_equal(one.numbers(), before)
-    assert len(world._starts) == 1
-    assert not next(iter(world._starts.values()))[0].closed
+    assert len(world._roots) == 1
+    assert not next(iter(world._roots.values()))[0].closed
 
 
 def test_a_picture_is_not_noticed(make):

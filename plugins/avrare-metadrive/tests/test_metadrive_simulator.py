@@ -10,9 +10,8 @@ pytest.importorskip("metadrive")
 
 import avrare
 from avrare_metadrive import expert
-from avrare_metadrive.config import ExpertConfig, MetaDriveConfig
-from avrare_metadrive.process import First
-from avrare_metadrive.readings import SIGNALS
+from avrare_metadrive.config import SIGNALS, ExpertConfig, MetaDriveConfig
+from avrare_metadrive.process import RootProcess
 from avrare_metadrive.world import ENGINE, MetaDriveWorld, build
 
 SCENARIO = Path(__file__).parents[3] / "scenarios" / "merge_metadrive.yaml"
@@ -48,7 +47,7 @@ def test_the_same_noise_gives_the_same_run_in_two_processes_and_after_a_reset(dr
     again = MetaDriveWorld(config)
     assert not np.array_equal(drive(again, driver, tape(60, 1)), first)
     assert np.array_equal(drive(again, driver, noise), first)
-    fresh = First(ENGINE)  # another Python, and its car goes back by MetaDrive's own reset
+    fresh = RootProcess(ENGINE)  # another Python, and its car goes back by MetaDrive's own reset
     fresh.call("begin", config)
     for _ in range(20):
         fresh.call("step", 0.1, 1.0)

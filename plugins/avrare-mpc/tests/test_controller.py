@@ -5,13 +5,13 @@ import sys
 import numpy as np
 import pytest
 
-from avrare.batch import concatenate, size, take
+from avrare.base.batch import concatenate, size, take
+from avrare.base.errors import UsageError
 from avrare.driving import Prediction
-from avrare.errors import UsageError
 from avrare_mpc import avrare_components
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
-from avrare_mpc.start_policy import start_drives
+from avrare_mpc.plan import initial_guesses
 
 
 def noise_of(n, samples, seed=5):
@@ -151,7 +151,7 @@ def test_an_empty_road_is_driven_straight(lane_change, quiet):
 
 
 def test_start_drives_reach_their_lanes():
-    states, inputs = start_drives(np.array([[17.0, 1.75, 21.6, 0.0]]), (1.75, 5.25), 20, 0.1)
+    states, inputs = initial_guesses(np.array([[17.0, 1.75, 21.6, 0.0]]), (1.75, 5.25), 20, 0.1)
     assert states.shape == (1, 4, 21, 4)
     np.testing.assert_allclose(states[0, :, -1, 1], [1.75, 1.75, 5.25, 5.25])
     np.testing.assert_allclose(states[0, :, -1, 2], [21.6, 15.6, 21.6, 15.6])

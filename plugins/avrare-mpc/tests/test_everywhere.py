@@ -1,13 +1,13 @@
-"""`search: everywhere`: later steps look near the start drives too."""
+"""`search: everywhere`: later steps search from the initial guesses, too."""
 
 import numpy as np
 import pytest
 
-from avrare.batch import concatenate, take
+from avrare.base.batch import concatenate, take
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
+from avrare_mpc.nlp import build_problem, pack_parameters
 from avrare_mpc.plan import to_variables
-from avrare_mpc.problem import build_problem, pack_parameters
 from avrare_mpc.riccati.jit import COMPILED
 
 BACKENDS = [
@@ -46,6 +46,7 @@ def costs(lane_change, steps, memory):
     return np.array([float(cost(*row)) for row in zip(plans, parameters, strict=True)])
 
 
+@pytest.mark.slow
 def test_plans_are_never_costlier_and_at_times_much_cheaper(lane_change, steps, outcomes):
     follow, everywhere = (costs(lane_change, steps, memory) for memory in outcomes[1])
     assert (everywhere <= follow * (1.0 + 1e-5)).all()
@@ -65,6 +66,7 @@ def test_rows_do_not_depend_on_their_neighbours(steps, outcomes):
         assert np.array_equal(alone.plan_inputs[0], together.plan_inputs[row])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 def test_both_backends_find_the_same_plan_nearly_everywhere(lane_change, steps):
     first, second = (

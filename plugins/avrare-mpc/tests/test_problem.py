@@ -5,12 +5,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.lanes import lateral_bounds
-from avrare_mpc.nlp import lane_cost
-from avrare_mpc.plan import from_variables, shift, to_variables
-from avrare_mpc.problem import build_problem, pack_parameters, softplus
-from avrare_mpc.solver import NlpSolver
+from avrare_mpc.nlp import build_problem, lane_cost, pack_parameters, softplus
+from avrare_mpc.plan import from_variables, lateral_bounds, shift, to_variables
 
 LANES = (1.75, 5.25)
 

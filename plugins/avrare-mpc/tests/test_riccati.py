@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.batch import concatenate, take
+from avrare.base.batch import concatenate, take
 from avrare.driving import Prediction, Vehicles
 from avrare_mpc import avrare_components
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
-from avrare_mpc.plan import shift
+from avrare_mpc.plan import cheapest, shift
 from avrare_mpc.riccati import jit
 from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.solver import RiccatiSolver
-from avrare_mpc.search import cheapest
 
 RICCATI = {"backend": "riccati"}
 needs_numba = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
@@ -113,6 +112,7 @@ def test_failures_are_counted_and_driven_out(fast, quiet):
     assert memory.solved[0]
 
 
+@pytest.mark.slow
 @needs_numba
 @pytest.mark.parametrize("speed", [300.0, 1e8, 1e200, np.nan, np.inf])
 def test_absurd_rows_fail_alone(fast, quiet, speed):
@@ -126,6 +126,7 @@ def test_absurd_rows_fail_alone(fast, quiet, speed):
     assert (later.retries - memory.retries)[0] == 0
 
 
+@pytest.mark.slow
 @needs_numba
 @pytest.mark.parametrize(
     "options",
@@ -205,7 +206,7 @@ def test_an_empty_road_and_an_empty_batch(lane_change, fast, quiet):
 def test_without_numba_it_says_so_and_works(lane_change, plain, quiet):
     memory, ego, prediction = quiet[1].inputs[5]
     with pytest.warns(UserWarning, match="numba is not installed"):
-        search = plain.search.RiccatiSearch(MpcConfig(**RICCATI), lane_change.scene)
+        search = plain.solver.RiccatiSearch(MpcConfig(**RICCATI), lane_change.scene)
     assert not plain.jit.COMPILED
     start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
     old = memory.plan_states, memory.plan_inputs
@@ -230,7 +231,7 @@ def test_where_no_cache_can_be_written_it_compiles_without(monkeypatch):
 
 
 def test_kept_machine_code_depends_on_the_kernels_alone(plain):
-    kernels = ("jit", "values", "cost", "drive", "stage", "sweep", "newton", "batch")
+    kernels = ("jit", "values", "cost", "sweep", "newton", "batch")
     for module in (jit, plain.jit) if COMPILED else (jit,):
         assert {Path(name).stem for name in module._SOURCES} == set(kernels)
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from avrare_mpc.config import MpcConfig
+from avrare_mpc.nlp import build_problem, pack_parameters
 from avrare_mpc.plan import to_variables
-from avrare_mpc.problem import build_problem, pack_parameters
 from avrare_mpc.riccati.solver import programme
 
 VARIANTS = {
@@ -31,8 +31,8 @@ def drawn(config, lane_change, plain):
     path.inputs[:] = [2.0, 0.2] * rng.standard_normal((config.horizon, 2))
     shape = (3, config.horizon + 1)
     others = plain.values.Others(rng.uniform(28, 55, shape), rng.uniform(-1, 6, shape))
-    plain.drive.drive(p, path)
-    plain.cost.drive_cost(p, path, others)
+    plain.newton.simulate(p, path)
+    plain.cost.path_cost(p, path, others)
     plain.cost.barrier(p, path, 3, 0.5)
     return p, path, others
 
@@ -47,7 +47,7 @@ def test_cost_and_model_are_those_of_the_programme(config, lane_change, plain, d
     cost = ca.Function("cost", [nlp.variables, nlp.parameters], [nlp.cost])
     parameters = pack_parameters(lane_change.scene, path.states[:1], others[0][None], others[1][None])[0]
     expected = float(cost(to_variables(path.states, path.inputs), parameters))
-    assert plain.cost.drive_cost(p, path, others) == pytest.approx(expected, rel=1e-12)
+    assert plain.cost.path_cost(p, path, others) == pytest.approx(expected, rel=1e-12)
     dynamics = ca.Function("gaps", [nlp.variables, nlp.parameters], [nlp.constraints])
     gaps = np.asarray(dynamics(to_variables(path.states, path.inputs), parameters)).ravel()
     assert np.abs(gaps[nlp.lower == nlp.upper]).max() < 1e-12
@@ -65,13 +65,13 @@ def moved(plain, p, path, others, centre):
     there = copy(plain, path)
     there.states[0], there.inputs[0, 0] = centre[:4], centre[4]
     there.cosine[0], there.sine[0] = np.cos(centre[3]), np.sin(centre[3])
-    return there, plain.cost.drive_cost(p, there, others)
+    return there, plain.cost.path_cost(p, there, others)
 
 
 def test_stage_gradient_is_that_of_the_cost(plain, drawn):
     p, path, others = drawn
     centre, step = np.array([*path.states[0], path.inputs[0, 0]]), 1e-5
-    model = plain.stage.stage_model(p, path, 0, centre[4], others)
+    model = plain.cost.stage_model(p, path, 0, centre[4], others)
     for name, axis in zip("xyvha", np.eye(5), strict=True):
         ahead, behind = (moved(plain, p, path, others, centre + sign * step * axis)[1] for sign in (1, -1))
         assert getattr(model, name) == pytest.approx((ahead - behind) / (2 * step), rel=1e-6, abs=1e-4)
@@ -82,12 +82,12 @@ def test_stage_hessian_is_exact_where_the_clearances_are_linear(plain, drawn):
     p, path, others = drawn
     p, step = p._replace(lane_weight=0.0), 1e-6
     centre = np.array([*path.states[0], path.inputs[0, 0]])
-    model = plain.stage.stage_model(p, path, 0, centre[4], others)
+    model = plain.cost.stage_model(p, path, 0, centre[4], others)
     for name in ("xx", "xv", "xa", "yy", "yv", "ya", "vv", "va", "aa"):
         axis, slopes = np.eye(5)["xyvha".index(name[1])], []
         for sign in (1.0, -1.0):
             there, _ = moved(plain, p, path, others, centre + sign * step * axis)
-            slopes.append(getattr(plain.stage.stage_model(p, there, 0, there.inputs[0, 0], others), name[0]))
+            slopes.append(getattr(plain.cost.stage_model(p, there, 0, there.inputs[0, 0], others), name[0]))
         assert getattr(model, name) == pytest.approx((slopes[0] - slopes[1]) / (2 * step), rel=1e-5, abs=1e-3)
 
 
@@ -97,11 +97,11 @@ def test_the_clearance_hessian_is_of_rank_one_in_the_heading(lane_change, plain,
     p = p._replace(reach_x=p.reach_x[:1], reach_y=p.reach_y[:1])
     path = plain.values.new_path(2, 1)
     path.states[0] = [30.0, 1.5, 20.0, 0.2]
-    plain.drive.drive(p, path)
+    plain.newton.simulate(p, path)
     other_x, other_y = (40.0, 1.7) if along else (31.0, 5.0)
     others = plain.values.Others(np.full((1, 3), other_x), np.full((1, 3), other_y))
-    assert plain.cost.drive_cost(p, path, others) > 1.0
-    model = plain.stage.stage_model(p, path, 0, 0.0, others)
+    assert plain.cost.path_cost(p, path, others) > 1.0
+    model = plain.cost.stage_model(p, path, 0, 0.0, others)
     place = "x" if along else "y"
     assert model.hh > 1.0
     assert getattr(model, place + "h") ** 2 == pytest.approx(model.hh * getattr(model, 2 * place))
@@ -135,8 +135,8 @@ def test_sweep_solves_the_dense_newton_system(lane_change, plain, config, drawn)
     def merit(inputs):
         there = copy(plain, path)
         there.inputs[:] = inputs.reshape(steps, 2)
-        plain.drive.drive(p, there)
-        return plain.cost.drive_cost(p, there, others) + plain.cost.barrier(p, there, 3, mu)
+        plain.newton.simulate(p, there)
+        return plain.cost.path_cost(p, there, others) + plain.cost.barrier(p, there, 3, mu)
 
     flat, small = path.inputs.ravel(), 1e-6
     axes = small * np.eye(2 * steps)
@@ -154,7 +154,7 @@ def dense_hessian(plain, p, path, others, work, mu, damping):
     def states(inputs):
         there = copy(plain, path)
         there.inputs[:] = inputs.reshape(steps, 2)
-        plain.drive.drive(p, there)
+        plain.newton.simulate(p, there)
         return there.states.copy()
 
     flat = path.inputs.ravel()
@@ -163,7 +163,7 @@ def dense_hessian(plain, p, path, others, work, mu, damping):
     hessian = np.zeros((2 * steps, 2 * steps))
     for k in range(steps + 1):
         a = path.inputs[k, 0] if k < steps else 0.0
-        model = plain.stage.stage_model(p, path, k, a, others)
+        model = plain.cost.stage_model(p, path, k, a, others)
         matrix = np.zeros((5, 5))
         for name in ("xx", "xv", "xh", "xa", "yy", "yv", "yh", "ya", "vv", "vh", "va", "hh", "ha", "aa"):
             i, j = ("xyvha".index(letter) for letter in name)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare.batch import concatenate
+from avrare.base.batch import concatenate
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.plan import shift

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.errors import UsageError
 from avrare_mpc.config import TrajectoryPlan
 from avrare_mpc.trajectory import plan_trajectory
 
@@ -25,9 +25,9 @@ def test_recorded_cars_are_regenerated(lane_change, name, number):
     np.testing.assert_allclose(found.acceleration[1:n], rows["acc"][1:], atol=1e-3)
 
 
-def test_free_steps_of_the_two_recipes(lane_change):
-    assert lane_change.cut_in_plan.free_steps() == ()
-    assert lane_change.merging_plan.free_steps() == (11, 12)
+def test_fixed_lanes_of_the_two_recipes(lane_change):
+    assert set(lane_change.cut_in_plan.fixed_lanes()) == set(range(80))
+    assert set(lane_change.merging_plan.fixed_lanes()) == set(range(80)) - {11, 12}
 
 
 def test_trajectory_follows_the_model_and_its_bounds(lane_change):

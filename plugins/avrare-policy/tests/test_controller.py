@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare_policy.config import PolicyConfig
 from avrare_policy.controller import PolicyController, build, locate
 from avrare_policy.network import Network, save
@@ -30,12 +30,12 @@ def test_it_acts_on_what_the_ego_observes_or_on_the_observation_itself():
 
 @pytest.mark.parametrize("ego", [SimpleNamespace(x=1.0), np.zeros(2), None])
 def test_an_ego_that_observes_nothing(ego):
-    with pytest.raises(UsageError, match="whose ego"):
+    with pytest.raises(UsageError, match="observations of the ego"):
         PolicyController(small()).act(None, ego, None)
 
 
 def test_an_observation_of_another_size():
-    with pytest.raises(UsageError, match="made for 2 observed numbers, it is given 3"):
+    with pytest.raises(UsageError, match="observations of 2 numbers, the simulator gives 3"):
         PolicyController(small()).act(None, np.zeros((4, 3)), None)
 
 

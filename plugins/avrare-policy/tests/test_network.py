@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare_policy.network import Network, load, save
 
 
@@ -105,7 +105,7 @@ def test_a_file_that_is_none_is_refused(tmp_path, name):
 def test_no_archive(tmp_path, content):
     path = tmp_path / "net.npz"
     path.write_bytes(content)
-    with pytest.raises(UsageError, match="no policy"):
+    with pytest.raises(UsageError, match="not a policy"):
         load(path)
 
 
@@ -116,5 +116,5 @@ def test_pickles_are_refused(tmp_path):
         arrays = {key: file[key] for key in file.files}
     arrays["W0"] = np.array([{"a": 1}], dtype=object)
     np.savez(path, **arrays)
-    with pytest.raises(UsageError, match="no policy"):
+    with pytest.raises(UsageError, match="not a policy"):
         load(path)

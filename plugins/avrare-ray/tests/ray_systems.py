@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from avrare.testing import systems
+from avrare.testing import awkward_systems as systems
 
 
 class Fatal(systems.Walk):
@@ -17,6 +17,13 @@ class Fatal(systems.Walk):
         if os.getpid() != getattr(self, "home", None) and (self.trap is None or _taken(self.trap)):
             os._exit(1)
         return super().step(state, noise)
+
+
+class Nameless(systems.Walk):
+    """Walk without the signal ``x`` that the formulas read."""
+
+    def signals(self, state):
+        return {"y": state["x"]}
 
 
 def _taken(trap):

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.errors import AvrareError
+from avrare.base.errors import AvrareError
 from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
-from avrare.estimation.montecarlo import MonteCarlo
-from avrare.execute.serial import SerialExecutor
-from avrare.execute.window import WorkerDied
-from avrare.testing import systems
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.rollout.executors.in_flight import WorkerDied
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.testing import awkward_systems as systems
 
 ray = pytest.importorskip("ray")
 from avrare_ray.config import RayConfig  # noqa: E402
@@ -56,8 +56,8 @@ def test_the_same_bits_as_in_one_process():
 
 @pytest.mark.usefixtures("cluster")
 def test_splitting_copies_states_through_ray():
+    from avrare_estimators.ams.splitting import Splitting
     from avrare_estimators.config import AmsConfig
-    from avrare_estimators.splitting import Splitting
 
     results = [
         run(problem(), Splitting(AmsConfig(particles=30, discard=6, runs=2)), executor, Settings())[0]
@@ -91,9 +91,12 @@ def test_a_chunk_that_kills_every_actor_is_named(monkeypatch):
 
 
 @pytest.mark.usefixtures("cluster")
-def test_an_error_of_ours_arrives_with_its_hint():
+def test_an_error_of_ours_arrives_with_its_hint(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    from ray_systems import Nameless
+
     with pytest.raises(avrare.FormulaError, match="'x' is missing") as caught:
-        estimate(build(RayConfig()), problem(systems.Nameless()))
+        estimate(build(RayConfig()), problem(Nameless()))
     assert type(caught.value) is avrare.FormulaError
 
 
@@ -106,7 +109,9 @@ def test_a_cluster_of_others_is_left_running():
 def test_a_cluster_that_is_not_there():
     if ray.is_initialized():
         ray.shutdown()
-    with pytest.raises(AvrareError, match="no Ray cluster auto: Could not find any running Ray instance"):
+    with pytest.raises(
+        AvrareError, match="cannot reach the Ray cluster auto: Could not find any running Ray instance"
+    ):
         estimate(build(RayConfig(address="auto")))
 
 

@@ -24,8 +24,8 @@ def config(ego=EGO, road=None, vehicles=()):
         ({"road": {"lane_centres": []}}, "at least 1"),
         ({"road": {"access_ramp": [3]}}, "access_ramp must name lanes 0..2"),
         ({"vehicles": [{"name": "a", "x": 0, "y": 0}] * 2}, "a name of its own"),
-        ({"vehicles": [{"name": "ego", "x": 0, "y": 0}]}, "'ego' means something else in formulas"),
-        ({"vehicles": [{"name": "others", "x": 0, "y": 0}]}, "'others' means something else in formulas"),
+        ({"vehicles": [{"name": "ego", "x": 0, "y": 0}]}, "'ego' is a reserved name in formulas"),
+        ({"vehicles": [{"name": "others", "x": 0, "y": 0}]}, "'others' is a reserved name in formulas"),
         (
             {"vehicles": [{"name": "a", "x": 0, "y": 0, "speed": 9.0, "drive": {"lanes": [1, 3]}}]},
             "'a' drives on lane 3, the lanes are 0..2",

@@ -5,9 +5,9 @@ import copy
 import numpy as np
 import pytest
 
-from avrare.batch import concatenate, leaves, take
+from avrare.base.batch import concatenate, leaves, take
+from avrare.base.errors import UsageError
 from avrare.driving import Action
-from avrare.errors import UsageError
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.simulator import build
 

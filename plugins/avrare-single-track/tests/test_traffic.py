@@ -9,7 +9,7 @@ from avrare.driving import Road
 from avrare.scenario.load import load
 from avrare_mpc.config import TrajectoryPlan
 from avrare_single_track.config import VehicleConfig
-from avrare_single_track.traffic import ScriptedTraffic
+from avrare_single_track.simulator import ScriptedTraffic
 
 ROOT = Path(__file__).parents[3]
 RECORDED = ROOT.parent / "shared" / "data" / "commonroad" / "complex_obstacles.csv"

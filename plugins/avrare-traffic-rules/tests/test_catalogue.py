@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from traffic_situations import SITUATIONS
 
-from avrare.logic.api import stl
+from avrare.logic.formula import stl
 from avrare_traffic_rules.catalogue import rules
+from avrare_traffic_rules.check import formula_text
 from avrare_traffic_rules.config import Parameters, TrafficRuleConfig
 from avrare_traffic_rules.definitions import RECOMMENDED
 from avrare_traffic_rules.rulebook import shipped
-from avrare_traffic_rules.situations import SITUATIONS
-from avrare_traffic_rules.written import text
 
 CARDS = rules()
 DOCS = Path(__file__).parents[3] / "docs"
@@ -36,7 +36,7 @@ class Recorder:
 
 @EVERY
 def test_the_card_shows_the_formula_that_is_monitored(card):
-    assert card.formula == text(TrafficRuleConfig(rule=card.name))
+    assert card.formula == formula_text(TrafficRuleConfig(rule=card.name)).text
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # of doubtful readings
         assert stl(card.formula, dt=0.1).signals

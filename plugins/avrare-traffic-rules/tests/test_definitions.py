@@ -140,6 +140,7 @@ def published_ri2(history, t):
 PUBLISHED = {"R_G1": published_rg1, "R_G2": published_rg2, "R_G4": published_rg4, "R_I2": published_ri2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicles", [1, 2, 3])
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_published(lab, name, vehicles):
@@ -245,6 +246,7 @@ def breaks_ri2(history, t):
 RECOMMENDED = {"R_G1": breaks_rg1, "R_G2": breaks_rg2, "R_G4": breaks_rg4, "R_I2": breaks_ri2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicles", [1, 3, 8])
 @pytest.mark.parametrize("name", RECOMMENDED)
 def test_recommended(lab, name, vehicles):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare.batch import take
+from avrare.base.batch import take
 from avrare_traffic_rules.rulebook import shipped
 
 N, T, V = 8, 50, 4

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from avrare.base.errors import FormulaError, UsageError
 from avrare.driving import Road, Scene
-from avrare.errors import FormulaError, UsageError
 from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.rule import build
 

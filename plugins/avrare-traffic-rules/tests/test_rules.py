@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.geometry import Rectangle, signed_distance
-from avrare.errors import UsageError
 
 # The ego needs 20 + 8 m less what o needs: 5.2 m behind one of 20.5 m/s, 28 m behind a parked one.
 FAR, CLOSE = {"x": 44.0, "speed": 20.0}, {"x": 9.0, "speed": 20.0}
@@ -244,11 +244,11 @@ class TestFormulas:
                 "in_front_of(a, b): The rear of a",
             ),
             ("always speed(a, ego) > 3", "speed takes 1 vehicle, not 2", "speed(a)"),
-            ("always speed > 3", "'speed' is asked about no vehicle", "'speed'"),
+            ("always speed > 3", "'speed' has no vehicle as its argument", "'speed'"),
             ("always speed(egoo) > 3", "no vehicle 'egoo'", "'ego'"),
             ("always speed(others) > 3", "others is a group", "forall"),
             ("forall o in cars: always (speed(o) > 3)", "no group of vehicles 'cars'", "others"),
-            ("always (speed(ego) > {speed_limitt})", "{speed_limitt} is no option", "'speed_limit'"),
+            ("always (speed(ego) > {speed_limitt})", "{speed_limitt} is not an option", "'speed_limit'"),
         ],
     )
     def test_mistakes_are_named(self, lab, formula, message, hint):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from traffic_situations import SITUATIONS
 
 from avrare_traffic_rules.rulebook import shipped
-from avrare_traffic_rules.situations import SITUATIONS
 
 IDS = [f"{situation.rule}: {situation.title}" for situation in SITUATIONS]
 BOUNDARIES = [situation for situation in SITUATIONS if situation.kind == "boundary"]
@@ -12,7 +12,7 @@ BOUNDARIES = [situation for situation in SITUATIONS if situation.kind == "bounda
 
 @pytest.mark.parametrize("situation", SITUATIONS, ids=IDS)
 def test_robustness(situation):
-    value, violated = situation.judge()
+    value, violated = situation.evaluate()
     assert value == pytest.approx(situation.value, abs=1e-9)
     if situation.kind != "boundary":
         assert violated == (situation.kind == "fail")
@@ -21,9 +21,9 @@ def test_robustness(situation):
 
 @pytest.mark.parametrize("situation", BOUNDARIES, ids=[situation.rule for situation in BOUNDARIES])
 def test_a_micrometre_decides_at_the_boundary(situation):
-    assert abs(situation.judge()[0]) < 1e-9
+    assert abs(situation.evaluate()[0]) < 1e-9
     for amount in (1e-6, -1e-6):
-        value, violated = situation.nudged(amount).judge()
+        value, violated = situation.nudged(amount).evaluate()
         assert violated == (amount < 0.0)
         assert np.sign(value) == np.sign(amount)
         assert abs(value) < 1e-4

@@ -5,34 +5,34 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The estimators of this distribution."""
+    """Return the estimators of this distribution."""
     return [
         Component(
             kind="estimator",
             name="ams",
             config="avrare_estimators.config:AmsConfig",
-            factory="avrare_estimators.splitting:build",
+            factory="avrare_estimators.ams.splitting:build",
             summary="adaptive multilevel splitting, unbiased for any formula",
         ),
         Component(
             kind="estimator",
             name="ess",
-            config="avrare_estimators.ess_config:EssConfig",
-            factory="avrare_estimators.nested:build",
+            config="avrare_estimators.config:EssConfig",
+            factory="avrare_estimators.ess.estimator:build",
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
         ),
         Component(
             kind="estimator",
             name="is",
             config="avrare_estimators.config:IsConfig",
-            factory="avrare_estimators.importance:build",
+            factory="avrare_estimators.importance.importance_sampling:build",
             summary="importance sampling from a law of the noise or another perception model",
         ),
         Component(
             kind="estimator",
             name="ce",
             config="avrare_estimators.config:CeConfig",
-            factory="avrare_estimators.cross_entropy:build",
+            factory="avrare_estimators.importance.cross_entropy:build",
             summary="cross-entropy: learns its proposal, Gaussian or (with torch) a network",
         ),
     ]

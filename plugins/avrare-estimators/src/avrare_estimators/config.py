@@ -1,19 +1,27 @@
-"""Options of the estimators, named as in the literature and counted per run."""
+"""Options of the estimators."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from avrare.base.errors import AvrareError
+from avrare_estimators.importance.proposals import validate_proposal
 
-class AmsConfig(BaseModel):
-    """Adaptive multilevel splitting (stl-ams, Algorithm 2, in its unbiased form)."""
+KernelName = Literal["pcn", "shrink", "lipschitz", "surrogate", "lipschitz_growing", "bayesian"]
 
+
+class _Config(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    particles: int = Field(default=250, ge=2, description="N, rollouts alive in a run")
-    discard: int = Field(default=25, ge=1, description="K, rollouts discarded at each level (more on ties)")
+
+class AmsConfig(_Config):
+    """Adaptive multilevel splitting (stl-ams, Algorithm 2, in its unbiased form)."""
+
+    particles: int = Field(default=250, ge=2, description="N, particles of a run")
+    discard: int = Field(default=25, ge=1, description="K, particles discarded at each level (more on ties)")
     runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
     variant: Literal["unbiased", "published"] = Field(
         default="unbiased",
@@ -25,32 +33,84 @@ class AmsConfig(BaseModel):
     )
     memory: float = Field(
         default=1024.0, gt=0.0,
-        description="MiB for the states that branches start from; where they do not suffice, those of every "
-        "second, fourth, ... step are kept and the rest is driven again, at the cost of these steps",
+        description="MiB for the carries that branches start from; where they do not suffice, only those of "
+        "every second, fourth, ... step are stored and the steps in between are simulated again",
     )  # fmt: skip
 
     @model_validator(mode="after")
-    def _fewer_discards_than_particles(self) -> AmsConfig:
+    def _discard_fewer_than_all(self) -> AmsConfig:
         if self.discard >= self.particles:
             raise ValueError(f"discard ({self.discard}) must be less than particles ({self.particles})")
         return self
 
 
-class _WeightedConfig(BaseModel):
-    """What importance sampling and cross-entropy share."""
+class EssConfig(_Config):
+    """Nested levels (holmes-diaconis-ross) with Markov chains on the noise tape (stl-ess)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    chains: int = Field(
+        default=50, ge=2, le=1_000_000,
+        description="parallel chains of a run; level_probability sets their length",
+    )  # fmt: skip
+    skip: int = Field(default=0, ge=0, le=100, description="steps of a chain between two samples that count")
+    level_probability: float = Field(
+        default=0.1, ge=1e-3, le=0.5,
+        description="share of the samples above the next level; a chain gives 1 / this samples a level",
+    )  # fmt: skip
+    runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
+    kernel: KernelName = Field(
+        default="pcn",
+        description="how a chain moves. Valid: pcn, shrink, lipschitz, surrogate; biased, to compare with "
+        "the paper: lipschitz_growing, bayesian",
+    )
+    lipschitz: float | None = Field(
+        default=None, gt=0.0,
+        description="lipschitz: bound on the slope of the score, per unit of Euclidean length of the tape; "
+        "lipschitz_growing: first guess of it per radian of an ellipse (1)",
+    )  # fmt: skip
+    bracket: float | None = Field(
+        default=None, gt=0.0, lt=2.0 * math.pi,
+        description="shrink: width of the first bracket, radians; 3 saves a third of the rollouts where the "
+        "set is narrow, and seldom changes sides (default: the complete ellipse)",
+    )  # fmt: skip
+    second_pass: bool = Field(
+        default=True,
+        description="count in a fresh sample at the levels that a pilot has found: unbiased; without it the "
+        "pilot itself counts",
+    )
+    pilot: float = Field(
+        default=0.25, gt=0.0, le=1.0, description="chains of the pilot over those that count; second_pass"
+    )
+    floor: float = Field(
+        default=1e-18, gt=0.0, lt=1.0, description="a run ends, as extinct, once its weight falls below this"
+    )
 
+    @model_validator(mode="after")
+    def _options_fit_kernel(self) -> EssConfig:
+        if self.kernel == "lipschitz" and self.lipschitz is None:
+            raise ValueError(
+                "kernel lipschitz needs lipschitz, a bound on the score's slope; without one use shrink"
+            )
+        if self.lipschitz is not None and not self.kernel.startswith("lipschitz"):
+            raise ValueError(f"lipschitz is no option of kernel {self.kernel}")
+        if self.bracket is not None and self.kernel != "shrink":
+            raise ValueError(f"bracket is no option of kernel {self.kernel}")
+        return self
+
+    @property
+    def length(self) -> int:
+        """Samples that a chain gives at each level."""
+        return max(2, math.ceil(1.0 / self.level_probability - 1e-9))
+
+
+class _WeightedConfig(_Config):
     runs: int = Field(default=1, ge=1, description="independent repetitions behind one interval")
     defensive: float = Field(
         default=0.1, ge=0.0, lt=1.0, description="share of a sample's rollouts drawn from the target itself"
     )
     check: float = Field(
-        default=0.25,
-        ge=0.0,
-        le=0.5,
-        description="share of the rollouts that take a second look at the failures; 0: none",
-    )
+        default=0.25, ge=0.0, le=0.5,
+        description="share of the rollouts that the cross-check of the failures takes; 0: none",
+    )  # fmt: skip
 
 
 class IsConfig(_WeightedConfig):
@@ -64,12 +124,9 @@ class IsConfig(_WeightedConfig):
 
     @field_validator("proposal")
     @classmethod
-    def _usable(cls, proposal: Any) -> Any:
-        from avrare.errors import AvrareError
-        from avrare_estimators.proposals import check
-
+    def _check_proposal(cls, proposal: Any) -> Any:
         try:
-            check(proposal)
+            validate_proposal(proposal)
         except AvrareError as error:
             raise ValueError(f"{error.message} ({error.hint})" if error.hint else error.message) from None
         return proposal
@@ -79,12 +136,12 @@ class CeConfig(_WeightedConfig):
     """The cross-entropy method: learn a proposal from the rollouts nearest to failure, then sample afresh."""
 
     rollouts: int = Field(default=1000, ge=20, description="rollouts of each stage")
-    stages: int = Field(default=10, ge=1, le=1000, description="most stages of learning")
+    stages: int = Field(default=10, ge=1, le=1000, description="largest number of learning stages")
     elite: float = Field(default=0.1, gt=0.0, le=0.5, description="share of a stage's rollouts to learn from")
     family: Literal["gaussian", "network"] = Field(
         default="gaussian",
-        description="what is learnt: a Gaussian law of the noise, or a network from what there is to see to "
-        "how it is perceived (needs torch)",
+        description="what is learnt: a Gaussian law of the noise, or a network from the visible state of a "
+        "vehicle to how it is perceived (needs torch)",
     )
     smoothing: float = Field(
         default=0.8, gt=0.0, le=1.0, description="weight of what a stage learns over what was known; gaussian"

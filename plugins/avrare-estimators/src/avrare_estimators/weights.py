@@ -1,4 +1,4 @@
-"""Importance weights: how they are formed, and what they say about themselves. Pure functions."""
+"""Importance weights and measures of their quality. Pure functions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from avrare.rollout.request import Integers
 
 
 def mixture_log_weights(log_ratio: Floats, share: float) -> Floats:
-    """Log weights of rows that come in part from the target itself (deterministic mixture).
+    """Return log weights of rows that come in part from the target itself (deterministic mixture).
 
     With ``share`` a of the rows from the target p and the others from q, each row has the weight
     p / (a p + (1 - a) q), whichever it came from (Owen and Zhou 2000); it is at most 1 / a.
@@ -29,7 +29,7 @@ def mixture_log_weights(log_ratio: Floats, share: float) -> Floats:
 
 
 def effective_size(weights: Floats) -> float:
-    """(sum w)^2 / sum w^2: how many equal weights would be worth as much (Kish); 0 without weight."""
+    """Return Kish's effective size (sum w)^2 / sum w^2; 0 without any weight."""
     largest = float(weights.max(initial=0.0))
     if largest == 0.0:
         return 0.0
@@ -39,14 +39,14 @@ def effective_size(weights: Floats) -> float:
 
 @dataclass(frozen=True)
 class Quality:
-    """What the weights of a sample say about themselves.
+    """Quality of the weights of a sample.
 
     Attributes:
         mean: Mean weight; 1 in expectation.
-        standard_error: Of the mean weight.
+        standard_error: Standard error of the mean weight.
         effective: Effective size of the sample.
-        effective_failures: Effective size of the failing part: what the estimate rests on.
-        largest_share: The largest contribution's share of the estimate; 0 without failures.
+        effective_failures: Effective size of the failing rows, on which the estimate rests.
+        largest_share: Share of the largest contribution in the estimate; 0 without failures.
     """
 
     mean: float
@@ -57,7 +57,7 @@ class Quality:
 
 
 def quality(weights: Floats, failing: Bools, target_rows: int) -> Quality:
-    """Of (n,) weights, the first ``target_rows`` of which were drawn from the target."""
+    """Return the quality of weights (n,), the first ``target_rows`` of which were drawn from the target."""
     contributions = weights[failing]
     total = float(contributions.sum())
     return Quality(
@@ -70,16 +70,16 @@ def quality(weights: Floats, failing: Bools, target_rows: int) -> Quality:
 
 
 def stratified_variance(values: Floats, target_rows: int) -> float:
-    """Variance of the mean of ``values``, whose first ``target_rows`` have a law of their own."""
+    """Return the variance of the mean of ``values``; the first ``target_rows`` are one stratum."""
     parts = [part for part in (values[:target_rows], values[target_rows:]) if len(part) > 1]
     return sum(len(part) * float(part.var(ddof=1)) for part in parts) / len(values) ** 2
 
 
 def annealed(log_weights: Floats, least: float) -> Floats:
-    """Weights exp(g log w) summing to 1, with the largest g <= 1 that leaves an effective size of ``least``.
+    """Return weights exp(g log w) summing to 1, with the largest g <= 1 of an effective size of ``least``.
 
-    Raw weights of many dimensions rest on a single row, and a law fitted to one row is of no use. What is
-    fitted only decides from where to draw; the estimate itself uses the true weights.
+    In many dimensions raw weights rest on a single row, and a law fitted to one row is of no use. The fitted
+    law only decides from where to draw; the estimate itself uses the true weights.
     """
 
     def powered(exponent: float) -> Floats:
@@ -96,7 +96,7 @@ def annealed(log_weights: Floats, least: float) -> Floats:
 
 
 def resample(weights: Floats, count: int, uniform: float) -> Integers:
-    """(count,) indices in proportion to ``weights``, systematically from one ``uniform`` in (0, 1)."""
+    """Choose indices (count,) in proportion to ``weights``, systematically from one ``uniform`` in (0, 1)."""
     steps = (np.arange(count) + uniform) / count
     cumulative = np.cumsum(weights) / weights.sum()
     return np.minimum(np.searchsorted(cumulative, steps), len(weights) - 1).astype(np.int64)

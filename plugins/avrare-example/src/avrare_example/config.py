@@ -1,4 +1,4 @@
-"""Options of the tank and of its specification: nothing but pydantic is imported here."""
+"""Options of the tank and of its specification; this module imports only pydantic."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ class TankConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    dt: float = Field(default=10.0, gt=0.0, description="step [s]; formulas in seconds use it")
-    area: float = Field(default=2.0, gt=0.0, description="surface of the water [m^2]")
+    dt: float = Field(default=10.0, gt=0.0, description="time step [s]; converts time bounds of formulas")
+    area: float = Field(default=2.0, gt=0.0, description="surface area of the water [m^2]")
     rim: float = Field(default=2.0, gt=0.0, description="height of the rim above the valve [m]")
-    start: float = Field(default=1.0, ge=0.0, description="level at t = 0, at most the rim [m]")
+    start: float = Field(default=1.0, ge=0.0, description="level at t = 0, at most `rim` [m]")
     valve: float = Field(default=0.002, gt=0.0, description="cross-section of the outlet [m^2]")
     inflow: float = Field(default=0.008, gt=0.0, description="median inflow [m^3/s]")
     surge: float = Field(default=0.4, ge=0.0, description="standard deviation of the logarithm of the inflow")
-    memory: float = Field(default=120.0, gt=0.0, description="time over which a surge decays [s]")
+    memory: float = Field(default=120.0, gt=0.0, description="decay time of a surge [s]")
 
 
 class SpillageConfig(BaseModel):
@@ -25,4 +25,4 @@ class SpillageConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    limit: float = Field(default=0.5, ge=0.0, description="water that may be spilled in all [m^3]")
+    limit: float = Field(default=0.5, ge=0.0, description="maximal spilled volume [m^3]")

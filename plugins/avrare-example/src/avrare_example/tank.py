@@ -1,4 +1,4 @@
-"""The simulator: Torricelli's outflow, and an inflow whose logarithm is a stationary process."""
+"""Simulator of a tank: Torricelli outflow, and an inflow whose logarithm is a stationary AR(1) process."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats, Signals
 from avrare_example.config import TankConfig
 
 _GRAVITY = 9.81
-"""[m/s^2]."""
+"""Gravitational acceleration [m/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class TankWorld:
 
     Attributes:
         level: (N,) height of the water above the valve [m].
-        surge: (N,) logarithm of the inflow over its median.
-        spilled: (N,) water that flowed over the rim in the last step [m^3].
+        surge: (N,) logarithm of the ratio of the inflow to its median.
+        spilled: (N,) volume that flowed over the rim in the last step [m^3].
     """
 
     level: Floats
@@ -32,10 +32,10 @@ class TankWorld:
 
 
 class Tank:
-    """All that is random is the inflow, and that is made of the noise.
+    """Water tank whose inflow is driven by the noise.
 
     Args:
-        config: The options.
+        config: Options.
     """
 
     noise_size = 1
@@ -43,25 +43,25 @@ class Tank:
     def __init__(self, config: TankConfig) -> None:
         self.config = config
         self.dt = config.dt
-        self._kept = math.exp(-config.dt / config.memory)
-        self._fresh = config.surge * math.sqrt(1.0 - self._kept**2)
+        self._decay = math.exp(-config.dt / config.memory)
+        self._innovation = config.surge * math.sqrt(1.0 - self._decay**2)
 
     def reset(self, noise: Floats) -> TankWorld:
-        """World at t = 0 from noise (N, 1): the inflow is drawn from its stationary law."""
+        """Return the world at t = 0 from noise (N, 1); the inflow has its stationary distribution."""
         zeros = np.zeros(len(noise))
         return TankWorld(zeros + self.config.start, self.config.surge * noise[:, 0], zeros)
 
     def step(self, world: TankWorld, action: Any, noise: Floats) -> TankWorld:
-        """World one ``dt`` later; there is nothing to act on."""
+        """Return the world one ``dt`` later; the action is ignored."""
         config = self.config
-        surge = self._kept * world.surge + self._fresh * noise[:, 0]
+        surge = self._decay * world.surge + self._innovation * noise[:, 0]
         outflow = config.valve * np.sqrt(2.0 * _GRAVITY * world.level)
         level = world.level + self.dt * (self._inflow(surge) - outflow) / config.area
         over = np.maximum(level - config.rim, 0.0)
         return TankWorld(np.clip(level, 0.0, config.rim), surge, over * config.area)
 
     def signals(self, world: TankWorld) -> Signals:
-        """``level`` [m], ``inflow`` [m^3/s] and ``spilled`` [m^3], each (N,)."""
+        """Return the signals ``level`` [m], ``inflow`` [m^3/s] and ``spilled`` [m^3], each (N,)."""
         return {"level": world.level, "inflow": self._inflow(world.surge), "spilled": world.spilled}
 
     def _inflow(self, surge: Floats) -> Floats:
@@ -69,10 +69,10 @@ class Tank:
 
 
 def build(config: TankConfig, scene: object | None = None) -> Tank:
-    """The simulator of a scenario.
+    """Build the simulator of a scenario.
 
     Raises:
-        UsageError: The tank is more than full at the start.
+        UsageError: The initial level is above the rim.
     """
     if config.start > config.rim:
         raise UsageError(f"start ({config.start:g} m) is above the rim ({config.rim:g} m)")

@@ -13,7 +13,7 @@ _PUBLIC = {"transformed": "avrare_flows.system", "weighted": "avrare_flows.weigh
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator of this distribution."""
+    """Return the simulator of this distribution."""
     return [
         Component(
             kind="simulator",
@@ -27,7 +27,7 @@ def avrare_components() -> list[Component]:
 
 
 def __getattr__(name: str) -> Any:
-    """``transformed`` and ``weighted``, which need SciPy, once they are asked for."""
+    """Import ``transformed`` and ``weighted``, which need SciPy, on first use."""
     import importlib
 
     if name not in _PUBLIC:

@@ -1,4 +1,4 @@
-"""``avrare flow fit``: a flow from samples of noise."""
+"""Command ``avrare flow fit``: fit a flow to samples of noise."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from pathlib import Path
 
 import numpy as np
 
-from avrare.errors import ExitCode, PluginError, UsageError
+from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.protocols import Floats
 
 _KINDS = ("affine_coupling", "spline_autoregressive")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
-    parser.add_argument("action", choices=("fit",), help="what to do")
+    """Add the options of the command."""
+    parser.add_argument("action", choices=("fit",), help="action")
     parser.add_argument("samples", metavar="SAMPLES", help=".npy file, or .csv with a line of names or none")
-    parser.add_argument("--out", required=True, metavar="FILE", help="where to write the flow (.npz)")
+    parser.add_argument("--out", required=True, metavar="FILE", help="output file (.npz)")
     parser.add_argument("--kind", choices=_KINDS, help="kind of flow; affine_coupling needs two columns")
-    parser.add_argument("--steps", type=int, default=2000, metavar="N", help="steps of the descent (2000)")
+    parser.add_argument("--steps", type=int, default=2000, metavar="N", help="training steps (2000)")
     parser.add_argument("--blocks", type=int, metavar="N", help="blocks of the flow (6 couplings, 2 splines)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the fit (0)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the fit (0)")
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Fit, write the flow, and say how good it is on samples held out."""
+    """Fit and write a flow, and print its quality on held-out samples."""
     if not Path(args.out).parent.is_dir():
         raise UsageError(f"{args.out}: there is no folder {Path(args.out).parent}")
     if Path(args.out).is_dir():
-        raise UsageError(f"{args.out}: is a folder")
+        raise UsageError(f"{args.out} is a folder")
     samples = read_samples(Path(args.samples))
     try:
         from avrare_flows.train import fit
@@ -42,18 +42,18 @@ def execute(args: argparse.Namespace) -> int:
     found.flow.save(args.out)
     numbers = f"{samples.shape[1]} number{'s' if samples.shape[1] > 1 else ''}"
     print(f"{args.out}: {kind}, {numbers} a row, {len(samples)} samples")
-    print(f"log density of samples held out: {found.held_out:.4f} nat a row (step {found.step})")
-    print(f"that of a normal law:            {found.normal:.4f}")
+    print(f"log density of held-out samples: {found.held_out:.4f} nat a row (step {found.step})")
+    print(f"log density of a normal law:     {found.normal:.4f}")
     if found.held_out < found.normal:
         print("the flow is no better than a normal law: more steps, another kind, or no flow at all")
     return int(ExitCode.PASS)
 
 
 def read_samples(path: Path) -> Floats:
-    """Rows (M, n) from a file.
+    """Read rows (M, n) from a file.
 
     Raises:
-        UsageError: It cannot be read, or holds no table of numbers.
+        UsageError: It cannot be read, or is not a table of numbers.
     """
     try:
         if path.suffix == ".npy":
@@ -61,16 +61,16 @@ def read_samples(path: Path) -> Floats:
             if np.iscomplexobj(table):
                 raise ValueError("its numbers are complex")
         else:
-            with path.open(encoding="utf-8-sig") as file:  # a mark of byte order is no name
+            with path.open(encoding="utf-8-sig") as file:  # a byte order mark is no name
                 names = any(not _number(word) for word in file.readline().split(","))
-            with warnings.catch_warnings():  # an empty file is told below
+            with warnings.catch_warnings():  # an empty file is reported below
                 warnings.simplefilter("ignore", UserWarning)
                 table = np.loadtxt(path, delimiter=",", skiprows=int(names), ndmin=2, encoding="utf-8-sig")
         rows = np.asarray(table, dtype=np.float64)
     except OSError as error:
         raise UsageError(f"{path}: {(error.strerror or str(error)).lower()}") from error
     except (ValueError, TypeError, EOFError) as error:
-        raise UsageError(f"{path}: is no table of numbers: {error}", "one row of noise a line") from error
+        raise UsageError(f"{path}: not a table of numbers: {error}", "one row of noise a line") from error
     rows = rows[:, None] if rows.ndim == 1 else rows
     if not rows.size:
         raise UsageError(f"{path}: holds no row of noise")

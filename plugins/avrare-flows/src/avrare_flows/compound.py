@@ -1,5 +1,7 @@
 """Laws made of laws: truncated, mixed, the beam model of range sensors, and any law of SciPy."""
 
+# ruff: noqa: D102 - ``Marginal`` documents the methods of all laws.
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -7,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare_flows.marginals import Exponential, Marginal, Normal, Number, Tails, Uniform
 
 
 @dataclass(frozen=True, eq=False)
 class Truncated:
-    """A law kept to (low, high].
+    """A law restricted to (low, high].
 
     Raises:
-        UsageError: Nothing of it lies there.
+        UsageError: The interval has probability 0.
     """
 
     law: Marginal
@@ -26,10 +28,12 @@ class Truncated:
 
     def __post_init__(self) -> None:
         if not np.all(self._cut()[2] > 0.0):
-            raise UsageError(f"nothing of {type(self.law).__name__} lies between {self.low} and {self.high}")
+            raise UsageError(
+                f"{type(self.law).__name__} has no probability between {self.low} and {self.high}"
+            )
 
     def _cut(self) -> tuple[Floats, Floats, Floats]:
-        """P(X <= low), P(X > high), and what lies between, without cancellation in a tail."""
+        """Return P(X <= low), P(X > high) and the rest, without cancellation in a tail."""
         below, above_low = self.law.tails(np.asarray(self.low, dtype=np.float64))
         below_high, above = self.law.tails(np.asarray(self.high, dtype=np.float64))
         middle = np.where(
@@ -40,54 +44,44 @@ class Truncated:
         return below, above, middle
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         below, above, middle = self._cut()
         found = self.law.quantile(below + lower * middle, above + upper * middle)
         return np.clip(found, self.low, self.high)
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         below, above, middle = self._cut()
         lower, upper = self.law.tails(np.clip(x, self.low, self.high))
         return np.clip((lower - below) / middle, 0.0, 1.0), np.clip((upper - above) / middle, 0.0, 1.0)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         inside = np.greater(x, self.low) & np.less_equal(x, self.high)
         return np.where(inside, self.law.log_density(x) - np.log(self._cut()[2]), -np.inf)
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Always the same number: an atom of a mixture. It has no density."""
+    """A single number, an atom of a mixture; it has no density."""
 
     value: Number = 0.0
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         return np.asarray(self.value + np.zeros(np.shape(lower)))
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         reached = np.greater_equal(x, self.value)
         return reached.astype(np.float64), (~reached).astype(np.float64)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``.
-
-        Raises:
-            UsageError: Always.
-        """
         raise UsageError("a law with atoms has no density", "weights need a density: leave the atom out")
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """One of several laws, by chance.
+    """Mixture of several laws.
 
     Attributes:
-        weights: Of the laws; they are divided by their sum.
-        laws: As many.
+        weights: Weight of each law; they are divided by their sum.
+        laws: The laws.
     """
 
     weights: tuple[float, ...]
@@ -105,7 +99,7 @@ class Mixture:
         return [(weight / total, law) for weight, law in pairs if weight > 0.0]
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``; by bisection between the parts' quantiles, to the last bit."""
+        # Bisection between the parts' quantiles, to the last bit.
         ends = np.stack(np.broadcast_arrays(*(law.quantile(lower, upper) for _, law in self._parts)))
         low, high = ends.min(axis=0), ends.max(axis=0)
         while True:
@@ -119,7 +113,6 @@ class Mixture:
             low = np.where(moving & ~reached, middle, low)
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         parts = [(weight, law.tails(x)) for weight, law in self._parts]
         return (
             np.asarray(sum(weight * tails[0] for weight, tails in parts)),
@@ -127,7 +120,6 @@ class Mixture:
         )
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         logs = [np.log(weight) + law.log_density(x) for weight, law in self._parts]
         return np.asarray(np.logaddexp.reduce(np.stack(np.broadcast_arrays(*logs)), axis=0))
 
@@ -139,7 +131,6 @@ class Scipy:
     distribution: Any
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         left = lower <= upper
         found = np.empty(np.shape(lower))
         found[left] = self.distribution.ppf(lower[left])
@@ -147,11 +138,9 @@ class Scipy:
         return found
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         return np.asarray(self.distribution.cdf(x)), np.asarray(self.distribution.sf(x))
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         return np.asarray(self.distribution.logpdf(x))
 
 
@@ -159,15 +148,15 @@ def beam(
     distance: Number, most: Number, *, std: Number, decay: Number, hit: float, short: float = 0.0,
     nothing: float = 0.0, anything: float = 0.0,
 ) -> Mixture:  # fmt: skip
-    """What a range sensor reads (the beam model of Thrun, Burgard and Fox, section 6.3).
+    """Return the law of a range sensor's readings (beam model of Thrun, Burgard and Fox, section 6.3).
 
     Args:
-        distance: To what is to be measured [m].
-        most: The sensor's range, which it reads when it sees nothing [m].
-        std: Of the readings about the distance [m]; they are kept to (0, most].
-        decay: Mean of the readings of what comes between, exponential and kept to (0, distance] [m].
-        hit: Weight of the readings about the distance.
-        short: Weight of those of what comes between.
+        distance: Distance of the target [m].
+        most: Range of the sensor, its reading without a target [m].
+        std: Standard deviation of the readings of the target [m]; they are restricted to (0, most].
+        decay: Mean reading of nearer obstacles, exponential and restricted to (0, distance] [m].
+        hit: Weight of the readings of the target.
+        short: Weight of the readings of nearer obstacles.
         nothing: Weight of ``most`` itself, an atom.
         anything: Weight of the readings that are uniform on [0, most].
     """

@@ -1,4 +1,4 @@
-"""What a scenario says about noise. Units are those of the noise, which the simulator gives it."""
+"""Options of ``transformed``: laws of the noise, in the units of the simulator."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 
-def _tuple(value: Any) -> Any:
-    """Lists as tuples: what is frozen holds no lists."""
-    return tuple(_tuple(entry) for entry in value) if isinstance(value, list | tuple) else value
+def _tuples(value: Any) -> Any:
+    # Frozen models hold no lists.
+    return tuple(_tuples(entry) for entry in value) if isinstance(value, list | tuple) else value
 
 
-def _laws(value: Any) -> Any:
-    """One law becomes a list of one."""
-    return _tuple([value] if isinstance(value, dict) else value)
+def _law_tuple(value: Any) -> Any:
+    return _tuples([value] if isinstance(value, dict) else value)
 
 
 class _Model(BaseModel):
@@ -22,12 +21,12 @@ class _Model(BaseModel):
 
 
 class _Law(_Model):
-    low: float | None = Field(default=None, description="the law is kept to what lies above")
-    high: float | None = Field(default=None, description="the law is kept to what does not lie above")
+    low: float | None = Field(default=None, description="the law is restricted to numbers above")
+    high: float | None = Field(default=None, description="the law is restricted to numbers up to this")
 
 
 class NormalLaw(_Law):
-    """N(mean, std^2)."""
+    """Normal law N(mean, std^2)."""
 
     law: Literal["normal"]
     mean: float = Field(default=0.0, description="expected number")
@@ -35,55 +34,55 @@ class NormalLaw(_Law):
 
 
 class LogNormalLaw(_Law):
-    """exp of N(mean, std^2)."""
+    """Lognormal law: exp of N(mean, std^2)."""
 
     law: Literal["lognormal"]
-    mean: float = Field(default=0.0, description="of the logarithm")
-    std: float = Field(default=1.0, gt=0.0, description="of the logarithm")
+    mean: float = Field(default=0.0, description="mean of the logarithm")
+    std: float = Field(default=1.0, gt=0.0, description="standard deviation of the logarithm")
 
 
 class ExponentialLaw(_Law):
-    """Exponential."""
+    """Exponential law."""
 
     law: Literal["exponential"]
     scale: float = Field(default=1.0, gt=0.0, description="mean")
 
 
 class WeibullLaw(_Law):
-    """Weibull."""
+    """Weibull law."""
 
     law: Literal["weibull"]
     shape: float = Field(gt=0.0, description="exponent")
-    scale: float = Field(default=1.0, gt=0.0, description="unit of length")
+    scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
 class GammaLaw(_Law):
-    """Gamma."""
+    """Gamma law."""
 
     law: Literal["gamma"]
     shape: float = Field(gt=0.0, description="mean over scale")
-    scale: float = Field(default=1.0, gt=0.0, description="unit of length")
+    scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
 class GumbelLaw(_Law):
-    """Of largest values."""
+    """Gumbel law of largest values."""
 
     law: Literal["gumbel"]
     location: float = Field(default=0.0, description="mode")
-    scale: float = Field(default=1.0, gt=0.0, description="unit of length")
+    scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
 class StudentLaw(_Law):
-    """Student's t, moved and stretched."""
+    """Student's t with location and scale."""
 
     law: Literal["student_t"]
     freedom: float = Field(gt=0.0, description="degrees of freedom: the smaller, the heavier the tails")
     location: float = Field(default=0.0, description="median")
-    scale: float = Field(default=1.0, gt=0.0, description="unit of length")
+    scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
 class UniformLaw(_Model):
-    """All of [low, high] alike."""
+    """Uniform law on [low, high]."""
 
     law: Literal["uniform"]
     low: float = Field(default=0.0, description="least number")
@@ -91,40 +90,40 @@ class UniformLaw(_Model):
 
 
 class BeamLaw(_Model):
-    """What a range sensor reads (beam model)."""
+    """Readings of a range sensor (beam model)."""
 
     law: Literal["beam"]
-    distance: float = Field(gt=0.0, description="to what is to be measured [m]")
-    most: float = Field(gt=0.0, description="the sensor's range, which it reads when it sees nothing [m]")
-    std: float = Field(gt=0.0, description="of the readings about the distance [m]")
-    decay: float = Field(default=1.0, gt=0.0, description="mean of the readings of what comes between [m]")
-    hit: float = Field(gt=0.0, description="weight of the readings about the distance")
-    short: float = Field(default=0.0, ge=0.0, description="weight of those of what comes between")
+    distance: float = Field(gt=0.0, description="distance of the target [m]")
+    most: float = Field(gt=0.0, description="range of the sensor, its reading without a target [m]")
+    std: float = Field(gt=0.0, description="standard deviation of the readings of the target [m]")
+    decay: float = Field(default=1.0, gt=0.0, description="mean reading of nearer obstacles [m]")
+    hit: float = Field(gt=0.0, description="weight of the readings of the target")
+    short: float = Field(default=0.0, ge=0.0, description="weight of the readings of nearer obstacles")
     nothing: float = Field(default=0.0, ge=0.0, description="weight of `most` itself")
     anything: float = Field(default=0.0, ge=0.0, description="weight of uniform readings")
 
 
 class ScipyLaw(_Law):
-    """A distribution of scipy.stats by its name."""
+    """Distribution of scipy.stats by its name."""
 
     law: Literal["scipy"]
-    name: str = Field(description="of the distribution in scipy.stats, e.g. skewnorm")
+    name: str = Field(description="name of the distribution in scipy.stats, e.g. skewnorm")
     options: dict[str, float] = Field(default={}, description="its parameters by name, loc and scale too")
 
 
 class PointLaw(_Model):
-    """Always the same number; for mixtures."""
+    """A single number; for mixtures."""
 
     law: Literal["point"]
     value: float = Field(default=0.0, description="the number")
 
 
 class MixtureLaw(_Law):
-    """One of several laws, by chance."""
+    """Mixture of several laws."""
 
     law: Literal["mixture"]
-    weights: Annotated[tuple[float, ...], BeforeValidator(_tuple)] = Field(description="one for each law")
-    laws: Annotated[tuple[LawConfig, ...], BeforeValidator(_tuple)] = Field(description="the laws")
+    weights: Annotated[tuple[float, ...], BeforeValidator(_tuples)] = Field(description="weight of each law")
+    laws: Annotated[tuple[LawConfig, ...], BeforeValidator(_tuples)] = Field(description="the laws")
 
 
 LawConfig = Annotated[
@@ -133,8 +132,8 @@ LawConfig = Annotated[
     Field(discriminator="law"),
 ]  # fmt: skip
 MixtureLaw.model_rebuild()
-Laws = Annotated[tuple[LawConfig, ...], BeforeValidator(_laws), Field(min_length=1)]
-Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuple)]
+Laws = Annotated[tuple[LawConfig, ...], BeforeValidator(_law_tuple), Field(min_length=1)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
 
 
 class TransformedConfig(_Model):
@@ -145,7 +144,7 @@ class TransformedConfig(_Model):
         default=None, description="law of each number of a row of noise, or one law for all of them"
     )
     correlation: Matrix | None = Field(
-        default=None, description="of the normal numbers behind `noise` (Gaussian copula); without: none"
+        default=None, description="correlation of the normal numbers behind `noise` (Gaussian copula)"
     )
     flow: str | None = Field(
         default=None,
@@ -153,7 +152,7 @@ class TransformedConfig(_Model):
         json_schema_extra={"file": True},
     )
     initial: Laws | None = Field(
-        default=None, description="laws of row 0, the noise of the start, where they are others"
+        default=None, description="laws of row 0, the noise of the start, where they differ"
     )
 
     @model_validator(mode="after")
@@ -168,6 +167,6 @@ class TransformedConfig(_Model):
 
     @property
     def dt(self) -> float | None:
-        """Step [s] of the other simulator, where its block tells."""
+        """Time step [s] of the other simulator, where its block gives one."""
         found = self.simulator.get("dt")
         return float(found) if isinstance(found, int | float) else None

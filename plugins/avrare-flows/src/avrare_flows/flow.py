@@ -1,4 +1,10 @@
-"""A fitted flow: physical noise from standard normal numbers, with the density that it really has."""
+"""Fitted flow: physical noise from standard normal numbers, with its exact density.
+
+The invertible blocks of a flow agree with Pyro's transforms of the same names (Dinh et al. 2017; Durkan et
+al. 2019; Germain et al. 2015). Products are einsum without BLAS: no row depends on its neighbours.
+"""
+
+# ruff: noqa: D102 - ``Block`` documents the methods of all blocks.
 
 from __future__ import annotations
 
@@ -6,14 +12,13 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
-from avrare_flows.blocks import AffineCoupling, Block, Network, SplineAutoregressive, Warped
 
 KINDS = ("affine_coupling", "spline_autoregressive")
 _FORMAT = 1
@@ -21,19 +26,120 @@ _DAMAGED = (
     ValueError, LookupError, EOFError, TypeError, AttributeError, ArithmeticError, NotImplementedError,
     RuntimeError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What reading a file raises that is no flow, or no longer one."""
+"""Exceptions of reading a file that is not a flow, or a damaged one."""
+_LEAST, _MOST = -5.0, 3.0
+"""Bounds of an affine coupling's log scale."""
+_LEAST_BIN, _LEAST_SLOPE, _EPSILON = 1e-3, 1e-3, 1e-6
+"""Least width of a spline's bins (over that of all) and least slope; tolerance of a bin's start."""
+
+Warped = tuple[Floats, Floats]
+"""Rows (N, n), and log |det| (N,) of the map's derivative."""
+
+
+class Block(Protocol):
+    """A step of a flow."""
+
+    def push(self, x: Floats) -> Warped:
+        """Map rows (N, n) one step towards physical ones; return them and log |det| (N,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Multilayer perceptron with rectified linear units.
+
+    Attributes:
+        weights: (out, in) of each layer.
+        biases: (out,) of each layer.
+    """
+
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
+
+    def __call__(self, x: Floats) -> Floats:
+        """Return outputs (N, out) of inputs (N, in)."""
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = np.maximum(np.einsum("ni,oi->no", x, weight) + bias, 0.0)
+        return np.asarray(np.einsum("ni,oi->no", x, self.weights[-1]) + self.biases[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class AffineCoupling:
+    """Shift and scale the last numbers of a row as a function of the first n // 2; then reverse the row.
+
+    Attributes:
+        network: From the first numbers to means and log scales of the others.
+    """
+
+    network: Network
+
+    def push(self, x: Floats) -> Warped:
+        kept = x.shape[1] // 2
+        mean, log_scale = np.split(self.network(x[:, :kept]), 2, axis=1)
+        log_scale = np.clip(log_scale, _LEAST, _MOST)
+        moved = np.exp(log_scale) * x[:, kept:] + mean
+        return np.concatenate([x[:, :kept], moved], axis=1)[:, ::-1], log_scale.sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class SplineAutoregressive:
+    """Map each number by a rational quadratic spline that depends on the numbers before it.
+
+    Attributes:
+        network: Masked network from a row to (3 bins - 1) x n parameters.
+        bound: The spline is the identity beyond it.
+    """
+
+    network: Network
+    bound: float
+
+    def push(self, x: Floats) -> Warped:
+        raw = self.network(x).reshape(len(x), -1, x.shape[1])
+        bins = (raw.shape[1] + 1) // 3
+        widths, heights, slopes = np.split(raw.transpose(0, 2, 1), [bins, 2 * bins], axis=2)
+        knots = _knots(widths, self.bound), _knots(heights, self.bound)
+        return _spline(x, *knots, _LEAST_SLOPE + np.logaddexp(slopes, 0.0), self.bound)
+
+
+def _knots(raw: Floats, bound: float) -> Floats:
+    share = np.exp(raw - raw.max(axis=2, keepdims=True))
+    share /= share.sum(axis=2, keepdims=True)
+    bins = raw.shape[2]
+    inner = np.cumsum(_LEAST_BIN + (1.0 - _LEAST_BIN * bins) * share, axis=2)[..., :-1]
+    ends = np.full((*raw.shape[:2], 1), bound)
+    return np.concatenate([-ends, 2.0 * bound * inner - bound, ends], axis=2)
+
+
+def _spline(x: Floats, across: Floats, up: Floats, inner: Floats, bound: float) -> Warped:
+    """Evaluate the spline through the knots (across, up) with slopes ``inner`` (N, n, bins - 1)."""
+    end = np.full((*x.shape, 1), 1.0 - _LEAST_SLOPE)
+    slopes = np.concatenate([end, inner, end], axis=2)
+    place = np.clip((x[..., None] >= across + _EPSILON).sum(axis=2) - 1, 0, across.shape[2] - 2)
+
+    def at(values: Floats, offset: int = 0) -> Floats:
+        return np.take_along_axis(values, place[..., None] + offset, axis=2)[..., 0]
+
+    width, height = at(across, 1) - at(across), at(up, 1) - at(up)
+    chord, first, last = height / width, at(slopes), at(slopes, 1)
+    t = (np.clip(x, -bound, bound) - at(across)) / width
+    both = t * (1.0 - t)
+    below = chord + (first + last - 2.0 * chord) * both
+    inside = np.abs(x) <= bound
+    value = np.where(inside, at(up) + height * (chord * t**2 + first * both) / below, x)
+    rise = chord**2 * (last * t**2 + 2.0 * chord * both + first * (1.0 - t) ** 2)
+    log_slope = np.where(inside, np.log(rise) - 2.0 * np.log(below), 0.0)
+    return value, log_slope.sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """An ``avrare_flows.laws.Law``: blocks one after the other, then shift + scale x.
+    """An ``avrare_flows.laws.Law``: a chain of blocks, then shift + scale x.
 
     Attributes:
-        kind: One of ``KINDS``, or how it was made where it was not fitted.
+        kind: One of ``KINDS``, or the origin of a flow that was not fitted.
         blocks: From normal to nearly physical numbers.
         shift: (n,).
         scale: (n,) positive.
-        samples: How many it was fitted to; 0: to none.
+        samples: Number of samples that it was fitted to; 0: not fitted.
     """
 
     kind: str
@@ -44,19 +150,19 @@ class Flow:
 
     @property
     def noise_size(self) -> int:
-        """Numbers of a row."""
+        """Number of numbers of a row."""
         return len(self.shift)
 
     @property
     def note(self) -> str:
-        """What a result should say of it."""
+        """Health warning ``model_error`` of every result."""
         return (
-            f"the noise comes from a flow fitted to {self.samples} samples: how far it is from the real "
-            "noise no interval tells; a tenth in the scale can be a factor of ten in the probability"
+            f"the noise comes from a flow fitted to {self.samples} samples: the interval does not cover its "
+            "error; a tenth in the scale can be a factor of ten in the probability"
         )
 
     def warp(self, z: Floats) -> Warped:
-        """Physical rows of standard normal rows (N, n), and log |det dx/dz| (N,)."""
+        """Return physical rows of standard normal rows (N, n), and log |det dx/dz| (N,)."""
         x, log_det = z, np.zeros(len(z))
         for block in self.blocks:
             x, part = block.push(x)
@@ -64,7 +170,7 @@ class Flow:
         return np.ascontiguousarray(self.shift + self.scale * x), log_det + float(np.log(self.scale).sum())
 
     def physical(self, z: Floats) -> Floats:
-        """Physical rows of standard normal rows (N, n)."""
+        """Return physical rows of standard normal rows (N, n)."""
         return self.warp(z)[0]
 
     def save(self, path: str | Path) -> None:
@@ -93,24 +199,25 @@ class Flow:
 
     @staticmethod
     def load(path: str | Path) -> Flow:
-        """A flow from its file.
+        """Read a flow from its file.
 
         Raises:
-            UsageError: There is no such file, or it holds something else.
+            UsageError: There is no such file, or it is not a flow.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = dict(file)
-            return _of_arrays(arrays)
+            return _from_arrays(arrays)
         except OSError as error:
             raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from error
         except _DAMAGED as error:
             hint = "make one with `avrare flow fit SAMPLES --out flow.npz`"
-            reason = error if zipfile.is_zipfile(path) else "not an .npz file"  # NumPy talks of pickles there
-            raise UsageError(f"{path}: is no flow ({reason})", hint) from error
+            # NumPy's own message would be about pickles.
+            reason = error if zipfile.is_zipfile(path) else "not an .npz file"
+            raise UsageError(f"{path}: not a flow ({reason})", hint) from error
 
 
-def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
+def _from_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
     kind = str(arrays["kind"])
     if int(arrays["format"]) != _FORMAT or kind not in KINDS:
         raise ValueError(f"format {arrays['format']}, kind {kind!r}")
@@ -129,12 +236,12 @@ def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
     if shift.ndim != 1 or shift.shape != scale.shape or not (scale > 0.0).all():
         raise ValueError("shift and scale do not fit")
     flow = Flow(kind, tuple(blocks), shift, scale, int(arrays["samples"]))
-    _try(flow)
+    _check(flow)
     return flow
 
 
-def _try(flow: Flow) -> None:
-    """Complains of blocks of another size, which may pass by broadcasting, and of what is not finite."""
+def _check(flow: Flow) -> None:
+    """Refuse blocks of another size, which may pass by broadcasting, and numbers that are not finite."""
     size = flow.noise_size
     for block in flow.blocks:
         if isinstance(block, AffineCoupling) and len(block.network.biases[-1]) != 2 * (size - size // 2):

@@ -9,41 +9,43 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
-from avrare_flows.marginals import Marginal, of_normal, to_normal
+from avrare_flows.marginals import Marginal, from_normal, to_normal
 
 
 class Law(Protocol):
-    """Physical noise as a transform of as many standard normal numbers."""
+    """Physical noise as a transform of as many standard normal numbers.
+
+    Attributes:
+        noise_size: Number of numbers of a row.
+        note: What is wrong with the law; empty where it is exact.
+    """
 
     @property
-    def noise_size(self) -> int:
-        """Numbers of a row."""
+    def noise_size(self) -> int: ...  # noqa: D102
 
     @property
-    def note(self) -> str:
-        """What is wrong with it; empty where it is exact."""
+    def note(self) -> str: ...  # noqa: D102
 
     def physical(self, z: Floats) -> Floats:
-        """Rows (N, noise_size) of standard normal rows."""
+        """Return physical rows (N, noise_size) of standard normal rows."""
 
 
 class Joint:
     """One law for each number of a row (an isoprobabilistic transform, after Nataf): exact, no weights.
 
     Args:
-        laws: Of the numbers.
-        correlation: (n, n) of the normal numbers behind them, a Gaussian copula; None: independent. The
-            numbers' own correlation is another one (a little smaller), their rank correlation
-            6/pi asin(r/2).
+        laws: Law of each number.
+        correlation: (n, n) correlation of the underlying normal numbers, a Gaussian copula; None:
+            independent. The correlation of the physical numbers is a little smaller, their rank correlation
+            is 6/pi asin(r/2).
 
     Raises:
-        UsageError: The correlation is none, or of another size.
+        UsageError: The correlation is not a correlation matrix, or has another size.
     """
 
     note = ""
-    """Nothing is wrong with it."""
 
     def __init__(self, laws: Sequence[Marginal], correlation: ArrayLike | None = None) -> None:
         self.laws = tuple(laws)
@@ -51,15 +53,15 @@ class Joint:
         self.correlation = None if correlation is None else _checked(correlation, self.noise_size)
 
     def physical(self, z: Floats) -> Floats:
-        """Rows (N, noise_size) of standard normal rows."""
+        """Return physical rows (N, noise_size) of standard normal rows."""
         columns = list(z.T)
         if self.correlation is not None:
             columns = _times(np.asarray(np.linalg.cholesky(self.correlation)), columns)
-        found = [of_normal(law, column) for law, column in zip(self.laws, columns, strict=True)]
+        found = [from_normal(law, column) for law, column in zip(self.laws, columns, strict=True)]
         return np.ascontiguousarray(np.stack(found, axis=1))
 
     def warp(self, z: Floats) -> tuple[Floats, Floats]:
-        """Rows of standard normal rows (N, noise_size), and log |det| (N,) of the map's derivative.
+        """Return physical rows (N, noise_size) of standard normal rows, and log |det| (N,) of the derivative.
 
         Raises:
             UsageError: A law has atoms.
@@ -68,7 +70,7 @@ class Joint:
         return x, log_normal_density(z) - self.log_density(x)
 
     def log_density(self, x: Floats) -> Floats:
-        """Logarithm (N,) of the density at rows (N, noise_size).
+        """Return the logarithm (N,) of the density at rows (N, noise_size).
 
         Raises:
             UsageError: A law has atoms.
@@ -85,13 +87,13 @@ class Joint:
 
 
 def log_normal_density(z: Floats) -> Floats:
-    """Log density (N,) of standard normal rows (N, n)."""
+    """Return the log density (N,) of standard normal rows (N, n)."""
     square = np.asarray(sum(column**2 for column in z.T))
     return np.asarray(-0.5 * square - 0.5 * z.shape[1] * math.log(2.0 * math.pi))
 
 
 def _times(matrix: Floats, columns: Sequence[Floats]) -> list[Floats]:
-    """A matrix times columns (N,), added up one by one: no row depends on its neighbours."""
+    # Added up one by one: no row depends on its neighbours.
     return [
         np.asarray(sum(weight * column for weight, column in zip(row, columns, strict=True) if weight != 0.0))
         for row in matrix

@@ -1,9 +1,11 @@
 """Laws of one number, as transforms of a standard normal one: x = F^-1(Phi(z)).
 
-A law is asked for its quantile by both tail probabilities, P(X <= x) and P(X > x), and uses the smaller one:
-1 - 1e-20 is 1 in floating point, and rare events are about what lies beyond. All is element by element;
-parameters may be arrays that broadcast, so that a simulator can have a law of its own for each particle.
+Quantiles take both tail probabilities, P(X <= x) and P(X > x), and use the smaller one: 1 - 1e-20 is 1 in
+floating point, and rare events lie beyond. Everything is element by element; parameters may be arrays that
+broadcast, so that a simulator can have a different law for each particle.
 """
+
+# ruff: noqa: D102 - ``Marginal`` documents the methods of all laws.
 
 from __future__ import annotations
 
@@ -13,12 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 from scipy import special
 
-from avrare.errors import UsageError
-from avrare.protocols import Floats
+from avrare.base.errors import UsageError
+from avrare.protocols import Floats, find_ability
 
 Number = float | Floats
 _LOST = -40.0
-"""Logarithm of what is lost beside 1."""
+"""Logarithm of a number that rounding loses beside 1."""
 Tails = tuple[Floats, Floats]
 """P(X <= x) and P(X > x)."""
 
@@ -27,31 +29,38 @@ class Marginal(Protocol):
     """A law of one number."""
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """The x with P(X <= x) = lower and P(X > x) = upper; the smaller of both is to be trusted."""
+        """Return the x with P(X <= x) = lower and P(X > x) = upper; the smaller of both is accurate."""
 
     def tails(self, x: Floats) -> Tails:
-        """P(X <= x) and P(X > x)."""
+        """Return P(X <= x) and P(X > x)."""
 
     def log_density(self, x: Floats) -> Floats:
-        """Logarithm of the density, -inf where there is none."""
+        """Return the logarithm of the density, -inf outside the support."""
 
 
-def of_normal(law: Marginal, z: Floats) -> Floats:
-    """The physical number of a standard normal one, exact in both tails."""
-    direct = getattr(law, "of_normal", None)
+class TransformsNormal(Protocol):
+    """Optional ability of a marginal: it maps a standard normal number directly."""
+
+    def from_normal(self, z: Floats) -> Floats:
+        """Return physical numbers of standard normal ones, exact in both tails."""
+
+
+def from_normal(law: Marginal, z: Floats) -> Floats:
+    """Return the physical number of a standard normal one, exact in both tails."""
+    direct = find_ability(law, TransformsNormal)
     if direct is not None:
-        return np.asarray(direct(z), dtype=np.float64)
+        return np.asarray(direct.from_normal(z), dtype=np.float64)
     return law.quantile(special.ndtr(z), special.ndtr(-z))
 
 
 def to_normal(law: Marginal, x: Floats) -> Floats:
-    """The standard normal number of a physical one; the inverse of ``of_normal`` where F is continuous."""
+    """Return the standard normal number of a physical one: inverts ``from_normal`` for continuous F."""
     lower, upper = law.tails(x)
-    return np.asarray(by_tail(lower, upper, special.ndtri, lambda p: -special.ndtri(p)))
+    return np.asarray(_by_tail(lower, upper, special.ndtri, lambda p: -special.ndtri(p)))
 
 
-def by_tail(lower: Floats, upper: Floats, left: Any, right: Any) -> Floats:
-    """``left(lower)`` in the lower half, ``right(upper)`` in the upper one."""
+def _by_tail(lower: Floats, upper: Floats, left: Any, right: Any) -> Floats:
+    """Return ``left(lower)`` in the lower half, ``right(upper)`` in the upper one."""
     return np.asarray(np.where(lower <= upper, left(np.minimum(lower, 0.5)), right(np.minimum(upper, 0.5))))
 
 
@@ -63,7 +72,7 @@ def _positive(law: object, **values: Number) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """N(mean, std^2)."""
+    """Normal law N(mean, std^2)."""
 
     mean: Number = 0.0
     std: Number = 1.0
@@ -71,28 +80,24 @@ class Normal:
     def __post_init__(self) -> None:
         _positive(self, std=self.std)
 
-    def of_normal(self, z: Floats) -> Floats:
-        """Without a detour."""
+    def from_normal(self, z: Floats) -> Floats:
         return np.asarray(self.mean + self.std * z)
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
-        return self.of_normal(by_tail(lower, upper, special.ndtri, lambda p: -special.ndtri(p)))
+        return self.from_normal(_by_tail(lower, upper, special.ndtri, lambda p: -special.ndtri(p)))
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         z = (x - self.mean) / self.std
         return special.ndtr(z), special.ndtr(-z)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         z = (x - self.mean) / self.std
         return np.asarray(-0.5 * z**2 - np.log(self.std * np.sqrt(2.0 * np.pi)))
 
 
 @dataclass(frozen=True, eq=False)
 class LogNormal:
-    """exp of N(mean, std^2)."""
+    """Lognormal law: exp of N(mean, std^2)."""
 
     mean: Number = 0.0
     std: Number = 1.0
@@ -100,20 +105,16 @@ class LogNormal:
     def __post_init__(self) -> None:
         _positive(self, std=self.std)
 
-    def of_normal(self, z: Floats) -> Floats:
-        """Without a detour."""
+    def from_normal(self, z: Floats) -> Floats:
         return np.exp(self.mean + self.std * z)
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         return np.exp(Normal(self.mean, self.std).quantile(lower, upper))
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         return Normal(self.mean, self.std).tails(_log(x))
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         with np.errstate(invalid="ignore"):
             found = Normal(self.mean, self.std).log_density(_log(x)) - _log(x)
         return np.where(np.greater(x, 0.0), found, -np.inf)
@@ -121,7 +122,7 @@ class LogNormal:
 
 @dataclass(frozen=True, eq=False)
 class Weibull:
-    """scale E^(1/shape) with E of law Exp(1): ``shape=1`` is the exponential law of mean ``scale``."""
+    """Weibull law: scale E^(1/shape), E of law Exp(1); ``shape=1`` is the exponential law."""
 
     shape: Number = 1.0
     scale: Number = 1.0
@@ -130,17 +131,14 @@ class Weibull:
         _positive(self, shape=self.shape, scale=self.scale)
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
-        unit = by_tail(lower, upper, lambda p: -np.log1p(-p), lambda p: -_log(p))
+        unit = _by_tail(lower, upper, lambda p: -np.log1p(-p), lambda p: -_log(p))
         return np.asarray(self.scale * unit ** (1.0 / np.asarray(self.shape)))
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         unit = (np.maximum(x, 0.0) / self.scale) ** self.shape
         return -np.expm1(-unit), np.exp(-unit)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         ratio = np.maximum(x, 0.0) / self.scale
         steep = special.xlogy(np.asarray(self.shape) - 1.0, ratio)
         found = np.log(np.asarray(self.shape) / self.scale) + steep - ratio**self.shape
@@ -149,7 +147,7 @@ class Weibull:
 
 @dataclass(frozen=True, eq=False)
 class Gamma:
-    """The gamma law of mean ``shape * scale``."""
+    """Gamma law of mean ``shape * scale``."""
 
     shape: Number
     scale: Number = 1.0
@@ -158,20 +156,17 @@ class Gamma:
         _positive(self, shape=self.shape, scale=self.scale)
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         a = self.shape
-        unit = by_tail(
+        unit = _by_tail(
             lower, upper, lambda p: special.gammaincinv(a, p), lambda p: special.gammainccinv(a, p)
         )
         return np.asarray(self.scale * unit)
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         unit = np.maximum(x, 0.0) / self.scale
         return special.gammainc(self.shape, unit), special.gammaincc(self.shape, unit)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         unit = np.maximum(x, 0.0) / self.scale
         found = special.xlogy(np.asarray(self.shape) - 1.0, unit) - unit - special.gammaln(self.shape)
         return np.where(np.greater_equal(x, 0.0), found - np.log(self.scale), -np.inf)
@@ -179,7 +174,7 @@ class Gamma:
 
 @dataclass(frozen=True, eq=False)
 class Gumbel:
-    """The law of largest values, F = exp(-exp(-(x - location)/scale))."""
+    """Gumbel law of largest values, F = exp(-exp(-(x - location)/scale))."""
 
     location: Number = 0.0
     scale: Number = 1.0
@@ -188,24 +183,21 @@ class Gumbel:
         _positive(self, scale=self.scale)
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
-        unit = by_tail(lower, upper, lambda p: -_log(-_log(p)), lambda p: -_log(-np.log1p(-p)))
+        unit = _by_tail(lower, upper, lambda p: -_log(-_log(p)), lambda p: -_log(-np.log1p(-p)))
         return np.asarray(self.location + self.scale * unit)
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         rate = np.exp(-(x - self.location) / self.scale)
         return np.exp(-rate), -np.expm1(-rate)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         unit = (x - self.location) / self.scale
         return np.asarray(-unit - np.exp(-unit) - np.log(self.scale))
 
 
 @dataclass(frozen=True, eq=False)
 class StudentT:
-    """Student's t, moved and stretched: heavy tails on both sides."""
+    """Student's t with location and scale: heavy tails on both sides."""
 
     freedom: Number
     location: Number = 0.0
@@ -215,18 +207,15 @@ class StudentT:
         _positive(self, freedom=self.freedom, scale=self.scale)
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         v = self.freedom
-        unit = by_tail(lower, upper, lambda p: _student(v, p), lambda p: -_student(v, p))
+        unit = _by_tail(lower, upper, lambda p: _student(v, p), lambda p: -_student(v, p))
         return np.asarray(self.location + self.scale * unit)
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         unit = (x - self.location) / self.scale
         return special.stdtr(self.freedom, unit), special.stdtr(self.freedom, -unit)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         v, unit = np.asarray(self.freedom), (x - self.location) / self.scale
         constant = special.gammaln(0.5 * (v + 1.0)) - special.gammaln(0.5 * v) - 0.5 * np.log(v * np.pi)
         return np.asarray(constant - 0.5 * (v + 1.0) * np.log1p(unit**2 / v) - np.log(self.scale))
@@ -234,7 +223,7 @@ class StudentT:
 
 @dataclass(frozen=True, eq=False)
 class Uniform:
-    """All of [low, high] alike."""
+    """Uniform law on [low, high]."""
 
     low: Number = 0.0
     high: Number = 1.0
@@ -244,23 +233,20 @@ class Uniform:
             raise UsageError(f"Uniform: high ({self.high!r}) must lie above low ({self.low!r})")
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
-        """See ``Marginal``."""
         width = np.asarray(self.high) - self.low
-        return by_tail(lower, upper, lambda p: self.low + p * width, lambda p: self.high - p * width)
+        return _by_tail(lower, upper, lambda p: self.low + p * width, lambda p: self.high - p * width)
 
     def tails(self, x: Floats) -> Tails:
-        """See ``Marginal``."""
         width, inside = np.asarray(self.high) - self.low, np.clip(x, self.low, self.high)
         return np.asarray((inside - self.low) / width), np.asarray((self.high - inside) / width)
 
     def log_density(self, x: Floats) -> Floats:
-        """See ``Marginal``."""
         inside = np.greater_equal(x, self.low) & np.less_equal(x, self.high)
         return np.where(inside, -np.log(np.asarray(self.high) - self.low), -np.inf)
 
 
 def _student(freedom: Number, p: Floats) -> Floats:
-    """Student's quantile for p up to 0.5; SciPy's saturates at tiny p, and turns its sign.
+    """Return Student's quantile for p up to 0.5; SciPy's saturates at tiny p, and changes sign.
 
     With w = v / (v + x^2), P(X <= x) is half the incomplete beta function of w, and w^(v/2) / (v/2 B) times
     half where w is lost beside 1.
@@ -274,11 +260,11 @@ def _student(freedom: Number, p: Floats) -> Floats:
 
 
 def Exponential(scale: Number = 1.0) -> Weibull:
-    """The exponential law of mean ``scale``."""
+    """Return the exponential law of mean ``scale``."""
     return Weibull(1.0, scale)
 
 
 def _log(x: Any) -> Floats:
-    """Of 0 it is -inf, of less too: outside of a law's support."""
+    """Return the logarithm, -inf for all numbers up to 0 (outside of a law's support)."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(np.maximum(x, 0.0)))

@@ -1,14 +1,14 @@
-"""Any simulator with noise that is not normal, as a simulator of scenarios."""
+"""Simulator ``transformed``: any other simulator, with noise that is not normal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from avrare.errors import PluginError, UsageError
-from avrare.estimation.loop import checked_options
+from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.registry import default_registry
-from avrare.protocols import Floats, Signals, Simulator
+from avrare.protocols import Floats, HasScene, ReportsFaults, Signals, Simulator, forward_abilities
+from avrare.scenario.validation import check_options
 from avrare_flows import compound, marginals
 from avrare_flows.config import LawConfig, TransformedConfig
 from avrare_flows.laws import Joint, Law
@@ -30,13 +30,13 @@ _NAMES: dict[str, Callable[..., Marginal]] = {
 
 
 def build(config: TransformedConfig, scene: object | None = None) -> TransformedSimulator:
-    """The simulator of a scenario.
+    """Build the simulator of a scenario.
 
     Raises:
-        PluginError: Nobody provides the other simulator, or it cannot be loaded.
+        PluginError: No plugin provides the other simulator, or it cannot be loaded.
         UsageError: Its options, a law or the number of laws do not fit, or it has no noise.
     """
-    inner = _inner(config.simulator)
+    inner = _build_inner(config.simulator)
     if isinstance(inner, TransformedSimulator):  # it takes normal numbers, and would get others
         raise UsageError("transformed cannot hold another transformed", "give all laws in one of them")
     if inner.noise_size == 0:
@@ -58,38 +58,36 @@ class TransformedSimulator:
     """An ``avrare.protocols.Simulator`` that hands physical noise to another one.
 
     Attributes:
-        simulator: The other one.
-        dt: Its step [s].
-        noise_size: Its.
-        notes: Health warnings that every result of it must carry.
+        simulator: The other simulator.
+        dt: Its time step [s].
+        noise_size: Its noise size.
+        notes: Health warnings for every result.
     """
 
     def __init__(self, simulator: Simulator, law: Law, first: Law) -> None:
         self.simulator, self.law, self.first = simulator, law, first
         self.dt, self.noise_size = simulator.dt, simulator.noise_size
         self.notes = notes_of(law, first)
-        for name in ("scene", "faults"):
-            if hasattr(simulator, name):
-                setattr(self, name, getattr(simulator, name))
+        forward_abilities(self, simulator, HasScene, ReportsFaults)
 
     def reset(self, noise: Floats) -> Any:
-        """World at t = 0."""
+        """Return the world at t = 0."""
         return self.simulator.reset(self.first.physical(noise))
 
     def step(self, world: Any, action: Any, noise: Floats) -> Any:
-        """World one step later."""
+        """Return the world one step later."""
         return self.simulator.step(world, action, self.law.physical(noise))
 
     def signals(self, world: Any) -> Signals:
-        """The other simulator's."""
+        """Return the signals of the other simulator."""
         return self.simulator.signals(world)
 
 
-def _inner(block: dict[str, Any]) -> Any:
+def _build_inner(block: dict[str, Any]) -> Any:
     name = str(block["plugin"])
     component = default_registry().require("simulator", name)
     options = {key: value for key, value in block.items() if key != "plugin"}
-    config = checked_options(component.load_config(), name, options, "simulator")
+    config = check_options(component.load_config(), name, options, "simulator")
     try:
         return component.load_factory()(config, None)
     except ImportError as error:
@@ -102,13 +100,13 @@ def _joint(configs: tuple[LawConfig, ...], size: int, correlation: Any = None) -
 
 
 def law_of(config: LawConfig) -> Marginal:
-    """The law that a scenario describes.
+    """Return the law that a scenario describes.
 
     Raises:
-        UsageError: SciPy has no such distribution, or nothing of a law lies between its ends.
+        UsageError: SciPy has no such distribution, or a law has no probability between its ends.
     """
     if config.law == "scipy":
-        law: Marginal = _of_scipy(config.name, config.options)
+        law: Marginal = _scipy_law(config.name, config.options)
     elif config.law == "mixture":
         law = compound.Mixture(config.weights, tuple(law_of(part) for part in config.laws))
     else:
@@ -121,7 +119,7 @@ def law_of(config: LawConfig) -> Marginal:
     return compound.Truncated(law, **ends)
 
 
-def _of_scipy(name: str, options: dict[str, float]) -> compound.Scipy:
+def _scipy_law(name: str, options: dict[str, float]) -> compound.Scipy:
     from scipy import stats
 
     family = getattr(stats, name, None)

@@ -1,4 +1,4 @@
-"""Fits a flow to samples with Pyro, by maximum likelihood; needs torch and pyro-ppl (the extra ``train``)."""
+"""Training of a flow with Pyro by maximum likelihood; needs torch and pyro-ppl (the extra ``train``)."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from pyro import distributions
 from pyro.distributions import transforms
 from pyro.nn import AutoRegressiveNN, DenseNN
 
-from avrare.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.protocols import Floats
-from avrare_flows.blocks import AffineCoupling, Block, Network, SplineAutoregressive
-from avrare_flows.flow import KINDS, Flow
+from avrare_flows.flow import KINDS, AffineCoupling, Block, Flow, Network, SplineAutoregressive
 
 _BATCH, _HELD_OUT, _LOOK = 512, 0.1, 50
 _BINS, _LEAST_BOUND, _ROOM = 12, 5.0, 1.25
-"""Bins of a spline; it bends up to so many standard deviations, or so far beyond the farthest sample."""
+"""Bins of a spline; its least bound in standard deviations, and its bound over the farthest sample."""
 _FEWEST = 50
 _CONSTANT = 1e-12
-"""Spread of a column, over its largest number, that is rounding."""
+"""Relative spread of a column below which it is rounding."""
 _BLOCKS = {"affine_coupling": 6, "spline_autoregressive": 2}
 _pyro: Any = distributions  # has no types of its own
 _transforms: Any = transforms
@@ -32,13 +31,13 @@ _transforms: Any = transforms
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted flow and how well it does.
+    """A fitted flow and its quality.
 
     Attributes:
-        flow: The one that did best on samples held out.
+        flow: The best flow on held-out samples.
         held_out: Its mean log density there, per row [nat].
-        normal: That of a normal law with independent numbers, for comparison [nat].
-        step: Step at which it was found.
+        normal: Mean log density of a normal law with independent numbers, for comparison [nat].
+        step: Training step of the flow.
     """
 
     flow: Flow
@@ -56,10 +55,10 @@ def fit(
     Args:
         samples: (M, n), independent of each other.
         kind: One of ``avrare_flows.flow.KINDS``; one number a row needs ``spline_autoregressive``.
-        steps: Of Adam, on 512 rows each.
-        seed: Of the first weights and of the order of the rows.
-        blocks: How many; None: 6 couplings, or 2 splines.
-        hidden: Units of each of the two hidden layers of a block's network.
+        steps: Number of Adam steps, on 512 rows each.
+        seed: Seed of the first weights and of the order of the rows.
+        blocks: Number of blocks; None: 6 couplings, or 2 splines.
+        hidden: Width of the two hidden layers of a block's network.
         rate: First learning rate; it falls to 0 along a cosine.
 
     Raises:
@@ -70,11 +69,11 @@ def fit(
     size = data.shape[1]
     order = np.random.default_rng(seed).permutation(len(data))
     held, kept = np.split(data[order], [max(10, round(_HELD_OUT * len(data)))])
-    shift, scale = _moments(kept)
+    shift, scale = _mean_and_deviation(kept)
     bound = max(_LEAST_BOUND, _ROOM * float(np.abs((kept - shift) / scale).max()))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        parts = [_block(kind, size, max(hidden, 2 * size), bound) for _ in range(many)]
+        parts = [_pyro_transforms(kind, size, max(hidden, 2 * size), bound) for _ in range(many)]
         found, loss, step = _descend(parts, size, (kept - shift) / scale, (held - shift) / scale, steps, rate)
     extent = float(np.log(scale).sum())
     square = (((held - shift) / scale) ** 2).sum(axis=1).mean()
@@ -105,8 +104,7 @@ def _checked(samples: Floats, kind: str, steps: int, blocks: int | None, seed: i
     return data
 
 
-def _moments(kept: Floats) -> tuple[Floats, Floats]:
-    """Mean and standard deviation (n,) of the columns that are fitted; a constant has one of rounding."""
+def _mean_and_deviation(kept: Floats) -> tuple[Floats, Floats]:
     with np.errstate(over="ignore", invalid="ignore"):
         shift, scale = kept.mean(axis=0), kept.std(axis=0)
     if not np.isfinite(scale).all():
@@ -122,8 +120,7 @@ def _moments(kept: Floats) -> tuple[Floats, Floats]:
     return shift, scale
 
 
-def _block(kind: str, size: int, hidden: int, bound: float = _LEAST_BOUND) -> list[Any]:
-    """Pyro's transforms of one block; each ends with the row turned round, or begins at another number."""
+def _pyro_transforms(kind: str, size: int, hidden: int, bound: float = _LEAST_BOUND) -> list[Any]:
     if kind == "affine_coupling":
         kept = size // 2
         network: Any = DenseNN(kept, [hidden, hidden], [size - kept, size - kept]).double()
@@ -131,7 +128,7 @@ def _block(kind: str, size: int, hidden: int, bound: float = _LEAST_BOUND) -> li
             network.layers[-1].weight.mul_(0.01)
         return [_transforms.AffineCoupling(kept, network), _transforms.Permute(torch.arange(size).flip(0))]
     counts, order = [_BINS, _BINS, _BINS - 1], torch.arange(size)
-    with warnings.catch_warnings():  # one number a row: a single spline, which is what is wanted
+    with warnings.catch_warnings():  # one number a row: a single spline, as intended
         warnings.simplefilter("ignore")
         masked = AutoRegressiveNN(size, [hidden, hidden], counts, permutation=order).double()  # type: ignore[arg-type]
     spline = _transforms.SplineAutoregressive
@@ -146,7 +143,7 @@ def _networks(parts: list[list[Any]]) -> Iterator[Any]:
 def _descend(
     parts: list[list[Any]], size: int, kept: Floats, held: Floats, steps: int, rate: float
 ) -> tuple[tuple[Block, ...], float, int]:
-    """The best blocks on ``held``, their mean negative log density there, and the step."""
+    """Return the best blocks on ``held``, their mean negative log density there, and the step."""
     rows, test = torch.from_numpy(kept), torch.from_numpy(held)
     weights = [weight for network in _networks(parts) for weight in network.parameters()]
     optimiser = torch.optim.Adam(weights, lr=rate)
@@ -168,12 +165,11 @@ def _descend(
             if found < best[1]:
                 best = _exported(parts), found, step
     if not best[0]:
-        raise UsageError("the fit has come to no finite density", "look for outliers, or lower the rate")
+        raise UsageError("the fit has not reached a finite density", "look for outliers, or lower the rate")
     return best
 
 
 def _exported(parts: list[list[Any]]) -> tuple[Block, ...]:
-    """The blocks as arrays."""
     found: list[Block] = []
     for part, network in zip(parts, _networks(parts), strict=True):
         coupling = isinstance(part[0], _transforms.AffineCoupling)

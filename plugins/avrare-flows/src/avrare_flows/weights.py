@@ -1,8 +1,8 @@
-"""Noise from a flow that is not quite the noise that is meant, with the weights that put it right.
+"""Weighted noise: a flow that approximates the target density, with importance weights that correct it.
 
-A flow b sends normal numbers z to x = b(z), whose density is q(x) = N(z) / |det b'(z)|. Where the density P
-that is meant is known, a row weighs P(x) / q(x), and a rollout the product over its rows. The weight of
-stl-ess, Eq. 20, is |det b'(z)| alone: P / N is missing, and even an exact flow is led astray.
+A flow b maps normal numbers z to x = b(z), whose density is q(x) = N(z) / |det b'(z)|. Where the target
+density P is known, a row has the weight P(x) / q(x), and a rollout the product over its rows. The weight of
+stl-ess, Eq. 20, is |det b'(z)| alone: P / N is missing, and even an exact flow gets a wrong estimate.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from avrare.errors import UsageError, did_you_mean
-from avrare.protocols import Bools, Floats, Signals, System
-from avrare_flows.blocks import Warped
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.protocols import Bools, Floats, ReportsFaults, Signals, System, find_ability
+from avrare_flows.flow import Warped
 from avrare_flows.laws import Law, log_normal_density
 from avrare_flows.system import check_size
 
@@ -25,19 +25,17 @@ _PAPER = (
     "weights as in stl-ess, Eq. 20: the determinant of the flow without the ratio of the densities; the "
     "estimate converges to E[|det|, failure] / E[|det|], which is not the failure probability"
 )
-
-
 _TAILS = (
-    "the weights put right what the fitted flow draws; failures that it hardly ever draws are missed without "
-    "a sign: compare with an exact transform, or with another flow"
+    "the weights correct the rows that the fitted flow draws; failures that it hardly ever draws are missed "
+    "without a sign: compare with an exact transform, or with another flow"
 )
 
 
 class WarpedLaw(Law, Protocol):
-    """A law that knows its density by the determinant of its map (``avrare_flows.flow.Flow``)."""
+    """A law with a known determinant of its map, and thus a density (``avrare_flows.flow.Flow``)."""
 
     def warp(self, z: Floats) -> Warped:
-        """Rows (N, n) of standard normal rows, and log |det| (N,)."""
+        """Return physical rows of standard normal rows (N, n), and log |det| (N,)."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class WeightedState:
     """State of the system and its weight.
 
     Attributes:
-        state: Of the system over physical noise.
+        state: State of the system over physical noise.
         log_weight: (N,) log of the product of the weights of all rows so far.
     """
 
@@ -55,17 +53,17 @@ class WeightedState:
 
 @dataclass(frozen=True, eq=False)
 class WeightedSystem:
-    """A system whose rollouts have weights, for estimators that ask for them with ``weighing()``.
+    """A system whose rollouts have weights, for estimators that ask for them with ``with_weights()``.
 
-    Without having been asked for its weights it does not run: an estimator that does not know of them would
-    give the probability under the flow.
+    It refuses to run before that: an estimator that ignores the weights would give the probability under the
+    flow.
 
     Attributes:
-        system: Over physical noise.
-        flow: Of its noise.
-        log_density: Of the noise that is meant, (N, n) -> (N,); None: weights as in the paper.
-        first: Exact law of row 0, without weights; None: the flow too.
-        asked: ``weighing`` has been called.
+        system: System over physical noise.
+        flow: Law that the noise is drawn from.
+        log_density: Target log density of the noise, (N, n) -> (N,); None: weights as in the paper.
+        first: Exact law of row 0, without weights; None: the flow.
+        asked: ``with_weights`` has been called.
     """
 
     system: System
@@ -76,29 +74,29 @@ class WeightedSystem:
 
     @property
     def noise_size(self) -> int:
-        """Numbers of a row."""
+        """Number of numbers of a row."""
         return self.system.noise_size
 
     @property
     def notes(self) -> dict[str, str]:
-        """Health warnings that every result of it must carry."""
+        """Health warnings for every result."""
         if self.log_density is None:
             return {"paper_weights": _PAPER}
         return {"flow_tails": _TAILS} if self.flow.note else {}
 
-    def weighing(self) -> WeightedSystem:
-        """The same system, ready to run."""
+    def with_weights(self) -> WeightedSystem:
+        """Return the same system, ready to run."""
         return replace(self, asked=True)
 
     def initial(self, noise: Floats) -> WeightedState:
-        """The state at t = 0.
+        """Return the state at t = 0.
 
         Raises:
-            UsageError: Nobody has asked for the weights.
+            UsageError: The estimator has not asked for the weights.
         """
         if not self.asked:
             raise UsageError(
-                "this noise comes with weights, of which the estimator knows nothing",
+                "this noise has weights, which the estimator does not support",
                 "use ess; to replay tapes, use avrare_flows.transformed(system, flow)",
             )
         if self.first is not None:
@@ -107,26 +105,25 @@ class WeightedSystem:
         return WeightedState(self.system.initial(x), weight)
 
     def step(self, state: WeightedState, noise: Floats) -> WeightedState:
-        """The state one step later."""
+        """Return the state one step later."""
         x, weight = self._warped(noise)
         return WeightedState(self.system.step(state.state, x), state.log_weight + weight)
 
     def signals(self, state: WeightedState) -> Signals:
-        """The system's."""
+        """Return the signals of the system."""
         return self.system.signals(state.state)
 
     def faults(self, state: WeightedState) -> Bools:
-        """(N,) rows that broke down, or whose weight is no number."""
-        own = getattr(self.system, "faults", None)
+        """Return whether each row (N,) broke down or has a weight that is not a number."""
+        inner = find_ability(self.system, ReportsFaults)
         lost = np.isnan(state.log_weight)
-        return lost if own is None else np.asarray(own(state.state), dtype=bool) | lost
+        return lost if inner is None else np.asarray(inner.faults(state.state), dtype=bool) | lost
 
     def log_weights(self, state: WeightedState) -> Floats:
-        """(N,) log of the weights."""
+        """Return the log weights (N,)."""
         return state.log_weight
 
     def _warped(self, noise: Floats) -> Warped:
-        """Physical rows and the log of their weights."""
         x, log_det = self.flow.warp(noise)
         if self.log_density is None:
             return x, log_det
@@ -138,15 +135,15 @@ def weighted(
     system: System, flow: WarpedLaw, log_density: Callable[[Floats], Floats] | None = None, *,
     weights: Weights = "importance", initial: Law | None = None,
 ) -> WeightedSystem:  # fmt: skip
-    """A system over physical noise that a flow draws and weights put right; for the estimator ``ess``.
+    """Adapt a system over physical noise to a flow with weights; for the estimator ``ess``.
 
     Args:
-        system: Its ``initial`` and ``step`` take physical noise (N, n).
-        flow: What the noise is drawn from.
-        log_density: Log density (N,) of the rows (N, n) that are meant, up to a constant. It must be 0
-            (-inf in logs) nowhere else than where it should: what the flow cannot reach is lost.
-        weights: "importance": P/q. "paper": stl-ess, Eq. 20, which is wrong, to compare with.
-        initial: Exact law of row 0, where it is another one.
+        system: System whose ``initial`` and ``step`` take physical noise (N, n).
+        flow: Law that the noise is drawn from.
+        log_density: Target log density (N,) of rows (N, n), up to a constant. The flow must reach all rows
+            where it is not -inf: others are missed.
+        weights: "importance": P/q. "paper": stl-ess, Eq. 20, which is wrong, for comparison.
+        initial: Exact law of row 0, where it differs.
 
     Raises:
         UsageError: A size or an option does not fit.

@@ -1,11 +1,11 @@
-"""A small glider that lands on a wire, post-stall: a simulator whose noise is the tape."""
+"""Glider that lands on a wire post-stall, as a simulator of scenarios."""
 
 from avrare.plugin import Component, hookimpl
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator of this distribution."""
+    """Return the simulator of this distribution."""
     return [
         Component(
             kind="simulator",

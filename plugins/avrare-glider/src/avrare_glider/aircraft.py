@@ -1,13 +1,13 @@
-"""The glider: a flat plate for the wing, another for the elevator, in still air, in the vertical plane.
+"""Glider model: flat plates for wing and elevator, in still air, in the vertical plane.
 
 Model of Roberts, Cory and Tedrake (*On the controllability of fixed-wing perching*, American Control
-Conference 2009); numbers of the "R1" glider as in Drake's example of the perching glider, which goes with
+Conference 2009); numbers of the "R1" glider as in Drake's example of the perching glider, after
 Moore, Cory and Tedrake (*Robust post-stall perching with a simple fixed-wing glider using LQR-trees*, 2014).
 A flat plate of area S that moves through air with velocity v at the angle of attack a is pushed along its
 normal by density S |v|^2 sin(a), before the stall and after it. The wing's centre is the centre of mass.
 
 Functions take seven columns in the order of ``NAMES``: floats, complex numbers (for derivatives) or symbols.
-They are arithmetic, sines and roots of columns, so no row knows its neighbours.
+They are arithmetic, sines and roots of columns: no row depends on its neighbours.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HINGE, CHORD = 0.27, 0.022  # centre of mass to hinge, hinge to the middle of th
 DENSITY, GRAVITY = 1.204, 9.81  # [kg/m^3], [m/s^2]
 ELEVATOR_STOPS = (-0.9473, 0.4463)  # [rad]
 RATE_LIMIT = 13.0
-"""The servo's [rad/s], either way."""
+"""Limit of the servo in either direction [rad/s]."""
 START = (-3.5, 0.1, 0.0, 0.0, 7.0, 0.0, 0.0)
 """Nominal state at t = 0. The wire is at x = z = 0."""
 _STILL = 1e-10
@@ -36,7 +36,7 @@ Columns = tuple[Any, ...]
 
 
 def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
-    """Time derivatives of the seven columns.
+    """Return the time derivatives of the seven columns.
 
     Args:
         state: Seven columns, see ``NAMES``.
@@ -63,7 +63,7 @@ def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
 
 
 def advance(state: Columns, elevator_rate: Any) -> Columns:
-    """The columns one step later at a constant input: one step of the classical Runge-Kutta method."""
+    """Return the columns one step later at a constant input, by the classical Runge-Kutta method."""
     first = rates(state, elevator_rate)
     second = rates(_moved(state, first, 0.5 * DT), elevator_rate)
     third = rates(_moved(state, second, 0.5 * DT), elevator_rate)

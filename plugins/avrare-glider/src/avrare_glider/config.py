@@ -1,4 +1,4 @@
-"""What a scenario says about the glider."""
+"""Options of the simulator ``glider``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 
 def _tuple(value: Any) -> Any:
-    """A list as a tuple: strict validation takes no lists."""
+    """Return a list as a tuple: strict validation takes no lists."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -22,17 +22,17 @@ class _Model(BaseModel):
 
 
 class NoiseConfig(_Model):
-    """Standard deviations of what is random."""
+    """Standard deviations of the noise."""
 
-    x: float = Field(default=0.0, ge=0.0, description="of the position along the way at the start [m]")
+    x: float = Field(default=0.0, ge=0.0, description="of the horizontal position at the start [m]")
     z: float = Field(default=0.0, ge=0.0, description="of the height at the start [m]")
     actuator: float = Field(
-        default=0.0, ge=0.0, description="of what is added to the elevator's rate, afresh each step [rad/s]"
+        default=0.0, ge=0.0, description="of the noise of the elevator's rate, fresh each step [rad/s]"
     )
 
 
 class FeedbackConfig(_Model):
-    """Cost whose optimum the feedback is; the defaults are those of the published controller."""
+    """Cost that the feedback minimises; the defaults are those of the published controller."""
 
     state_cost: Costs = Field(default=(10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0), description=f"{_ORDER}, per s")
     input_cost: float = Field(
@@ -44,9 +44,9 @@ class FeedbackConfig(_Model):
 
 
 class GliderConfig(_Model):
-    """Options of the simulator ``glider``."""
+    """Noise and feedback of the glider."""
 
-    noise: NoiseConfig = Field(default=NoiseConfig(), description="what is random; without: nothing")
+    noise: NoiseConfig = Field(default=NoiseConfig(), description="noise; default: none")
     feedback: FeedbackConfig | None = Field(
-        default=FeedbackConfig(), description="of the error to the nominal flight; null: it flies blindly"
+        default=FeedbackConfig(), description="feedback of the deviation from the nominal flight; null: none"
     )

@@ -10,11 +10,11 @@ from avrare_glider.config import FeedbackConfig
 from avrare_glider.nominal import Flight
 
 _SMALL = 1e-20
-"""Imaginary step: derivatives come without cancellation, to the last bit but one or two."""
+"""Imaginary step: derivatives without cancellation, exact but for one or two bits."""
 
 
 def linearised(flight: Flight) -> tuple[Floats, Floats]:
-    """How errors propagate from each step to the next.
+    """Linearise the step along a flight, by complex steps.
 
     Returns:
         A (K, 7, 7) and B (K, 7): error' = A error + B (change of the input).
@@ -30,7 +30,7 @@ def linearised(flight: Flight) -> tuple[Floats, Floats]:
 
 
 def gains(flight: Flight, cost: FeedbackConfig) -> Floats:
-    """Optimal gains by Riccati's recursion, backwards from the end.
+    """Return the optimal gains by the Riccati recursion, backwards from the end.
 
     Returns:
         (K, 7): the change of the input is minus gain times error.

@@ -1,4 +1,4 @@
-"""The nominal flight: made by ``avrare_glider.optimise``, shipped as arrays."""
+"""Nominal flight, shipped as arrays; ``benchmarks/glider_nominal_flight.py`` makes it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from avrare.protocols import Floats
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight without noise on the grid of the simulator.
+    """Flight without noise on the time grid of the simulator.
 
     Attributes:
         states: (K + 1, 7) at t = 0, dt, ..., K dt; columns as in ``aircraft.NAMES``.
@@ -26,7 +26,7 @@ class Flight:
 
 @cache
 def nominal() -> Flight:
-    """The flight that is shipped: 66 steps, from ``aircraft.START`` to the wire."""
+    """Return the shipped flight: 66 steps, from ``aircraft.START`` to the wire."""
     shipped = files("avrare_glider") / "nominal.npz"
     with shipped.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
         return Flight(arrays["states"], arrays["inputs"])

@@ -1,4 +1,4 @@
-"""The glider as a simulator of scenarios: it brings its own feedback."""
+"""Simulator ``glider``: the glider with its own feedback."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats, Signals
 from avrare.rollout.request import Integers
 from avrare_glider.aircraft import DT, ELEVATOR_STOPS, NAMES, RATE_LIMIT, START, Columns, advance
@@ -18,10 +18,10 @@ from avrare_glider.nominal import nominal
 
 @dataclass(frozen=True)
 class GliderState:
-    """N gliders.
+    """State of N gliders.
 
     Attributes:
-        step: (N,) t.
+        step: (N,) number of steps done.
         motion: Seven columns (N,), see ``aircraft.NAMES``.
     """
 
@@ -30,18 +30,18 @@ class GliderState:
 
 
 def build(config: GliderConfig, scene: object | None = None) -> GliderSimulator:
-    """The simulator of a scenario."""
+    """Build the simulator of a scenario."""
     return GliderSimulator(config)
 
 
 class GliderSimulator:
     """A glider that follows the nominal flight to a wire.
 
-    The elevator's rate is the nominal one, minus gain times error, plus noise; the servo cuts it at its
-    limit, the stops end it. After the nominal flight's end the servo is at rest, but for the noise.
+    The elevator's rate is the nominal one, minus gain times error, plus noise, clipped to the servo's limit
+    and the elevator's stops. After the end of the nominal flight only the noise moves it.
 
-    Row 0 of the noise tape makes the start: its first number x, its second z. The first number of row t
-    disturbs the elevator on the way from t - 1 to t.
+    Row 0 of the noise tape sets the start: its first number x, its second z. The first number of row t
+    disturbs the elevator from step t - 1 to t.
 
     Attributes:
         dt: Step [s].
@@ -56,18 +56,18 @@ class GliderSimulator:
         flight = nominal()
         found = gains(flight, config.feedback) if config.feedback is not None else 0.0 * flight.states[:-1]
         self._reference = flight.states
-        self._inputs = np.append(flight.inputs, 0.0)  # the last row is for whatever comes after the end
+        self._inputs = np.append(flight.inputs, 0.0)  # the last row holds after the end
         self._gains = np.vstack([found, np.zeros(len(NAMES))])
 
     def reset(self, noise: Floats) -> GliderState:
-        """State at t = 0 from noise (N, noise_size)."""
+        """Return the state at t = 0 from noise (N, noise_size)."""
         columns = [np.full(len(noise), value) for value in START]
         for i, scale in enumerate((self.noise.x, self.noise.z)[: self.noise_size]):
             columns[i] = columns[i] + scale * noise[:, i]
         return GliderState(np.zeros(len(noise), dtype=np.int64), tuple(columns))
 
     def step(self, world: GliderState, action: Any, noise: Floats) -> GliderState:
-        """State one step later from noise (N, noise_size).
+        """Return the state one step later from noise (N, noise_size).
 
         Raises:
             UsageError: The scenario has a controller.
@@ -80,11 +80,11 @@ class GliderSimulator:
         return GliderState(world.step + 1, advance(world.motion, np.clip(rate, *room)))
 
     def signals(self, world: GliderState) -> Signals:
-        """The seven columns by name."""
+        """Return the seven columns by name."""
         return dict(zip(NAMES, world.motion, strict=True))
 
     def _command(self, world: GliderState) -> Floats:
-        """(N,) nominal rate of the elevator with its feedback; sums column by column, never across rows."""
+        """Return the nominal elevator rate (N,) with feedback; sums column by column, never across rows."""
         at = np.minimum(world.step, len(self._inputs) - 1)
         rate = self._inputs[at]
         for i, column in enumerate(world.motion):

@@ -5,13 +5,13 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The perception error models of this plugin."""
+    """Return the perception error models of this plugin."""
     return [
         Component(
             kind="perception",
             name="gp_pem",
             config="avrare_gp_pem.config:GpPemConfig",
-            factory="avrare_gp_pem.model:build_gp",
+            factory="avrare_gp_pem.runtime.models:build_gp",
             summary="fitted to a lidar detector, or to your own (shipped models: non-commercial licence)",
             driving=True,
         ),
@@ -19,7 +19,7 @@ def avrare_components() -> list[Component]:
             kind="perception",
             name="parametric",
             config="avrare_gp_pem.config:ParametricPemConfig",
-            factory="avrare_gp_pem.parametric:build_parametric",
+            factory="avrare_gp_pem.runtime.models:build_parametric",
             summary="detection falling with range, Student-t position errors; free of licensed data",
             driving=True,
         ),
@@ -27,7 +27,7 @@ def avrare_components() -> list[Component]:
             kind="perception",
             name="naive",
             config="avrare_gp_pem.config:NaivePemConfig",
-            factory="avrare_gp_pem.naive:build_naive",
+            factory="avrare_gp_pem.runtime.models:build_naive",
             summary="misses half and adds unit noise: a proposal for importance sampling, no detector",
             driving=True,
         ),

@@ -11,29 +11,29 @@ _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Persistence(BaseModel):
-    """How long errors last: time constants of their correlation; 0: drawn anew at every step."""
+    """Time constants of the errors' correlation; 0: drawn anew at every step."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     detection: _Seconds = Field(
-        default=0.0, description="of being detected or missed [s]; misses come in bursts"
+        default=0.0, description="time constant of detection [s]; misses come in bursts"
     )
-    position: _Seconds = Field(default=0.0, description="of both position errors [s]")
-    speed: _Seconds = Field(default=0.0, description="of the error of the speed [s]")
+    position: _Seconds = Field(default=0.0, description="time constant of both position errors [s]")
+    speed: _Seconds = Field(default=0.0, description="time constant of the speed error [s]")
 
 
 class _AnyPemConfig(BaseModel):
-    """What all models share."""
+    """Options of all models."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     persistence: Persistence = Field(
-        Persistence(), description="how long errors last; no data tells, it is your assumption"
+        Persistence(), description="time constants of the errors; your assumption, no data determines them"
     )
 
 
 class _PemConfig(_AnyPemConfig):
-    """What the models of a detector share."""
+    """Options of the models of a detector."""
 
     speed_sd: float = Field(
         0.3, ge=0, description="standard deviation of the observed speed along the road [m/s]; 0: exact"
@@ -42,7 +42,7 @@ class _PemConfig(_AnyPemConfig):
 
 
 class GpPemConfig(_PemConfig):
-    """Model learnt from a real detector."""
+    """Model fitted to a real detector."""
 
     model: str = Field(
         "pointpillars",
@@ -50,17 +50,17 @@ class GpPemConfig(_PemConfig):
         json_schema_extra={"file": True},
     )
     artefact: bool = Field(
-        False, description="imitate the matching of the training labels too: to be scored on such labels"
+        False, description="imitate the matching of the training labels, too; only for scoring on such labels"
     )
     height: float = Field(1.7, gt=0, description="height of every other vehicle, an input of the model [m]")
 
 
 class ParametricPemConfig(_PemConfig):
-    """Closed-form model: its coefficients are facts about a detector, not its data."""
+    """Closed-form model: its coefficients describe a detector and contain no data."""
 
     detection_plateau: float = Field(0.986, ge=0, le=1, description="detection probability at no range")
     detection_range: float = Field(51.6, description="range at which detection falls to half [m]")
-    detection_width: float = Field(7.6, gt=0, description="how slowly it falls: logistic scale [m]")
+    detection_width: float = Field(7.6, gt=0, description="width of the fall: logistic scale [m]")
     full_visibility: float = Field(
         0.4, gt=0, le=1, description="fraction in view above which occlusion no longer matters"
     )
@@ -76,7 +76,7 @@ class ParametricPemConfig(_PemConfig):
 
 
 class NaivePemConfig(_AnyPemConfig):
-    """Misses by the toss of a coin and unit errors: a proposal for importance sampling, no detector."""
+    """Misses with a fixed probability and unit errors: a proposal for importance sampling, no detector."""
 
     detection: float = Field(0.5, gt=0, lt=1, description="detection probability of every vehicle")
     sd: float = Field(1.0, gt=0, description="standard deviation of the position errors [m]")

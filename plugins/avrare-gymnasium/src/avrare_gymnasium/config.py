@@ -1,4 +1,4 @@
-"""What a scenario says about a Gymnasium environment. Units are those of the environment."""
+"""Options of the simulator ``gymnasium`` and of the controllers. Units are those of the environment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 OUTCOMES = ("reward", "terminated", "truncated")
-"""Signals beside the observation's."""
+"""Signals in addition to the observation."""
+Vector = tuple[float, ...]
 _Size = Annotated[float, Field(ge=0.0)]
 Scale = _Size | tuple[_Size, ...]
 
@@ -19,50 +20,52 @@ class _Model(BaseModel):
 
 
 class StreamConfig(_Model):
-    """What the environment's own random numbers are made of."""
+    """Source of the environment's own random numbers."""
 
     by: Literal["seed", "tape", "none", "free"] = Field(
         default="seed",
-        description="seed: its generator is seeded from one number of the noise; tape: the numbers of the "
-        "noise themselves are what it draws; none: the same numbers in every rollout; free: nobody seeds it, "
-        "so that nothing can be reproduced and only mc can be used",
+        description="seed: a noise number seeds its generator; tape: it draws the noise numbers themselves; "
+        "none: the same numbers in every rollout; free: not seeded, so rollouts are not reproducible and "
+        "only mc can be used",
     )
     at: Literal["reset", "step"] = Field(
-        default="step", description="step: at the reset and at every step; reset: only there"
+        default="step", description="step: at the reset and at every step; reset: at the reset only"
     )
     numbers: int = Field(
         default=4,
         ge=1,
         le=10_000,
-        description="tape: of a reset and of a step; what it draws beyond is seeded",
+        description="tape: noise numbers per reset and per step; further draws are seeded from them",
     )
 
 
 class ChannelConfig(_Model):
-    """Noise that is added."""
+    """Additive noise."""
 
-    law: Literal["normal", "uniform", "laplace"] = Field(default="normal", description="its law")
+    law: Literal["normal", "uniform", "laplace"] = Field(default="normal", description="distribution")
     scale: Scale = Field(
-        description="standard deviation (normal), half width (uniform) or mean size (laplace); one for all "
-        "entries, or one for each"
+        description="standard deviation (normal), half width (uniform) or mean absolute value (laplace); "
+        "one for all entries, or one per entry"
     )
 
 
 class ActionNoiseConfig(_Model):
-    """Noise on the action: added to it, or another action in its place."""
+    """Noise on the action: additive, or replacement by a random action."""
 
     law: Literal["normal", "uniform", "laplace", "random"] = Field(
-        default="normal", description="random: any action of the space, all equally likely"
+        default="normal",
+        description="distribution; random: replace by a uniformly random action of the space",
     )
-    scale: Scale | None = Field(default=None, description="as of other noise; not for random")
-    probability: float | None = Field(default=None, ge=0.0, le=1.0, description="random: that it takes place")
+    scale: Scale | None = Field(default=None, description="scale of additive noise; not for random")
+    probability: float | None = Field(
+        default=None, ge=0.0, le=1.0, description="random: probability of a replacement"
+    )
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
-        if (self.law == "random") != (self.probability is not None) or (self.law == "random") == (
-            self.scale is not None
-        ):
-            raise ValueError("law random takes a probability, every other law a scale")
+    def _check_law(self) -> Self:
+        replaces = self.law == "random"
+        if replaces != (self.probability is not None) or replaces == (self.scale is not None):
+            raise ValueError("law random requires probability, every other law requires scale")
         return self
 
 
@@ -70,19 +73,21 @@ class InitialConfig(ChannelConfig):
     """Noise on the state after a reset."""
 
     attribute: str = Field(
-        default="state", pattern=r"[A-Za-z_]\w*", description="of the environment: its state"
+        default="state",
+        pattern=r"[A-Za-z_]\w*",
+        description="attribute of the environment that holds its state",
     )
 
 
 class NoiseConfig(_Model):
-    """Where noise comes in."""
+    """Noise of the environment, by where it enters."""
 
-    stream: StreamConfig = Field(default_factory=StreamConfig, description="its own random numbers")
-    action: ActionNoiseConfig | None = Field(default=None, description="on actions")
+    stream: StreamConfig = Field(default_factory=StreamConfig, description="source of its own random numbers")
+    action: ActionNoiseConfig | None = Field(default=None, description="noise on actions")
     observation: ChannelConfig | None = Field(
-        default=None, description="on what the controller sees; signals stay true"
+        default=None, description="noise on the controller's observation; signals stay exact"
     )
-    initial: InitialConfig | None = Field(default=None, description="on the state after a reset")
+    initial: InitialConfig | None = Field(default=None, description="noise on the state after a reset")
 
 
 class GymnasiumConfig(_Model):
@@ -97,42 +102,45 @@ class GymnasiumConfig(_Model):
     env: str = Field(min_length=1, description="id of a registered environment, e.g. CartPole-v1")
     options: dict[str, Any] = Field(default_factory=dict, description="keyword arguments of the environment")
     reset: dict[str, Any] = Field(default_factory=dict, description="options of every reset")
-    dt: float = Field(default=1.0, gt=0.0, description="step [s]; formulas in seconds use it")
+    dt: float = Field(default=1.0, gt=0.0, description="time step [s]; converts time bounds of formulas")
     signals: dict[str, int] | None = Field(
         default=None,
-        description="name -> entry of the flattened observation; without: o0, o1, ...",
+        description="name -> entry of the flattened observation; default: o0, o1, ...",
     )
-    noise: NoiseConfig = Field(default_factory=NoiseConfig, description="where noise comes in")
+    noise: NoiseConfig = Field(default_factory=NoiseConfig, description="noise, by where it enters")
     copy_by: Literal["replay", "deepcopy", "hook"] = Field(
         default="replay",
         alias="copy",
-        description="how a rollout branches from another; hook: the environment's own snapshot and restore",
+        description="how the state is copied at a branch; hook: the environment's own snapshot and restore",
     )
     step_timeout: float | None = Field(
-        default=None, gt=0.0, le=86400.0, description="a reset or step that takes longer [s] is an error"
+        default=None,
+        gt=0.0,
+        le=86400.0,
+        description="limit of the duration of a reset or step [s]; longer ones are rollout errors",
     )
     reuse: bool = Field(
-        default=True, description="reset environments for the next rollout, else make new ones"
+        default=True, description="reset environments for the next rollout instead of creating new ones"
     )
 
     @field_validator("env")
     @classmethod
     def _installed(cls, env: str) -> str:
-        module = env.partition(":")[0].partition(".")[0] if ":" in env else None
-        if module is not None and module not in _plugin_modules():
+        module = env.partition(":")[0].partition(".")[0]
+        if ":" in env and module not in _plugin_modules():
             raise ValueError(
-                f"{env!r} would run the code of module {module!r}, which is no installed plugin: "
-                "register it by an entry point (group gymnasium.envs), and leave the module out"
+                f"{env!r} would run code of module {module!r}, which is not an installed plugin: "
+                "register it with an entry point (group gymnasium.envs), and omit the module"
             )
         return env
 
     @field_validator("signals")
     @classmethod
-    def _good_names(cls, signals: dict[str, int] | None) -> dict[str, int] | None:
+    def _check_names(cls, signals: dict[str, int] | None) -> dict[str, int] | None:
         for name, entry in (signals or {}).items():
             if not re.fullmatch(r"[A-Za-z_]\w*", name) or name in OUTCOMES:
                 raise ValueError(
-                    f"{name!r} cannot name a signal: letters, digits, '_', and none of {OUTCOMES}"
+                    f"{name!r} is not a valid signal name: use letters, digits, '_', and none of {OUTCOMES}"
                 )
             if entry < 0:
                 raise ValueError(f"{name}: entries of the observation count from 0")
@@ -140,9 +148,40 @@ class GymnasiumConfig(_Model):
 
 
 def _plugin_modules() -> set[str]:
-    """Top-level modules that installed distributions offer as plugins."""
     return {
         point.module.partition(".")[0]
         for group in ("gymnasium.envs", "avrare")
         for point in entry_points(group=group)
     }
+
+
+class FeedbackConfig(_Model):
+    """Options of the controller ``gym_feedback``: u = offset - gain (observation - reference)."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"gain": [[1.0]]}]})
+
+    gain: tuple[Vector, ...] = Field(
+        min_length=1,
+        description="matrix (commands x observation); a discrete space takes scores of its actions",
+    )
+    reference: Vector | None = Field(default=None, description="reference observation (default 0)")
+    offset: Vector | None = Field(default=None, description="command at the reference (default 0)")
+
+    @model_validator(mode="after")
+    def _check_shapes(self) -> Self:
+        width = len(self.gain[0])
+        if any(len(row) != width for row in self.gain):
+            raise ValueError("the rows of gain have different lengths")
+        if self.reference is not None and len(self.reference) != width:
+            raise ValueError(f"reference must have {width} numbers, one per column of gain")
+        if self.offset is not None and len(self.offset) != len(self.gain):
+            raise ValueError(f"offset must have {len(self.gain)} numbers, one per row of gain")
+        return self
+
+
+class ConstantConfig(_Model):
+    """Options of the controller ``gym_constant``."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"action": 0}]})
+
+    action: int | Vector = Field(description="integer action of a discrete space, or entries of a box")

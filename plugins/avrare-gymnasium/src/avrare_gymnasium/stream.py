@@ -1,4 +1,4 @@
-"""An environment's own random numbers, made of the noise."""
+"""Random numbers of an environment, derived from the noise."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import Any, Literal
 
 import numpy as np
 
+from avrare.base.special import uniform_from_normal as uniform
 from avrare.protocols import Floats
-from avrare.worlds.channel import uniform
 
 _FIXED = 0
-"""Seed where the numbers are to be the same in every rollout."""
+"""Seed if every rollout has the same numbers."""
 _INCREMENT = 0x5851F42D4C957F2D14057B7EF767814F
 """Any odd number: PCG64's streams differ by their state."""
 
 
 def bits(noise: Floats) -> int:
-    """128 bits that the numbers decide; other numbers give other bits."""
+    """Return 128 bits that identify the numbers (a hash)."""
     digest = hashlib.blake2b(np.ascontiguousarray(noise).tobytes(), digest_size=16).digest()
     return int.from_bytes(digest, "little")
 
 
 def reseed(generator: np.random.Generator, state: int) -> None:
-    """Put a PCG64 generator where ``state`` says, in place: others may hold it too."""
+    """Set the state of a PCG64 generator in place, since others may hold it too."""
     generator.bit_generator.state = {
         "bit_generator": "PCG64", "state": {"state": state, "inc": _INCREMENT},
         "has_uint32": 0, "uinteger": 0,
@@ -31,10 +31,10 @@ def reseed(generator: np.random.Generator, state: int) -> None:
 
 
 class TapeGenerator(np.random.Generator):
-    """A generator that gives the numbers of a tape, each shaped as it is asked for.
+    """Generator that returns the numbers of a tape, transformed to the requested distribution.
 
-    Normal, uniform and integer numbers come from the tape in the order in which they are drawn; what is drawn
-    once it is used up, and draws of other laws, come from a generator that the tape seeds.
+    Normal, uniform and integer numbers come from the tape in the order of the draws; draws beyond it and
+    from other distributions come from a generator seeded by the tape.
     """
 
     def __init__(self) -> None:
@@ -45,12 +45,12 @@ class TapeGenerator(np.random.Generator):
         return _tape_generator, (self.bit_generator.state, list(self._left))
 
     def load(self, noise: Floats) -> None:
-        """Go on with these numbers."""
+        """Continue with these numbers."""
         reseed(self, bits(noise))
         self._left = noise[::-1].tolist()
 
     def standard_normal(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
-        """As NumPy's."""
+        """Draw as ``numpy.random.Generator`` does."""
         if size is None and out is None:
             return self._left.pop() if self._left else super().standard_normal()
         shape = np.shape(out) if size is None else size
@@ -64,7 +64,7 @@ class TapeGenerator(np.random.Generator):
         return out
 
     def random(self, size: Any = None, dtype: Any = np.float64, out: Any = None) -> Any:
-        """As NumPy's."""
+        """Draw as ``numpy.random.Generator`` does."""
         normals = self.standard_normal(size if out is None else np.shape(out))
         values = _uniforms(normals)
         if out is None:
@@ -73,17 +73,17 @@ class TapeGenerator(np.random.Generator):
         return out
 
     def normal(self, loc: Any = 0.0, scale: Any = 1.0, size: Any = None) -> Any:
-        """As NumPy's."""
+        """Draw as ``numpy.random.Generator`` does."""
         return loc + scale * self.standard_normal(_shape(size, loc, scale))
 
     def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
-        """As NumPy's."""
+        """Draw as ``numpy.random.Generator`` does."""
         return low + (np.asarray(high) - low)[()] * self.random(_shape(size, low, high))
 
     def integers(
         self, low: Any, high: Any = None, size: Any = None, dtype: Any = np.int64, endpoint: bool = False
     ) -> Any:
-        """As NumPy's."""
+        """Draw as ``numpy.random.Generator`` does."""
         low, high = (0, low) if high is None else (low, high)
         many = np.asarray(high) - low + bool(endpoint)
         drawn = np.minimum(np.floor(many * self.random(_shape(size, low, high))), many - 1)
@@ -115,15 +115,15 @@ def _tape_generator(state: Any, left: list[float]) -> TapeGenerator:
 
 
 class Stream:
-    """How an environment's generator is driven.
+    """Control of an environment's generator by the noise.
 
     Args:
         by: "seed", "tape", "none" or "free"; see ``avrare_gymnasium.config.StreamConfig``.
-        at_steps: At every step too, not only at the reset.
-        numbers: Of a tape.
+        at_steps: Also at every step, not only at the reset.
+        numbers: Length of a tape.
 
     Attributes:
-        noise_size: Numbers of a reset and of a step.
+        noise_size: Noise numbers per reset and per step.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Stream:
         self.noise_size = {"seed": 1, "tape": numbers}.get(by, 0)
 
     def reset(self, env: Any, noise: Floats, options: dict[str, Any] | None) -> Any:
-        """Reset a Gymnasium environment by the first numbers of a row; what its ``reset`` returns."""
+        """Reset an environment with the first numbers of a row and return what its ``reset`` returns."""
         noise = noise[: self.noise_size]
         if self.by == "tape":
             generator = env.unwrapped.np_random
@@ -144,7 +144,7 @@ class Stream:
         return env.reset(seed=seed, options=options)
 
     def step(self, env: Any, noise: Floats) -> None:
-        """Before a step: go on with the first numbers of a row."""
+        """Set the generator before a step from the first numbers of a row."""
         if not self.at_steps or not self.noise_size:
             return
         noise = noise[: self.noise_size]

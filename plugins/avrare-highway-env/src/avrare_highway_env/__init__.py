@@ -1,11 +1,11 @@
-"""highway-env as a simulator whose randomness is its noise."""
+"""highway-env as a simulator driven by the noise tape."""
 
 from avrare.plugin import Component, hookimpl
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator and the controller of this distribution."""
+    """Return descriptions of the simulator and the controller."""
     return [
         Component(
             kind="simulator",
@@ -18,8 +18,8 @@ def avrare_components() -> list[Component]:
         Component(
             kind="controller",
             name="path_follower",
-            config="avrare_highway_env.path_follower_config:PathFollowerConfig",
+            config="avrare_highway_env.config:PathFollowerConfig",
             factory="avrare_highway_env.path_follower:build",
-            summary="pure pursuit along waypoints in highway_env, minding what is on the path",
+            summary="pure pursuit along waypoints in highway_env, with car following",
         ),
     ]

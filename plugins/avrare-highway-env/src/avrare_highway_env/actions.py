@@ -1,4 +1,4 @@
-"""What controllers ask for, in highway-env's terms."""
+"""Conversion of controllers' actions to those of highway-env."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Action, Vehicles
-from avrare.errors import UsageError
 from avrare.protocols import Floats
 
 ACCELERATION = 5.0
-"""Of full throttle [m/s^2]."""
+"""Acceleration at full throttle [m/s^2]."""
 STEERING = np.pi / 4
-"""Of full lock [rad]."""
-_SLOWEST = 0.1
-"""Below this speed [m/s] a yaw rate asks for no more steering."""
+"""Steering angle at full lock [rad]."""
+_MIN_SPEED = 0.1
+"""Lower bound of the speed in the conversion of a yaw rate [m/s]."""
 
 
 def native_action(action: Any, ego: Vehicles, wheelbase: float) -> Floats:
-    """(N, 2) throttle and steering in [-1, 1], right is positive.
+    """Return throttle and steering (N, 2) in [-1, 1], right is positive.
 
     Args:
         action: An ``Action``, or (N, 2) throttle and steering in [-1, 1], left is positive.
-        ego: Its speed turns a yaw rate into a steering angle.
-        wheelbase: highway-env's is the vehicle's length [m].
+        ego: Ego, whose speed converts a yaw rate into a steering angle.
+        wheelbase: Wheelbase, in highway-env the vehicle's length [m].
 
     Raises:
-        UsageError: It is neither.
-        ValueError: It is NaN: an error of the rollout.
+        UsageError: The action is neither.
+        ValueError: The action is NaN (a rollout error).
     """
     if isinstance(action, Action):
         # heading' = v sin(slip) / (wheelbase / 2), tan(slip) = tan(steering) / 2
-        slip = np.clip(0.5 * wheelbase * action.yaw_rate / np.maximum(ego.speed, _SLOWEST), -0.7, 0.7)
+        slip = np.clip(0.5 * wheelbase * action.yaw_rate / np.maximum(ego.speed, _MIN_SPEED), -0.7, 0.7)
         steering = np.arctan(2.0 * np.tan(np.arcsin(slip)))
         action = np.stack([action.acceleration / ACCELERATION, steering / STEERING], axis=1)
     if action is None:
@@ -40,7 +40,7 @@ def native_action(action: Any, ego: Vehicles, wheelbase: float) -> Floats:
     if not isinstance(action, np.ndarray) or action.shape != (len(ego.x), 2):
         shape = getattr(action, "shape", type(action).__name__)
         raise UsageError(
-            f"highway_env needs throttle and steering, ({len(ego.x)}, 2), the controller gave {shape}"
+            f"highway_env needs throttle and steering ({len(ego.x)}, 2), the controller returned {shape}"
         )
     if np.isnan(action).any():
         raise ValueError("the controller's action is NaN")

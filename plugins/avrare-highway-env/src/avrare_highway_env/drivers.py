@@ -1,4 +1,4 @@
-"""The vehicles: drivers as highway-env has them plus a mood, and an ego that is quick to predict."""
+"""Vehicles: highway-env's drivers with moods, and an ego with fast prediction."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
     """Intelligent driver model and MOBIL lane changes, with an offset on the acceleration.
 
     Attributes:
-        mood: Added to the model's acceleration [m/s^2]; 0 leaves highway-env's driver as it is.
+        mood: Offset on the model's acceleration [m/s^2]; 0 gives highway-env's driver.
     """
 
     mood = 0.0
 
     def act(self, action: dict[str, Any] | str | None = None) -> None:
-        """The model's action with the mood on its acceleration, within the model's own bounds."""
+        """Set the model's action, with the mood added to the acceleration within the model's bounds."""
         super().act(action)
         if self.mood and not self.crashed:
             wanted = self.action["acceleration"] + self.mood
@@ -27,14 +27,14 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
 
 
 class IntersectionDriver(MoodyDriver):
-    """A class of its own: the intersection changes the model's parameters on the class."""
+    """Separate class, since the intersection changes the model's parameters on the class."""
 
 
 class LightEgo(Vehicle):  # type: ignore[misc]
-    """The ego of the intersection, whose right of way needs to know where the ego will be."""
+    """Ego of the intersection, whose right of way predicts the ego's positions."""
 
     def predict_trajectory_constant_speed(self, times: Any) -> Any:
-        """The same places and headings (tested), without copying the road and looking for lanes on it."""
+        """Return the same positions and headings without copying the road or searching lanes."""
         twin: Any = object.__new__(Vehicle)
         vars(twin).update(vars(self))
         twin.road, twin.position = None, self.position.copy()

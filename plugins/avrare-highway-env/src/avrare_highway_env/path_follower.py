@@ -1,32 +1,80 @@
-"""A driver along waypoints: pure pursuit, and the intelligent driver model behind whatever is on the path."""
+"""Controller along waypoints: pure pursuit, and the intelligent driver model behind vehicles on the path."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Vehicles
-from avrare.errors import UsageError
 from avrare.protocols import Bools, Floats
 from avrare_highway_env.actions import ACCELERATION, STEERING
-from avrare_highway_env.path import Path
-from avrare_highway_env.path_follower_config import PathFollowerConfig
+from avrare_highway_env.config import PathFollowerConfig
 from avrare_highway_env.sensing import Ego
 
+_EXTENSION = 1e4
+"""Length of the straight extension after the last waypoint [m]."""
+
+
+class Path:
+    """Path of straight segments between waypoints, extended straight after the last.
+
+    Args:
+        waypoints: x and y of two or more points [m]; consecutive points differ.
+    """
+
+    def __init__(self, waypoints: Sequence[tuple[float, float]]) -> None:
+        points = np.array(waypoints, dtype=np.float64)
+        last = points[-1] - points[-2]
+        self._points = np.concatenate([points, [points[-1] + _EXTENSION * last / np.hypot(*last)]])
+        pieces = np.diff(self._points, axis=0)
+        self._lengths = np.hypot(pieces[:, 0], pieces[:, 1])
+        self._units = pieces / self._lengths[:, None]
+        self._begins = np.concatenate([[0.0], np.cumsum(self._lengths)])
+
+    def project(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        """Project positions onto the path.
+
+        Args:
+            x: Positions of any shape [m].
+            y: Positions of the same shape [m].
+
+        Returns:
+            Distance along the path from the first waypoint [m], distance to the path [m], and direction of
+            the path there [rad].
+        """
+        dx, dy = x[..., None] - self._points[:-1, 0], y[..., None] - self._points[:-1, 1]
+        ux, uy = self._units.T
+        along = np.clip(dx * ux + dy * uy, 0.0, self._lengths)
+        off = np.hypot(dx - along * ux, dy - along * uy)
+        piece = off.argmin(axis=-1)
+        chosen = piece[..., None]
+        found = np.take_along_axis(along, chosen, axis=-1)[..., 0]
+        nearest = np.take_along_axis(off, chosen, axis=-1)[..., 0]
+        return self._begins[piece] + found, nearest, np.arctan2(uy, ux)[piece]
+
+    def at(self, along: Floats) -> tuple[Floats, Floats]:
+        """Return x and y [m] of the points at distance ``along`` [m] from the first waypoint."""
+        x, y = self._points.T
+        return np.interp(along, self._begins, x), np.interp(along, self._begins, y)
+
+
 _LENGTH, _WIDTH = 5.0, 2.0
-"""Of every vehicle of highway-env [m]; the length is its wheelbase, too."""
-_TOUCH = 0.1
-"""Smallest gap that the model is given [m]."""
-_LOOKS = 4
-"""Times at which the others are looked for, up to the foresight."""
+"""Size of every vehicle of highway-env [m]; the length is also the wheelbase."""
+_MIN_GAP = 0.1
+"""Lower bound of the gap in the model [m]."""
+_PREDICTIONS = 4
+"""Number of times, up to the foresight, at which the other vehicles are predicted."""
 
 
 class PathFollower:
-    """Follows a path at a cruise speed, and keeps its distance to the nearest vehicle on it. No memory.
+    """Follows a path at a cruise speed and keeps its distance to the nearest vehicle on it; no memory.
 
-    It sees the others as they are, not through the lidar.
+    It uses the true states of the other vehicles, not the lidar.
 
     Attributes:
-        horizon: 0, it needs no predictions.
+        horizon: 0, since it needs no predictions.
     """
 
     horizon = 0
@@ -36,25 +84,25 @@ class PathFollower:
         self.path = Path(config.waypoints)
 
     def start(self, n: int) -> None:
-        """There is no memory."""
+        """Return no memory."""
         return
 
     def act(self, memory: None, ego: Ego, prediction: Prediction | None) -> tuple[Floats, None]:
-        """Throttle and steering (N, 2) in [-1, 1], left is positive.
+        """Return throttle and steering (N, 2) in [-1, 1], left is positive.
 
         Raises:
-            UsageError: The simulator does not say where the others are.
+            UsageError: The simulator does not provide the other vehicles.
         """
         if not isinstance(ego, Ego):
             raise UsageError(
-                "the controller path_follower needs to see the other vehicles around the ego",
-                "it drives in the simulator highway_env",
+                "the controller path_follower needs the states of the other vehicles",
+                "use it with the simulator highway_env",
             )
         wanted = self._accelerate(ego) / ACCELERATION, self._steer(ego) / STEERING
         return np.clip(np.stack(wanted, axis=1), -1.0, 1.0), None
 
     def _steer(self, ego: Vehicles) -> Floats:
-        """Pure pursuit (Coulter, 1992) of the rear axle, in the form for a bicycle: steering angle [rad]."""
+        """Return the steering angle [rad] by pure pursuit of the rear axle (Coulter, 1992)."""
         x = ego.x - 0.5 * _LENGTH * np.cos(ego.heading)
         y = ego.y - 0.5 * _LENGTH * np.sin(ego.heading)
         along, _, _ = self.path.project(x, y)
@@ -65,7 +113,7 @@ class PathFollower:
         return np.arctan(2.0 * _LENGTH * across / (dx**2 + dy**2))
 
     def _accelerate(self, ego: Ego) -> Floats:
-        """Treiber, Hennecke and Helbing (2000) [m/s^2]."""
+        """Return the acceleration of Treiber, Hennecke and Helbing (2000) [m/s^2]."""
         config, v = self.config, ego.speed
         gap, leader = self._leader(ego)
         comfort = 2.0 * np.sqrt(config.acceleration * config.deceleration)
@@ -76,19 +124,19 @@ class PathFollower:
         return np.asarray(np.maximum(wanted, -v / config.stopping_time))
 
     def _leader(self, ego: Ego) -> tuple[Floats, Floats]:
-        """Gap to the nearest vehicle on the path ahead [m], inf where it is free, and its speed along it."""
+        """Return gap [m] and speed [m/s] of the nearest vehicle ahead on the path; inf and 0 if free."""
         others, here = ego.others, self.path.project(ego.x, ego.y)[0]
-        gaps, speeds = [np.full((len(here), 1), np.inf)], [np.zeros((len(here), 1))]  # nobody
-        for later in np.linspace(0.0, self.config.foresight, _LOOKS if self.config.foresight else 1):
+        gaps, speeds = [np.full((len(here), 1), np.inf)], [np.zeros((len(here), 1))]  # free path
+        for later in np.linspace(0.0, self.config.foresight, _PREDICTIONS if self.config.foresight else 1):
             x = others.x + later * others.speed * np.cos(others.heading)
             y = others.y + later * others.speed * np.sin(others.heading)
             along, off, direction = self.path.project(x, y)
             turned = others.heading - direction
-            # the half shadows of its rectangle along and across the path
+            # half extents of the rectangle along and across the path
             cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
             length, width = 0.5 * (_LENGTH * cos + _WIDTH * sin), 0.5 * (_LENGTH * sin + _WIDTH * cos)
             on: Bools = (along > here[:, None]) & (off - width < 0.5 * self.config.corridor_width)
-            gap = np.maximum(along - here[:, None] - length - 0.5 * _LENGTH, _TOUCH)
+            gap = np.maximum(along - here[:, None] - length - 0.5 * _LENGTH, _MIN_GAP)
             gaps.append(np.where(on, gap, np.inf))
             speeds.append(others.speed * np.cos(turned))
         gap, speed = np.concatenate(gaps, axis=1), np.concatenate(speeds, axis=1)
@@ -97,5 +145,5 @@ class PathFollower:
 
 
 def build(config: PathFollowerConfig, scene: object | None = None) -> PathFollower:
-    """The controller of a scenario."""
+    """Build the controller of a scenario."""
     return PathFollower(config)

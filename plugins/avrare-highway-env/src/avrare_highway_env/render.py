@@ -1,4 +1,4 @@
-"""Pictures of worlds without a display, as frames or as a GIF."""
+"""Rendering of worlds without a display, as frames or as a GIF."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare_highway_env.simulator import HighwayEnvSimulator, HighwayWorld
 from avrare_highway_env.worlds import restore
@@ -19,11 +19,11 @@ Frame = NDArray[np.uint8]
 
 
 def roll(system: Any, tape: Floats) -> list[HighwayWorld]:
-    """The worlds of one run of a closed loop around a ``highway_env`` simulator.
+    """Return the worlds of one rollout of a closed loop around a ``highway_env`` simulator.
 
     Args:
         system: The closed loop, such as ``scenario.stack.loop``.
-        tape: (steps + 1, noise_size).
+        tape: Noise tape (steps + 1, noise_size).
     """
     state = system.initial(tape[None, 0])
     worlds = [state.world]
@@ -34,10 +34,10 @@ def roll(system: Any, tape: Floats) -> list[HighwayWorld]:
 
 
 def frames(simulator: HighwayEnvSimulator, worlds: Iterable[HighwayWorld], row: int = 0) -> list[Frame]:
-    """Top views (height, width, 3) of one row of each world; repeated worlds are drawn once.
+    """Render top views (height, width, 3) of one row of each world; repeated worlds are rendered once.
 
     Raises:
-        UsageError: SDL's dummy video driver is chosen, with which highway-env draws nothing.
+        UsageError: SDL's dummy video driver is selected, with which highway-env draws nothing.
     """
     if os.environ.get("SDL_VIDEODRIVER") == "dummy":
         raise UsageError("SDL_VIDEODRIVER=dummy makes every picture black", "unset SDL_VIDEODRIVER")
@@ -62,9 +62,9 @@ def save_gif(path: Path, pictures: Sequence[Frame], dt: float) -> None:
     """Write frames as an animation at the speed of the simulated time.
 
     Args:
-        path: To write, ``.gif``.
+        path: File to write, ``.gif``.
         pictures: Frames of one size.
-        dt: Between two of them [s].
+        dt: Time between two frames [s].
 
     Raises:
         UsageError: Pillow is not installed.

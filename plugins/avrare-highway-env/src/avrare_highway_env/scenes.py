@@ -1,4 +1,4 @@
-"""highway-env's worlds, mended where needed, and what each of them is to a simulator."""
+"""Scenes of highway-env, corrected where needed, and their settings."""
 
 from __future__ import annotations
 
@@ -10,27 +10,57 @@ from highway_env.envs.highway_env import HighwayEnv
 from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import ConnectedLaneMergeEnv
 from highway_env.envs.roundabout_env import RoundaboutEnv
+from highway_env.road.lane import StraightLane
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
+from numpy.typing import NDArray
 
 from avrare.driving import Road, Scene
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.drivers import LightEgo
-from avrare_highway_env.lanes import flatten
+
+
+class FlatLane(StraightLane):  # type: ignore[misc]
+    """Straight lane along x, bit-identical to ``StraightLane``."""
+
+    def local_coordinates(self, position: NDArray[np.float64]) -> tuple[float, float]:
+        """Return coordinates along and across the lane [m]; products with (1, 0) and (0, 1) are exact."""
+        x, y = position.tolist()
+        return x - self.origin[0], y - self.origin[1]
+
+    @classmethod
+    def of(cls, lane: StraightLane) -> FlatLane:
+        """Convert a lane."""
+        flat: Any = object.__new__(cls)
+        vars(flat).update(vars(lane))
+        flat.origin = tuple(float(part) for part in lane.start)
+        return flat  # type: ignore[no-any-return]
+
+
+def flatten(network: Any) -> None:
+    """Replace every straight lane along x of a road network."""
+    for targets in network.graph.values():
+        for lanes in targets.values():
+            lanes[:] = [FlatLane.of(lane) if _along_x(lane) else lane for lane in lanes]
+
+
+def _along_x(lane: Any) -> bool:
+    return type(lane) is StraightLane and lane.direction.tolist() == [1.0, 0.0]
+
 
 LANE_WIDTH = 4.0
-"""Of every lane of highway-env [m]."""
+"""Width of every lane of highway-env [m]."""
 
 
 class Steered:
-    """Mends environments whose reward asks ``action in [0, 2]``, which a continuous action cannot answer."""
+    """Mixin for environments whose reward tests ``action in [0, 2]``, which fails for continuous actions."""
 
     def _rewards(self, action: Any) -> dict[str, float]:
         return super()._rewards(1)  # type: ignore[misc, no-any-return]  # 1 is "no lane change"
 
 
 class Merge(Steered, ConnectedLaneMergeEnv):  # type: ignore[misc]
-    """The merge, with continuous actions."""
+    """Merge scene with continuous actions."""
 
     def _make_road(self) -> None:
         super()._make_road()
@@ -38,7 +68,7 @@ class Merge(Steered, ConnectedLaneMergeEnv):  # type: ignore[misc]
 
 
 class Highway(HighwayEnv):  # type: ignore[misc]
-    """The highway."""
+    """Highway scene."""
 
     def _create_road(self) -> None:
         super()._create_road()
@@ -46,37 +76,37 @@ class Highway(HighwayEnv):  # type: ignore[misc]
 
 
 class Intersection(IntersectionEnv):  # type: ignore[misc]
-    """The intersection; vehicles come and go."""
+    """Intersection scene; vehicles come and go."""
 
     def _make_vehicles(self, n_vehicles: int = 10) -> None:
         super()._make_vehicles(n_vehicles)
         self.vehicle.__class__ = LightEgo
 
     def renew(self) -> None:
-        """What the environment does after every step: vehicles leave, and others may come."""
+        """Remove vehicles that have left and spawn new ones, as the environment does after every step."""
         self._clear_vehicles()
         self._spawn_vehicle(spawn_probability=self.config["spawn_probability"])
 
 
 class Roundabout(Steered, RoundaboutEnv):  # type: ignore[misc]
-    """The roundabout, with continuous actions; a run is over on any of the straight roads that leave it."""
+    """Roundabout scene with continuous actions; a rollout is over on any of its exits."""
 
     def has_arrived(self, vehicle: Any) -> bool:
-        """Whether a vehicle has left, as the intersection says it."""
+        """Return whether a vehicle has left the roundabout."""
         return vehicle.lane_index[1] in ("exr", "sxr", "nxr", "wxr")
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a simulator needs to know of a scene.
+    """Setting of a scene.
 
     Attributes:
-        environment: Its class.
-        options: highway-env's configuration.
-        capacity: Most other vehicles, obstacles included.
-        draws: Random numbers of every step after the start.
-        goal: x at which the run is over [m]; None: the scene knows, or it is never over.
-        road: The straight lanes, None where there are none.
+        environment: Class of the environment.
+        options: Configuration of highway-env.
+        capacity: Maximal number of other vehicles and obstacles.
+        draws: Random numbers per step after the start.
+        goal: x at which a rollout is over [m]; None: the scene decides, or it is never over.
+        road: Straight lanes, None if there are none.
     """
 
     environment: type[Any]
@@ -88,7 +118,7 @@ class Setting:
 
 
 def setting_of(config: HighwayEnvConfig) -> Setting:
-    """The setting of a scenario's scene."""
+    """Return the setting of a scenario's scene."""
     makers = {"merge": _merge, "highway": _highway, "intersection": _intersection, "roundabout": _roundabout}
     return makers[config.scene](config)
 
@@ -96,7 +126,7 @@ def setting_of(config: HighwayEnvConfig) -> Setting:
 def _options(driver: str, **own: Any) -> dict[str, Any]:
     return {
         "action": {"type": "ContinuousAction"},
-        "observation": {"type": "Kinematics", "vehicles_count": 1},  # of no use, but never drawn
+        "observation": {"type": "Kinematics", "vehicles_count": 1},  # unused, but required
         "other_vehicles_type": f"avrare_highway_env.drivers.{driver}",
         **own,
     }
@@ -104,7 +134,7 @@ def _options(driver: str, **own: Any) -> dict[str, Any]:
 
 def _merge(config: HighwayEnvConfig) -> Setting:
     goal = 370.0 if config.goal is None else config.goal
-    # right to left: the parallel part of the ramp, the ego's lane, the left lane
+    # From right to left: the parallel part of the ramp, the ego's lane, the left lane
     road = Road((-2 * LANE_WIDTH, -LANE_WIDTH, 0.0), LANE_WIDTH, access_ramp=(0,), begin=0.0, end=460.0)
     return Setting(Merge, _options("MoodyDriver"), 5, 0, goal, road)
 
@@ -118,7 +148,7 @@ def _highway(config: HighwayEnvConfig) -> Setting:
 
 def _intersection(config: HighwayEnvConfig) -> Setting:
     count = 10 if config.vehicles is None else config.vehicles
-    # highway-env's 0.6 is for one step a second
+    # highway-env's 0.6 is per second
     options = _options("IntersectionDriver", initial_vehicle_count=count, spawn_probability=0.6 * config.dt)
     return Setting(Intersection, options, count + 30, 6, None, None)
 
@@ -128,7 +158,7 @@ def _roundabout(config: HighwayEnvConfig) -> Setting:
 
 
 def scene_of(road: Road, dt: float, objects: list[Any]) -> Scene:
-    """Road, sizes and names of a fixed population, whose first member is the ego."""
+    """Return road, sizes and names of fixed objects, of which the first is the ego."""
     ego, others = objects[0], objects[1:]
     return Scene(
         dt=dt,

@@ -1,4 +1,4 @@
-"""highway-env as a simulator: one environment, and the worlds of all particles as snapshots."""
+"""highway-env as a simulator: one environment, with the worlds of all particles as snapshots."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare import batch
+from avrare.base import batch
 from avrare.driving import Scene, Vehicles
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.protocols import Bools, Floats, Signals
 from avrare_highway_env.actions import native_action
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.drivers import MoodyDriver
-from avrare_highway_env.readings import EGO, gap_ahead, others_of, read
 from avrare_highway_env.scenes import scene_of, setting_of
 from avrare_highway_env.sensing import Ego, Sensors
 from avrare_highway_env.tape import TapeRandom
-from avrare_highway_env.worlds import capture, restore
+from avrare_highway_env.worlds import EGO, capture, gap_ahead, others_of, read, restore
 
 
 def build(config: HighwayEnvConfig, scene: object | None = None) -> HighwayEnvSimulator:
-    """The simulator of a scenario."""
+    """Build the simulator of a scenario."""
     return HighwayEnvSimulator(config)
 
 
@@ -35,12 +34,12 @@ class HighwayWorld:
 
     Attributes:
         snapshot: (N,) objects, ``worlds.Snapshot``.
-        ego: Fields (N,), with what it observes.
-        others: Fields (N, V); absent vehicles a thousand kilometres away.
+        ego: Ego with fields (N,) and its observation.
+        others: Other vehicles with fields (N, V); absent ones are 1000 km away.
         crashed: (N,) the ego has collided.
         arrived: (N,) the ego has reached its goal, on the road.
         on_road: (N,) the ego's centre is on a lane.
-        over: (N,) crashed, or past the goal: the world stands still from then on.
+        over: (N,) crashed or past the goal: the world stops.
     """
 
     snapshot: NDArray[np.object_]
@@ -53,16 +52,16 @@ class HighwayWorld:
 
 
 class HighwayEnvSimulator:
-    """A batch of worlds that share one road.
+    """Batch of worlds on one road.
 
-    A row of noise holds the numbers of the start (used at t = 0 alone), of the environment's own draws, of
+    A row of noise contains the numbers of the start (used only at t = 0), of the environment's own draws, of
     the drivers' moods, and of the rays.
 
     Attributes:
         dt: Step [s].
-        noise_size: Of these, as many as the options ask for.
-        scene: Road, sizes and names where the lanes are straight, else None.
-        environment: highway-env's, in the world of whichever particle came last.
+        noise_size: Numbers per row, depending on the options.
+        scene: Road, sizes and names if the lanes are straight, else None.
+        environment: Environment of highway-env, in the state of the last particle.
     """
 
     def __init__(self, config: HighwayEnvConfig) -> None:
@@ -92,7 +91,7 @@ class HighwayEnvSimulator:
             self._lengths, self._widths = self.scene.lengths, self.scene.widths
 
     def reset(self, noise: Floats) -> HighwayWorld:
-        """Worlds at t = 0."""
+        """Return the worlds at t = 0 from noise (N, noise_size)."""
         seed = self.config.start_seed
 
         def place(row: int) -> None:
@@ -102,15 +101,15 @@ class HighwayEnvSimulator:
         return self._worlds(place, noise)
 
     def step(self, world: HighwayWorld, action: Any, noise: Floats) -> HighwayWorld:
-        """Worlds one ``dt`` later; those that are over stay as they are.
+        """Return the worlds one ``dt`` later; those that are over do not change.
 
         Args:
-            world: Worlds now.
+            world: Current worlds.
             action: ``avrare.driving.Action``, or (N, 2) throttle and steering in [-1, 1], left is positive.
-            noise: (N, noise_size).
+            noise: Noise (N, noise_size).
 
         Raises:
-            UsageError: There is no controller, or its action has another shape.
+            UsageError: There is no controller, or its action has the wrong shape.
         """
         running = np.flatnonzero(~world.over)
         if not running.size:
@@ -122,15 +121,22 @@ class HighwayEnvSimulator:
             restore(self.environment, snapshots[row])
             self._advance(wanted[row], numbers[row])
 
+        def put(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
+            leaf = old.copy()
+            leaf[running] = new
+            return leaf
+
         after = self._worlds(drive, numbers)
-        return after if len(running) == len(world.over) else _replaced(world, running, after)
+        if running.size == world.over.size:
+            return after
+        return batch.map_leaves(put, world, after)  # type: ignore[no-any-return]
 
     def signals(self, world: HighwayWorld) -> Signals:
-        """Named arrays.
+        """Return the signals by name.
 
-        ``ego_*`` (N,) and ``others_*`` (N, V) as of every driving simulator, ``distance`` (N, V) to each and
-        ``gap`` (N,) the least; ``x``, ``y``, ``heading``, ``speed``, ``acceleration`` of the ego once more;
-        ``gap_ahead`` [m], and ``crashed``, ``arrived``, ``on_road``, ``over`` as 0 or 1.
+        ``ego_*`` (N,) and ``others_*`` (N, V) as for every driving simulator, ``distance`` (N, V) to each
+        vehicle and ``gap`` (N,), the smallest; ``x``, ``y``, ``heading``, ``speed``, ``acceleration`` of the
+        ego; ``gap_ahead`` [m], and ``crashed``, ``arrived``, ``on_road``, ``over`` as 0 or 1.
         """
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"{prefix}{name}": getattr(world.ego, name) for name in fields for prefix in ("ego_", "")}
@@ -148,12 +154,11 @@ class HighwayEnvSimulator:
         return {**named, "distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 
     def faults(self, world: HighwayWorld) -> Bools:
-        """(N,) rows whose ego state is not finite."""
+        """Return (N,) rows whose ego state is not finite."""
         ego = world.ego
         return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
 
     def _place(self, random: Any) -> None:
-        """A new start of the one environment, every draw of which comes from ``random``."""
         self.environment._np_random = random
         self.environment._reset()
 
@@ -173,16 +178,16 @@ class HighwayEnvSimulator:
             environment.renew()
 
     def _set_moods(self, noise: Floats) -> None:
-        """The exact transition of an Ornstein-Uhlenbeck process, which starts at 0."""
+        """Advance the moods by the exact transition of an Ornstein-Uhlenbeck process that starts at 0."""
         traffic = self.config.traffic
-        kept = np.exp(-self.dt / traffic.correlation_time)
-        fresh = traffic.acceleration_sd * np.sqrt(1.0 - kept**2)
+        decay = np.exp(-self.dt / traffic.correlation_time)
+        innovation = traffic.acceleration_sd * np.sqrt(1.0 - decay**2)
         drivers = [one for one in self.environment.road.vehicles if isinstance(one, MoodyDriver)]
         for driver, number in zip(drivers, noise, strict=False):
-            driver.mood = float(kept * driver.mood + fresh * number)
+            driver.mood = float(decay * driver.mood + innovation * number)
 
     def _worlds(self, move: Callable[[int], None], noise: Floats) -> HighwayWorld:
-        """What becomes of the environment by ``move(row)``, for every row of noise."""
+        """Apply ``move(row)`` to the environment for every row of noise and collect the worlds."""
         snapshots, readings = np.empty(len(noise), dtype=object), []
         for row in range(len(noise)):
             move(row)
@@ -197,14 +202,3 @@ class HighwayEnvSimulator:
         )  # fmt: skip
         flags = (column.astype(bool) for column in table.T[6 : len(EGO)])
         return HighwayWorld(snapshots, ego, others, *flags)
-
-
-def _replaced(world: HighwayWorld, rows: NDArray[np.intp], news: HighwayWorld) -> HighwayWorld:
-    """The worlds with those of ``rows`` replaced."""
-
-    def put(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
-        leaf = old.copy()
-        leaf[rows] = new
-        return leaf
-
-    return batch.map_leaves(put, world, news)  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""Random numbers for highway-env that come from the noise tape."""
+"""Random numbers of highway-env from the noise tape."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from avrare.protocols import Floats
 
 
 class TapeRandom:
-    """Stands in for the environment's generator: every draw is a transform of the next standard normal.
+    """Replacement of the environment's generator: every draw transforms the next number of the tape.
 
-    Where a run draws more than the tape holds, the rest comes from a generator keyed by the tape's own bits,
-    so the run still depends on its noise alone.
+    Draws beyond the tape come from a generator keyed by the tape's bits, so a rollout depends only on its
+    noise.
 
     Args:
-        numbers: (K,) standard normal numbers, used up from the front.
+        numbers: Standard normal numbers (K,), consumed from the front.
     """
 
     def __init__(self, numbers: Floats) -> None:
@@ -36,24 +36,24 @@ class TapeRandom:
         return float(self._rest.standard_normal())
 
     def random(self) -> float:
-        """Uniform on [0, 1]."""
+        """Draw from the uniform distribution on [0, 1]."""
         return 0.5 * math.erfc(-self._next() / math.sqrt(2.0))
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:
-        """Uniform on [low, high]."""
+        """Draw from the uniform distribution on [low, high]."""
         return low + (high - low) * self.random()
 
     def normal(self, loc: float = 0.0, scale: float = 1.0) -> float:
-        """Normal."""
+        """Draw from a normal distribution."""
         return loc + scale * self._next()
 
     def integers(self, low: int, high: int | None = None) -> int:
-        """Uniform on low, ..., high - 1, or 0, ..., low - 1."""
+        """Draw uniformly from low, ..., high - 1, or 0, ..., low - 1."""
         first, last = (0, low) if high is None else (low, high)
         return min(first + int((last - first) * self.random()), last - 1)
 
     def choice(self, options: Any, size: int | None = None, replace: bool = True) -> Any:
-        """One of the options (of ``range(options)`` for a number), or an array of ``size`` of them."""
+        """Draw one of the options (``range(options)`` for a number), or an array of ``size`` of them."""
         pool: Sequence[Any] = range(int(options)) if isinstance(options, (int, np.integer)) else options
         if size is None:
             return pool[self.integers(len(pool))]

@@ -1,7 +1,7 @@
-"""Train the merge policy: ``python -m avrare_highway_env.train --out merge_lidar.npz``.
+"""Training of the merge policy: ``python -m avrare_highway_env.train --out merge_lidar.npz``.
 
-Imitation with data aggregation (Ross, Gordon and Bagnell, 2011): worlds are driven by a mixture of the expert
-and the network of the last round, and every state that they meet is labelled with what the expert would do.
+Imitation with data aggregation (Ross, Gordon and Bagnell, 2011): a mixture of the expert and the last round's
+network drives, and every visited state is labelled with the expert's action.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from avrare_highway_env.simulator import HighwayEnvSimulator
 from avrare_policy.network import Network, save
 
 STEERING_GAIN = 10.0
-"""Steering is that much smaller than throttle, and gets that much more weight."""
+"""Weight of the steering error, since steering is smaller than throttle."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much of everything.
+    """Parameters of the training.
 
     Attributes:
-        rounds: Of driving and fitting; the expert's share halves from round to round.
-        worlds: Driven in a round.
-        steps: Of each.
-        epochs: Of every fit.
-        hidden: Units of the two hidden layers.
-        speeds: 1: the network is also given the speeds that the lidar measures.
-        batch: States of a gradient step.
-        rate: Learning rate of Adam at the start; it falls to 0 along a cosine.
-        jolt: Standard deviation of what is added to the actions, so that states off the lane are met.
-        lidar_variance: Of the rays while driving and learning, normalised.
+        rounds: Rounds of driving and fitting; the expert's share halves every round.
+        worlds: Worlds per round.
+        steps: Steps per world.
+        epochs: Epochs per fit.
+        hidden: Units of each of the two hidden layers.
+        speeds: 1: the network also receives the speeds measured by the lidar.
+        batch: States per gradient step.
+        rate: Initial learning rate of Adam; it falls to 0 along a cosine.
+        jolt: Standard deviation of the action noise that leads to states off the lane.
+        lidar_variance: Noise variance of the rays, normalised.
         mood: Standard deviation of the other drivers' accelerations [m/s^2].
-        seed: Of everything.
+        seed: Random seed.
     """
 
     rounds: int = 7
@@ -58,7 +58,7 @@ class Plan:
 
 
 def train(plan: Plan) -> Network:
-    """The network after the last round."""
+    """Return the network after the last round."""
     torch.manual_seed(plan.seed)
     rng = np.random.default_rng(plan.seed)
     config = HighwayEnvConfig(
@@ -84,7 +84,7 @@ def _drive(
     plan: Plan, simulator: HighwayEnvSimulator, expert: Expert, network: Network | None, share: float,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """States met and the expert's actions there; ``share`` of the worlds are driven by the expert."""
+    """Return visited states and the expert's actions; the expert drives ``share`` of the worlds."""
     n = plan.worlds
     by_expert = (np.arange(n) < share * n)[:, None]
     jolted = (rng.random(n) < 0.7)[:, None] * plan.jolt
@@ -102,7 +102,6 @@ def _drive(
 
 
 def _fit(plan: Plan, states: Floats, labels: Floats) -> Network:
-    """A new network on all states met so far."""
     mean, scale = states.mean(axis=0), np.maximum(states.std(axis=0), 0.05)
     inputs = torch.tensor((states - mean) / scale, dtype=torch.float32)
     gain = torch.tensor([1.0, STEERING_GAIN], dtype=torch.float32)

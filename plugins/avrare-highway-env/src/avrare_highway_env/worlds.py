@@ -1,7 +1,8 @@
-"""Snapshots of a highway-env world: its vehicles' attributes, copied by hand.
+"""Snapshots of highway-env worlds as copies of the vehicles' attributes, and readings of them as numbers.
 
-A deep copy takes 20 times as long, and copies the road, which never changes. A restored world runs on bit for
-bit as the one it was taken from would have.
+A deep copy takes 20 times as long and also copies the road, which never changes. A restored world continues
+bit-identically. highway-env's y axis and headings point to the right; those of readings to the left. Its own
+observations take longer than its physics.
 """
 
 from __future__ import annotations
@@ -12,19 +13,22 @@ from typing import Any
 
 import numpy as np
 
+from avrare.driving import Vehicles
+from avrare.protocols import Floats
+
 _SHARED = frozenset({"road", "lane", "history", "log"})
-"""Attributes that are references into the road, or are for pictures alone."""
+"""Attributes that refer to the road, or serve only rendering."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One world at one time; nothing in it may be changed.
+    """Immutable state of one world.
 
     Attributes:
         objects: Class and attributes of the vehicles, then of the obstacles.
-        vehicles: How many of them are vehicles.
+        vehicles: Number of vehicles.
         ego: Index of the ego.
-        clock: Steps of a regulated road, else 0.
+        clock: Step counter of a regulated road, else 0.
     """
 
     objects: tuple[tuple[type[Any], dict[str, Any]], ...]
@@ -34,7 +38,7 @@ class Snapshot:
 
 
 def capture(environment: Any) -> Snapshot:
-    """The world as it stands."""
+    """Return a snapshot of the environment."""
     road = environment.road
     objects = [*road.vehicles, *road.objects]
     ego = next(k for k, vehicle in enumerate(road.vehicles) if vehicle is environment.vehicle)
@@ -43,7 +47,7 @@ def capture(environment: Any) -> Snapshot:
 
 
 def restore(environment: Any, snapshot: Snapshot) -> None:
-    """Put the environment, which has the same road, into the snapshot's world."""
+    """Restore a snapshot of the same road."""
     road = environment.road
     objects = [_made(kind, attributes, road) for kind, attributes in snapshot.objects]
     road.vehicles, road.objects = objects[: snapshot.vehicles], objects[snapshot.vehicles :]
@@ -53,7 +57,6 @@ def restore(environment: Any, snapshot: Snapshot) -> None:
 
 
 def _copied(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Vehicles change these in place: positions, impacts, actions, routes."""
     return {
         name: value.copy() if isinstance(value, (np.ndarray, dict, list)) else value
         for name, value in attributes.items()
@@ -68,3 +71,53 @@ def _made(kind: type[Any], attributes: dict[str, Any], road: Any) -> Any:
     thing.lane = road.network.get_lane(thing.lane_index)
     thing.log, thing.history = [], deque(maxlen=1)
     return thing
+
+
+ABSENT = 1e6
+"""x and y of an absent vehicle [m]."""
+EGO = ("x", "y", "heading", "speed", "acceleration", "steering", "crashed", "arrived", "on_road", "over")
+"""First numbers of a reading; five numbers per other vehicle follow."""
+_ABSENT_STATE = (ABSENT, ABSENT, 0.0, 0.0, 0.0)
+
+
+def read(environment: Any, capacity: int, goal: float | None, dt: float) -> list[float]:
+    """Return a world as numbers: ``EGO``, then x, y, heading, speed, acceleration of the others."""
+    road, ego = environment.road, environment.vehicle
+    others = [thing for thing in (*road.vehicles, *road.objects) if thing is not ego][:capacity]
+    on_road, crashed = bool(ego.on_road), bool(ego.crashed)
+    there = ego.position[0] > goal if goal is not None else _arrived(environment, ego)
+    found = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
+    found += [crashed, there and on_road, on_road, crashed or there]
+    for other in others:
+        found += _kinematics(other, dt, crashed)
+    return found + list(_ABSENT_STATE) * (capacity - len(others))
+
+
+def _kinematics(thing: Any, dt: float, crashed: bool) -> tuple[float, ...]:
+    """Return x, y, heading, speed, acceleration; in a crash without the push that separates the bodies."""
+    pushed = getattr(thing, "pushed", None)
+    x, y = (thing.position if pushed is None or not crashed else thing.position - pushed).tolist()
+    speed = float(thing.speed)
+    return x, 0.0 - y, 0.0 - float(thing.heading), speed, (speed - getattr(thing, "speed_before", speed)) / dt
+
+
+def _arrived(environment: Any, ego: Any) -> bool:
+    arrived = getattr(environment, "has_arrived", None)
+    return bool(arrived(ego)) if arrived is not None else False
+
+
+def others_of(readings: Floats) -> Vehicles:
+    """Return the other vehicles (N, V) of readings (N, ...)."""
+    table = readings[:, len(EGO) :].reshape(len(readings), -1, 5)
+    return Vehicles(*(np.ascontiguousarray(table[:, :, k]) for k in range(5)))
+
+
+def gap_ahead(ego: Vehicles, ego_size: tuple[float, float], others: Vehicles, lengths: Floats,
+              widths: Floats) -> Floats:  # fmt: skip
+    """Return the gap (N,) to the nearest vehicle in the ego's corridor ahead [m]; inf if it is free."""
+    dx, dy = others.x - ego.x[:, None], others.y - ego.y[:, None]
+    cos, sin = np.cos(ego.heading)[:, None], np.sin(ego.heading)[:, None]
+    along, across = cos * dx + sin * dy, cos * dy - sin * dx
+    ahead = (along > 0.0) & (np.abs(across) < 0.5 * (widths + ego_size[1]))
+    gap = np.where(ahead, along - 0.5 * (lengths + ego_size[0]), np.inf)
+    return np.asarray(gap.min(axis=1, initial=np.inf))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from avrare.plugin.component import Component
-from avrare.plugin.hookspecs import hookimpl
+from avrare.plugin.component import Component, hookimpl
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The tracker of this plugin."""
+    """Return the tracker ``imm``."""
     return [
         Component(
             kind="tracker",

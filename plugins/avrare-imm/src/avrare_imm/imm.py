@@ -1,10 +1,10 @@
 """Interacting multiple models (Blom and Bar-Shalom 1988) for a batch of tracks.
 
 Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001),
-section 11.6.6. Arrays are handed around with the particles first, (N, V, M, ...), and computed on as their
-transposes (..., M, V, N): every operation is then elementwise over the particles, in one order, so that no
-track depends on its neighbours in the batch, not even in its last bit. The same reason forbids ``np.sum``
-over the modes, whose order of additions follows the shape of the batch.
+section 11.6.6. Arrays have the particles first, (N, V, M, ...), and are computed on as their transposes
+(..., M, V, N): every operation is then elementwise over the particles, in one order, so that no track
+depends on its neighbours in the batch, not even in its last bit. For the same reason ``np.sum`` over the
+modes is not used: its order of additions depends on the shape of the batch.
 """
 
 from __future__ import annotations
@@ -13,22 +13,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from avrare_imm.models import ModelSet, Rollout
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from avrare.protocols import Bools, Floats
+from avrare_imm.models import Horizon, ModelSet
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """A Gaussian for each of M modes, for N particles and V vehicles.
+    """Gaussian mixture of M modes, for N particles and V vehicles.
 
     Attributes:
-        mean: (N, V, M, n).
-        covariance: (N, V, M, n, n), symmetric.
-        probability: (N, V, M), sums to 1 over the modes.
+        mean: (N, V, M, n) means.
+        covariance: (N, V, M, n, n) symmetric covariances.
+        probability: (N, V, M) probabilities, which sum to 1 over the modes.
     """
 
     mean: Floats
@@ -37,19 +34,19 @@ class Mixture:
 
 
 def step(models: ModelSet, mixture: Mixture, measurement: Floats, detected: Bools) -> Mixture:
-    """One cycle of the filter: mix, predict, update.
+    """Run one cycle of the filter: mix, predict, update.
 
     Args:
         models: M models of n states.
         mixture: Estimate one step ago.
-        measurement: (N, V, p); anything, NaN too, where nothing was detected.
-        detected: (N, V).
+        measurement: (N, V, p) measurements; ignored, NaN allowed, where nothing was detected.
+        detected: (N, V) whether the vehicle was detected.
     """
     return update(models, predict(models, mix(models, mixture)), measurement, detected)
 
 
 def mix(models: ModelSet, mixture: Mixture) -> Mixture:
-    """Start each mode from what the modes before it, weighted by how likely they led to it, believed."""
+    """Start each mode from the mixture of the previous modes, weighted by their transition probabilities."""
     mean, covariance, probability = _particles_last(mixture)
     joint = [row[:, None, None] * chance for row, chance in zip(models.transition, probability, strict=True)]
     now = _sum(joint)
@@ -59,7 +56,7 @@ def mix(models: ModelSet, mixture: Mixture) -> Mixture:
 
 
 def predict(models: ModelSet, mixture: Mixture) -> Mixture:
-    """Move every mode one step on with its own model."""
+    """Predict every mode by one step with its own model."""
     mean, covariance, _ = _particles_last(mixture)
     dynamics = _per_mode(models.dynamics)
     moved = _product(dynamics, mean[:, None])[:, 0] + _per_mode(models.offset)
@@ -68,9 +65,9 @@ def predict(models: ModelSet, mixture: Mixture) -> Mixture:
 
 
 def update(models: ModelSet, mixture: Mixture, measurement: Floats, detected: Bools) -> Mixture:
-    """Kalman update (Joseph form) of every mode and Bayes' rule for their probabilities.
+    """Update every mode (Kalman, Joseph form) and their probabilities (Bayes' rule).
 
-    A missed detection is an update with zero gain and no evidence: it leaves the track as it is.
+    A missed detection is an update with zero gain and no evidence: the track stays the same.
     """
     mean, covariance, probability = _particles_last(mixture)
     seen = np.ascontiguousarray(detected.T)
@@ -91,19 +88,14 @@ def update(models: ModelSet, mixture: Mixture, measurement: Floats, detected: Bo
 
 
 def fuse(mixture: Mixture) -> tuple[Floats, Floats]:
-    """Mean (N, V, n) and covariance (N, V, n, n) of the whole mixture."""
+    """Return mean (N, V, n) and covariance (N, V, n, n) of the mixture."""
     mean, covariance, probability = _particles_last(mixture)
     centre, spread = _merge(list(probability), mean, covariance)
     return centre.T, spread.T
 
 
-def forecast(ahead: Rollout, mixture: Mixture) -> Floats:
-    """(N, V, H + 1) expected position: each mode rolled on by itself, averaged by its probability [m].
-
-    Args:
-        ahead: The rollouts of the models.
-        mixture: Estimate of now; entry 0 is its fused position.
-    """
+def forecast(ahead: Horizon, mixture: Mixture) -> Floats:
+    """Return the (N, V, H + 1) expected position [m]: the mean over modes that no longer switch."""
     mean, _, probability = _particles_last(mixture)
     total = np.zeros((len(ahead.weight), *probability.shape[1:]))
     for m, chance in enumerate(probability):
@@ -114,21 +106,21 @@ def forecast(ahead: Rollout, mixture: Mixture) -> Floats:
 
 
 def _merge(weights: list[Floats], mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """Mean and covariance of a mixture; its modes are axis 1 of ``mean`` and axis 2 of ``covariance``."""
+    """Return mean and covariance of a mixture; modes are axis 1 of ``mean``, axis 2 of ``covariance``."""
     means = list(mean.swapaxes(0, 1))
     centre = _sum(weight * each for weight, each in zip(weights, means, strict=True))
     spread = np.zeros((len(centre), *centre.shape))
     for m, weight in enumerate(weights):
         gap = means[m] - centre
         term = _outer(gap, gap)
-        term += covariance[:, :, m]  # in place: fresh arrays of this size cost more than the arithmetic
+        term += covariance[:, :, m]  # in place: allocating arrays of this size costs more than the arithmetic
         term *= weight
         spread += term
     return centre, spread
 
 
 def _particles_last(mixture: Mixture) -> tuple[Floats, Floats, Floats]:
-    """Mean (n, M, V, N), covariance (n, n, M, V, N) and probability (M, V, N)."""
+    """Return mean (n, M, V, N), covariance (n, n, M, V, N) and probability (M, V, N)."""
     mean, covariance, probability = (
         np.ascontiguousarray(leaf.T) for leaf in (mixture.mean, mixture.covariance, mixture.probability)
     )
@@ -136,12 +128,10 @@ def _particles_last(mixture: Mixture) -> tuple[Floats, Floats, Floats]:
 
 
 def _per_mode(values: Floats) -> Floats:
-    """(M, ...) as (..., M, 1, 1), to meet particles-last arrays."""
-    return np.moveaxis(values, 0, -1)[..., None, None]
+    return np.moveaxis(values, 0, -1)[..., None, None]  # (..., M, 1, 1)
 
 
 def _sum(terms: Iterable[Floats]) -> Floats:
-    """Sum of one or more arrays of one shape, in the order given."""
     iterator = iter(terms)
     total = next(iterator).copy()
     for term in iterator:
@@ -150,27 +140,22 @@ def _sum(terms: Iterable[Floats]) -> Floats:
 
 
 def _outer(a: Floats, b: Floats) -> Floats:
-    """(n, ...), (k, ...) -> (n, k, ...)."""
     return a[:, None] * b[None]
 
 
 def _product(a: Floats, b: Floats) -> Floats:
-    """Matrix product over the first two axes: (i, k, ...), (k, j, ...) -> (i, j, ...).
-
-    A vector is handed in as (k, 1, ...).
-    """
+    # over the first two axes: (i, k, ...), (k, j, ...) -> (i, j, ...)
     return _sum(_outer(a[:, k], b[k]) for k in range(len(b)))
 
 
 def _sandwich(a: Floats, covariance: Floats) -> Floats:
-    """A P A^T, symmetric to the last bit."""
+    """Return A P A^T, symmetric to the last bit."""
     product = _product(_product(a, covariance), a.swapaxes(0, 1))
     return 0.5 * (product + product.swapaxes(0, 1))
 
 
 def _invert(matrix: Floats) -> tuple[Floats, Floats]:
-    """Inverse and log-determinant of symmetric matrices (p, p, ...) with p = 1 or 2."""
-    if len(matrix) == 1:
+    if len(matrix) == 1:  # symmetric, 1 x 1 or 2 x 2
         return 1.0 / matrix, np.log(matrix[0, 0])
     (a, b), (_, d) = matrix
     determinant = a * d - b * b
@@ -178,7 +163,6 @@ def _invert(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 def _posterior(prior: Floats, log_likelihood: Floats) -> Floats:
-    """Bayes' rule over the first axis, by log-sum-exp so that no outlier empties all modes."""
     log_joint = np.log(prior) + log_likelihood
-    joint: Floats = np.exp(log_joint - log_joint.max(axis=0))
+    joint: Floats = np.exp(log_joint - log_joint.max(axis=0))  # log-sum-exp: an outlier leaves some
     return joint / _sum(joint)

@@ -1,4 +1,4 @@
-"""Sets of linear motion models, and what their rollouts do to a position."""
+"""Sets of linear motion models, and their positions some steps ahead."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from avrare.protocols import Floats
 
 
 @dataclass(frozen=True)
 class ModelSet:
-    """M models x+ = F x + E + noise of n states, of which the first p are measured.
+    """M models x+ = F x + E + noise of n states, the first p of which are measured.
 
     Attributes:
         dynamics: (M, n, n) F.
@@ -31,7 +30,7 @@ class ModelSet:
 
 
 @dataclass(frozen=True)
-class Rollout:
+class Horizon:
     """Position after k = 0..H steps as an affine function of the state, for each model.
 
     Attributes:
@@ -46,7 +45,7 @@ class Rollout:
 def longitudinal_models(
     kinds: Sequence[str], dt: float, noise: float, variances: Sequence[float], stay: float
 ) -> ModelSet:
-    """Models of (x, vx, ax) [m, m/s, m/s^2], measured in x and vx.
+    """Return models of (x, vx, ax) [m, m/s, m/s^2], measured in x and vx.
 
     Constant velocity ignores and clears the acceleration; constant acceleration keeps it.
 
@@ -81,7 +80,7 @@ def lateral_models(
     variance: float,
     stay: float,
 ) -> ModelSet:
-    """Models of (y, vy) [m, m/s], measured in y: drivers who steer towards a lane centre.
+    """Return models of (y, vy) [m, m/s], measured in y: drivers who steer towards a lane centre.
 
     Mode g * L + l has derivative gain g and lane l of L; its acceleration is kp (lane - y) - kd vy.
 
@@ -107,7 +106,7 @@ def lateral_models(
 
 
 def transition_matrix(modes: int, stay: float) -> Floats:
-    """(M, M) chain that keeps its mode with probability ``stay`` and else jumps to any other alike."""
+    """Return the (M, M) chain that stays with probability ``stay``, else jumps to another mode uniformly."""
     if modes == 1:
         return np.ones((1, 1))
     matrix = np.full((modes, modes), (1.0 - stay) / (modes - 1))
@@ -115,13 +114,8 @@ def transition_matrix(modes: int, stay: float) -> Floats:
     return matrix
 
 
-def rollout(models: ModelSet, steps: int) -> Rollout:
-    """What ``steps`` steps without noise do to the first state component.
-
-    Args:
-        models: M models.
-        steps: H.
-    """
+def look_ahead(models: ModelSet, steps: int) -> Horizon:
+    """Return the first state component after 0..``steps`` steps without noise."""
     m, n = models.offset.shape
     power = np.broadcast_to(np.eye(n), (m, n, n))
     drift = np.zeros((m, n))
@@ -131,4 +125,4 @@ def rollout(models: ModelSet, steps: int) -> Rollout:
         power = np.einsum("mij,mjk->mik", models.dynamics, power)
         weights.append(power[:, 0])
         offsets.append(drift[:, 0])
-    return Rollout(np.array(weights), np.array(offsets))
+    return Horizon(np.array(weights), np.array(offsets))

@@ -1,4 +1,4 @@
-"""The tracker: one filter along the road and one across it for each vehicle."""
+"""Tracker: one filter along the road and one across it for each vehicle."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from operator import add
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.driving import Observation, Prediction, Scene
-from avrare.errors import UsageError
+from avrare.protocols import Floats
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import Mixture, forecast, fuse, step
-from avrare_imm.models import ModelSet, Rollout, lateral_models, longitudinal_models, rollout
-
-Floats = NDArray[np.float64]
+from avrare_imm.models import Horizon, ModelSet, lateral_models, longitudinal_models, look_ahead
 
 
 @dataclass(frozen=True)
 class ImmTrack:
-    """What is believed of the others, N particles and V vehicles.
+    """Estimates of V other vehicles for N particles.
 
     Attributes:
         longitudinal: Modes over (x, vx, ax), in the order of ``ImmConfig.longitudinal_models``.
@@ -33,15 +31,15 @@ class ImmTrack:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A track in plain terms, for pictures and diagnostics.
+class FusedTrack:
+    """Fused track, for pictures and diagnostics.
 
     Attributes:
-        x: (N, V) fused [m].
-        vx: (N, V) fused [m/s].
-        ax: (N, V) fused [m/s^2].
-        y: (N, V) fused [m].
-        vy: (N, V) fused [m/s].
+        x: (N, V) position along the road [m].
+        vx: (N, V) speed along the road [m/s].
+        ax: (N, V) acceleration along the road [m/s^2].
+        y: (N, V) position across the road [m].
+        vy: (N, V) speed across the road [m/s].
         longitudinal_covariance: (N, V, 3, 3) of (x, vx, ax).
         lateral_covariance: (N, V, 2, 2) of (y, vy).
         lane_probabilities: (N, V, lanes) probability that the vehicle heads for each lane.
@@ -62,7 +60,7 @@ class ImmTracker:
 
     Args:
         config: Options.
-        scene: Gives the step and the lane centres.
+        scene: Provides the step and the lane centres.
     """
 
     def __init__(self, config: ImmConfig, scene: Scene) -> None:
@@ -84,30 +82,21 @@ class ImmTracker:
             config.lateral_variance,
             config.stay_probability,
         )
-        self._rollouts: dict[int, tuple[Rollout, Rollout]] = {}
+        self._horizons: dict[int, tuple[Horizon, Horizon]] = {}
 
     def start(self, world: Any) -> ImmTrack:
-        """Track that knows the world at t = 0: every mode at the true state.
-
-        Args:
-            world: Has ``others``, ``avrare.driving.Vehicles`` with fields (N, V).
-        """
+        """Return the track at t = 0: every mode at the true state of ``world.others``, fields (N, V)."""
         others = world.others
         along = np.stack([others.x, others.speed * np.cos(others.heading), others.acceleration], axis=-1)
         across = np.stack([others.y, others.speed * np.sin(others.heading)], axis=-1)
         even = np.full((*others.x.shape, len(self.longitudinal.offset)), 1.0 / len(self.longitudinal.offset))
         return ImmTrack(
-            self._certain(self.longitudinal, along, even),
-            self._certain(self.lateral, across, self._lane_prior(others.y)),
+            self._at_state(self.longitudinal, along, even),
+            self._at_state(self.lateral, across, self._lane_prior(others.y)),
         )
 
     def update(self, track: ImmTrack, observation: Observation) -> ImmTrack:
-        """Track one step later; a missed vehicle is predicted through.
-
-        Args:
-            track: Track of one step ago.
-            observation: Of now, fields (N, V).
-        """
+        """Return the track one step later, from fields (N, V); a missed vehicle is only predicted."""
         along = np.stack([observation.x, observation.speed_x], axis=-1)
         seen = observation.detected
         return ImmTrack(
@@ -116,24 +105,19 @@ class ImmTracker:
         )
 
     def predict(self, track: ImmTrack, steps: int) -> Prediction:
-        """Expected positions now and over ``steps`` further steps, without new evidence.
-
-        Args:
-            track: Track of now.
-            steps: H.
-        """
-        if steps not in self._rollouts:
-            self._rollouts[steps] = rollout(self.longitudinal, steps), rollout(self.lateral, steps)
-        along, across = self._rollouts[steps]
+        """Return expected positions now and over ``steps`` further steps, without observations."""
+        if steps not in self._horizons:
+            self._horizons[steps] = look_ahead(self.longitudinal, steps), look_ahead(self.lateral, steps)
+        along, across = self._horizons[steps]
         return Prediction(forecast(along, track.longitudinal), forecast(across, track.lateral))
 
-    def estimate(self, track: ImmTrack) -> Estimate:
-        """Fused states, covariances and lane probabilities."""
+    def estimate(self, track: ImmTrack) -> FusedTrack:
+        """Return fused states, covariances and lane probabilities."""
         along, longitudinal_covariance = fuse(track.longitudinal)
         across, lateral_covariance = fuse(track.lateral)
         chance = track.lateral.probability
         by_gain = chance.reshape(*chance.shape[:2], len(self.config.derivative_gains), len(self.lanes))
-        return Estimate(
+        return FusedTrack(
             x=along[..., 0],
             vx=along[..., 1],
             ax=along[..., 2],
@@ -144,8 +128,7 @@ class ImmTracker:
             lane_probabilities=reduce(add, np.moveaxis(by_gain, 2, 0)),
         )
 
-    def _certain(self, models: ModelSet, state: Floats, probability: Floats) -> Mixture:
-        """Every mode at ``state`` (N, V, n), with the initial variance."""
+    def _at_state(self, models: ModelSet, state: Floats, probability: Floats) -> Mixture:
         m, n = models.offset.shape
         covariance = self.config.initial_variance * np.eye(n)
         return Mixture(
@@ -155,7 +138,6 @@ class ImmTracker:
         )
 
     def _lane_prior(self, y: Floats) -> Floats:
-        """(N, V, M) mode probabilities of vehicles at ``y`` (N, V) [m]."""
         config = self.config
         matches = np.abs(self.lanes - y[..., None]) < config.lane_tolerance
         weight = np.where(matches, config.lane_match_weight, config.lane_other_weight)
@@ -165,11 +147,7 @@ class ImmTracker:
 
 
 def build(config: ImmConfig, scene: Scene | None) -> ImmTracker:
-    """The tracker for a driving scene.
-
-    Args:
-        config: Options.
-        scene: What the simulator drives in.
+    """Build the tracker for a driving scene.
 
     Raises:
         UsageError: The simulator has no scene.
@@ -177,6 +155,6 @@ def build(config: ImmConfig, scene: Scene | None) -> ImmTracker:
     if scene is None:
         raise UsageError(
             "the tracker 'imm' needs a driving simulator: this one has no scene",
-            "use a simulator with a road and other vehicles, or leave the tracker out",
+            "use a simulator with a road and other vehicles, or remove the tracker",
         )
     return ImmTracker(config, scene)

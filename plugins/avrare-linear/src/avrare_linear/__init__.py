@@ -1,11 +1,11 @@
-"""Linear systems with Gaussian noise: a simulator, exact ellipse slices, and synthesis."""
+"""Linear systems with Gaussian noise: simulator, exact elliptical slices, and synthesis."""
 
 from avrare.plugin import Component, hookimpl
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator and the estimator of this distribution."""
+    """Return the simulator and the estimator of this distribution."""
     return [
         Component(
             kind="simulator",

@@ -1,8 +1,9 @@
-"""What a scenario says about a linear system. Units are those of the states, which the user chooses."""
+"""Options of the simulator ``linear``. Units are those of the states, which the user chooses."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -12,43 +13,37 @@ Matrix = tuple[Vector, ...]
 
 
 def _tuples(value: Any) -> Any:
-    """Lists as tuples: strict validation takes no lists from here on."""
+    # Strict validation refuses lists.
     return tuple(map(_entry, value)) if isinstance(value, list | tuple) else value
 
 
 def _entry(value: Any) -> Any:
-    """What a list holds; complained of here, for the wrapping below would hide the place."""
+    # Checked here, as the wrapping below would hide the place of an entry.
     if isinstance(value, bool) or not isinstance(value, int | float | list | tuple):
         raise ValueError(f"{value!r} is not a number")
     return _tuples(value)
 
 
 def _depth(value: Any) -> int:
-    """How deeply lists are nested: 1 for a vector, 2 for a matrix, 3 for one matrix a step."""
+    # 1 for a vector, 2 for a matrix, 3 for a matrix per step.
     return 1 + _depth(value[0]) if isinstance(value, list | tuple) and value else 0
 
 
-def _matrices(value: Any) -> Any:
-    """One matrix for all steps becomes a list of one."""
-    return _tuples([value] if _depth(value) == 2 else value)
+def _stack(depth: int) -> Callable[[Any], Any]:
+    # One value for all steps, of the given depth, becomes a list of one.
+    return lambda value: _tuples([value] if _depth(value) == depth else value)
 
 
 def _covariances(value: Any) -> Any:
-    """A vector is a diagonal."""
     if _depth(value) != 1:
-        return _matrices(value)
+        return _stack(2)(value)
     value = _tuples(value)
     return (tuple(tuple(x if i == j else 0.0 for j in range(len(value))) for i, x in enumerate(value)),)
 
 
-def _vectors(value: Any) -> Any:
-    """One vector for all steps becomes a list of one."""
-    return _tuples([value] if _depth(value) == 1 else value)
-
-
-Matrices = Annotated[tuple[Matrix, ...], BeforeValidator(_matrices), Field(min_length=1)]
+Matrices = Annotated[tuple[Matrix, ...], BeforeValidator(_stack(2)), Field(min_length=1)]
 Covariances = Annotated[tuple[Matrix, ...], BeforeValidator(_covariances), Field(min_length=1)]
-Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_vectors), Field(min_length=1)]
+Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_stack(1)), Field(min_length=1)]
 
 
 class _Model(BaseModel):
@@ -56,16 +51,16 @@ class _Model(BaseModel):
 
 
 class InitialConfig(_Model):
-    """The law of the state at t = 0."""
+    """Distribution of the state at t = 0."""
 
     mean: Vector = Field(description="expected state, in the units of the states")
     covariance: Covariances | None = Field(
-        default=None, description="matrix, or its diagonal; without: the state starts at the mean"
+        default=None, description="matrix, or its diagonal; default: the state starts at the mean"
     )
 
 
 class FeedbackConfig(_Model):
-    """The gain K of u = feedforward - K (estimate - reference): given, or the optimum of a quadratic cost."""
+    """Gain K of u = feedforward - K (estimate - reference): given, or optimal for a quadratic cost."""
 
     gain: Matrices | None = Field(default=None, description="K, inputs x states; or a list, one per step")
     state_cost: Covariances | None = Field(
@@ -82,18 +77,18 @@ class FeedbackConfig(_Model):
 
 
 class ObserverConfig(_Model):
-    """The gain L of the estimate's correction L (y - C estimate); Kalman's where it is not given."""
+    """Gain L of the estimate's correction L (y - C estimate); the Kalman gain if it is not given."""
 
     gain: Matrices | None = Field(
-        default=None, description="L, states x outputs; or a list, one per step; without: the Kalman gain"
+        default=None, description="L, states x outputs; or a list, one per step; default: the Kalman gain"
     )
 
 
 class LinearConfig(_Model):
     """Options of the simulator ``linear``: x' = A x + B u + w, y = C x + v.
 
-    A matrix that changes with time is a list of matrices, one a step; the last one holds from there on. The
-    same goes for the rows of ``reference`` and ``feedforward``.
+    A matrix that varies with time is a list of matrices, one per step; the last one holds for all later
+    steps. The same applies to the rows of ``reference`` and ``feedforward``.
     """
 
     dt: float = Field(default=1.0, gt=0.0, description="step [s]; formulas in seconds use it")
@@ -104,26 +99,26 @@ class LinearConfig(_Model):
     B: Matrices | None = Field(default=None, description="states x inputs; or a list, one per step")
     C: Matrices | None = Field(default=None, description="outputs x states; or a list, one per step")
     process_noise: Covariances | None = Field(
-        default=None, description="covariance of w: matrix, diagonal, or a list of matrices; without: none"
+        default=None, description="covariance of w: matrix, diagonal, or a list of matrices; default: none"
     )
     measurement_noise: Covariances | None = Field(
-        default=None, description="covariance of v: matrix, diagonal, or a list of matrices; without: none"
+        default=None, description="covariance of v: matrix, diagonal, or a list of matrices; default: none"
     )
     initial: InitialConfig = Field(description="the state at t = 0")
     reference: Vectors | None = Field(
-        default=None, description="state to follow: one, or a list, one per step; without: 0"
+        default=None, description="reference state: one, or a list, one per step; default: 0"
     )
     feedforward: Vectors | None = Field(
-        default=None, description="input beside the feedback: one, or a list, one per step; without: 0"
+        default=None, description="input beside the feedback: one, or a list, one per step; default: 0"
     )
-    feedback: FeedbackConfig | None = Field(default=None, description="controller; without: no feedback")
+    feedback: FeedbackConfig | None = Field(default=None, description="controller; default: no feedback")
     observer: ObserverConfig | None = Field(
-        default=None, description="estimator of the state; without: the feedback knows the state"
+        default=None, description="estimator of the state; default: the feedback uses the true state"
     )
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All signals: states, their estimates if there is an observer, inputs, outputs."""
+        """Names of all signals: states, their estimates if there is an observer, inputs, outputs."""
         estimates = tuple(f"{name}_estimate" for name in self.states) if self.observer else ()
         return (*self.states, *estimates, *self.inputs, *self.outputs)
 
@@ -131,17 +126,17 @@ class LinearConfig(_Model):
     def _good_names(self) -> Self:
         for name in self.names:
             if not re.fullmatch(r"[A-Za-z_]\w*", name):
-                raise ValueError(f"{name!r} is no name of a signal: letters, digits and '_' only")
+                raise ValueError(f"{name!r} is not a valid signal name: use letters, digits and '_'")
         if len(set(self.names)) != len(self.names):
-            raise ValueError("states, estimates, inputs and outputs need names of their own")
+            raise ValueError("states, estimates, inputs and outputs need different names")
         return self
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if bool(self.inputs) != (self.B is not None):
-            raise ValueError("inputs and B belong together")
+            raise ValueError("give inputs and B together, or neither")
         if bool(self.outputs) != (self.C is not None):
-            raise ValueError("outputs and C belong together")
+            raise ValueError("give outputs and C together, or neither")
         for name in ("feedback", "feedforward"):
             if getattr(self, name) is not None and not self.inputs:
                 raise ValueError(f"{name} needs inputs and B")
@@ -172,24 +167,26 @@ class LinearConfig(_Model):
         return self
 
 
-def _check_matrices(name: str, matrices: tuple[Matrix, ...] | None, rows: int, columns: int, of: str) -> None:
+def _check_matrices(
+    name: str, matrices: tuple[Matrix, ...] | None, rows: int, columns: int, layout: str
+) -> None:
     for matrix in matrices or ():
         widths = {len(row) for row in matrix}
         if len(matrix) != rows or widths != {columns}:
             found = f"{len(matrix)} x {widths.pop()}" if len(widths) == 1 else "rows of different lengths"
-            raise ValueError(f"{name} must be {of}, {rows} x {columns}, not {found}")
+            raise ValueError(f"{name} must be {layout}, {rows} x {columns}, not {found}")
 
 
-def _check_vectors(name: str, vectors: tuple[Vector, ...] | None, size: int, of: str) -> None:
+def _check_vectors(name: str, vectors: tuple[Vector, ...] | None, size: int, kind: str) -> None:
     for vector in vectors or ():
         if len(vector) != size:
-            raise ValueError(f"{name} must have one number for each of the {size} {of}, not {len(vector)}")
+            raise ValueError(f"{name} must have one number for each of the {size} {kind}, not {len(vector)}")
 
 
 def _check_covariances(
-    name: str, matrices: tuple[Matrix, ...] | None, size: int, of: str, most: int | None = None
+    name: str, matrices: tuple[Matrix, ...] | None, size: int, kind: str, most: int | None = None
 ) -> None:
-    _check_matrices(name, matrices, size, size, f"{of} x {of}")
+    _check_matrices(name, matrices, size, size, f"{kind} x {kind}")
     if most is not None and len(matrices or ()) > most:
         raise ValueError(f"{name} must be one matrix, or its diagonal")
     for matrix in matrices or ():

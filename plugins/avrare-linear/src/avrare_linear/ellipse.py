@@ -1,9 +1,10 @@
-"""Which part of an ellipse of tapes fails, in closed form (stl-ess, Theorem IV.1).
+"""Elliptical slices: the failing part of an ellipse of tapes, in closed form (stl-ess, Theorem IV.1).
 
-On z cos(theta) + nu sin(theta) every affine margin is a sinusoid about its mean. Its crossings of the level
-cut the ellipse into segments on which no predicate changes; one evaluation of the formula tells of each
-whether it is violated there. A conjunction is violated where one of its parts is, so that ``always`` over
-what looks at a single sample is cut sample by sample, with few crossings each, and the parts are joined.
+1. On z cos(theta) + nu sin(theta) every affine margin is a sinusoid about its mean. Its crossings of the
+   level cut the ellipse into segments on which no predicate changes its truth.
+2. One evaluation of the formula at the middle of each segment tells whether the segment fails.
+3. A conjunction fails where one of its parts does: ``always`` over predicates of a single sample is cut
+   sample by sample, with few crossings each, and the failing segments are united.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.errors import UsageError
-from avrare.logic.api import Formula
+from avrare.base.errors import UsageError
+from avrare.logic.formula import Formula
 from avrare.protocols import Bools, Floats, System
-from avrare_linear.gaussian import TrajectoryGaussian, transform
+from avrare_linear.gaussian import TrajectoryGaussian
 from avrare_linear.predicates import AffineFormula, Conjunct
 
 _TURN = 2.0 * np.pi
@@ -28,8 +29,8 @@ class Segments:
     """Disjoint ascending parts of [0, 2 pi), for M ellipses.
 
     Attributes:
-        low: (M, W) where they begin, radians.
-        high: (M, W) where they end; as ``low`` for those that only fill the row.
+        low: (M, W) starts, radians.
+        high: (M, W) ends; equal to ``low`` for entries that only fill the row.
     """
 
     low: Floats
@@ -37,17 +38,17 @@ class Segments:
 
     @property
     def length(self) -> Floats:
-        """(M,) radians in all."""
+        """(M,) total length, radians."""
         return np.cumsum(self.high - self.low, axis=1)[:, -1]
 
     def contains(self, theta: Floats) -> Bools:
-        """(M, K) whether angles (M, K) lie in a segment."""
+        """Check which angles (M, K) lie in a segment: (M, K)."""
         at = theta[:, None, :]
         return np.asarray(((self.low[..., None] <= at) & (at < self.high[..., None])).any(axis=1))
 
 
-def draw(segments: Segments, uniforms: Floats) -> Floats:
-    """Angles (M,) uniform on the segments, from uniforms (M,); 0 where a row has none."""
+def draw_angles(segments: Segments, uniforms: Floats) -> Floats:
+    """Draw angles (M,) uniform on the segments from uniforms (M,); 0 for rows without segments."""
     reached = np.cumsum(segments.high - segments.low, axis=1)
     target = uniforms * reached[:, -1]
     place = np.minimum((reached <= target[:, None]).sum(axis=1), reached.shape[1] - 1)
@@ -57,11 +58,11 @@ def draw(segments: Segments, uniforms: Floats) -> Floats:
 
 
 class Slicer:
-    """A formula's failures along ellipses.
+    """Slices of a formula's failure set along ellipses.
 
     Args:
-        gaussian: Law of the signals that it reads.
-        formula: Its predicates must be affine.
+        gaussian: Distribution of the signals that the formula reads.
+        formula: Formula with affine predicates.
 
     Raises:
         UsageError: A term is not affine, or a signal is missing.
@@ -75,10 +76,10 @@ class Slicer:
 
     @staticmethod
     def of(system: System, steps: int, formula: Formula) -> Slicer:
-        """For a system that is affine in its noise.
+        """Make the slicer of a system that is affine in its noise.
 
         Raises:
-            UsageError: It is not, a term of the formula is not affine, or the formula reads no signal.
+            UsageError: The system or a term of the formula is not affine, or the formula reads no signal.
         """
         affine = AffineFormula.of(formula)
         if not affine.signals:
@@ -86,36 +87,34 @@ class Slicer:
         return Slicer(TrajectoryGaussian.of(system, steps, affine.signals), affine)
 
     def margins(self, tape: Floats) -> Floats:
-        """(M, T + 1, P) of the predicates, without their mean, along tapes (M, T + 1, noise_size)."""
-        law = self.gaussian
-        felt = transform(law.map.reshape(-1, law.map.shape[2]), tape).reshape(len(tape), *law.mean.shape)
-        return self.formula.combine(law.names, felt, constant=False)
+        """Return the predicates' margins (M, T + 1, P), less their mean, of tapes (M, T + 1, noise_size)."""
+        return self.formula.combine(self.gaussian.names, self.gaussian.deviations(tape), constant=False)
 
     def segments(self, tape: Floats, other: Floats, level: Floats | float = 0.0) -> Segments:
-        """Where the robustness lies below a level on tape cos(theta) + other sin(theta).
+        """Return where the robustness is below a level on tape cos(theta) + other sin(theta).
 
         Args:
             tape: (M, T + 1, noise_size).
-            other: The same shape.
-            level: Robustness: a number, (M,), or (M, T + 1) where samples have levels of their own.
+            other: (M, T + 1, noise_size).
+            level: Robustness: a number, (M,), or (M, T + 1) for a level per sample.
         """
         return self.cut(self.margins(tape), self.margins(other), level)
 
     def cut(self, along: Floats, across: Floats, level: Floats | float = 0.0) -> Segments:
-        """The same from the tapes' margins (M, T + 1, P), as ``margins`` gives them."""
+        """Return the segments from the margins (M, T + 1, P) of both tapes."""
         rows, samples = len(along), len(self.mean)
         shift = np.asarray(level, dtype=np.float64)
         if shift.ndim < 2:
             shift = np.broadcast_to(shift, (rows,))[:, None]
         shift = np.broadcast_to(shift, (rows, samples))
         found = [self._arcs(part, shift, along, across) for part in self.conjuncts]
-        filler = np.full((rows, 1), _TURN)  # where nothing can be violated
+        filler = np.full((rows, 1), _TURN)  # an empty segment, in case that nothing can be violated
         low = np.concatenate([filler, *(low for low, _ in found)], axis=1)
         high = np.concatenate([filler, *(high for _, high in found)], axis=1)
         return _union(low, high)
 
     def _arcs(self, part: Conjunct, shift: Floats, along: Floats, across: Floats) -> tuple[Floats, Floats]:
-        """Where one part is violated: low and high (M, Q S), 2 pi both where it is not."""
+        # Low and high (M, Q S) of the arcs where the part is violated, both 2 pi where it is not.
         windows, used = part.windows[:, :, None], np.array(part.used, dtype=np.int64)
         queries, crossings = len(windows), 2 * windows.shape[1] * len(used)
         block = max(1, _BLOCK // max(1, queries * (crossings + 1) * crossings))
@@ -136,10 +135,12 @@ class Slicer:
 
 
 def _cut(part: Conjunct, offset: Floats, along: Floats, across: Floats) -> tuple[Floats, Floats]:
-    """Arcs (M, Q S) of offset + along cos + across sin, (M, Q, W, J) each."""
+    # Failing arcs (M, Q S) of offset + along cos + across sin, (M, Q, W, J) each.
     rows, queries, width, many = offset.shape
     flat = (rows, queries, width * many)
+    # 1. Cut at the crossings.
     edges = _edges(*(x.reshape(flat) for x in (offset, along, across)))
+    # 2. Evaluate the formula in the middle of each segment.
     middle = 0.5 * (edges[..., 1:] + edges[..., :-1])  # (M, Q, S)
     cosine, sine = np.cos(middle), np.sin(middle)
     margins = np.empty((many, width, *middle.shape))
@@ -148,12 +149,13 @@ def _cut(part: Conjunct, offset: Floats, along: Floats, across: Floats) -> tuple
             a, b, d = (x[:, :, w, j, None] for x in (offset, along, across))
             margins[j, w] = a + b * cosine + d * sine
     bad = part.violated(margins.reshape(many, width, -1)).reshape(middle.shape)
+    # 3. Keep the failing segments.
     low, high = np.where(bad, edges[..., :-1], _TURN), np.where(bad, edges[..., 1:], _TURN)
     return low.reshape(rows, -1), high.reshape(rows, -1)
 
 
 def _edges(offset: Floats, along: Floats, across: Floats) -> Floats:
-    """Ends of the segments (M, Q, S + 1), ascending from 0 to 2 pi, filled up with 2 pi."""
+    # Ends of the segments (M, Q, S + 1), ascending from 0 to 2 pi, padded with 2 pi.
     size, phase = np.hypot(along, across), np.arctan2(across, along)
     crosses = size > np.abs(offset)
     half = np.arccos(np.where(crosses, -offset / np.where(crosses, size, 1.0), 0.0))
@@ -165,7 +167,6 @@ def _edges(offset: Floats, along: Floats, across: Floats) -> Floats:
 
 
 def _union(low: Floats, high: Floats) -> Segments:
-    """Arcs (M, W) made disjoint, in order."""
     filled = low < high
     order = np.argsort(np.where(filled, low, _TURN), axis=1, kind="stable")
     order = order[:, : max(1, int(filled.sum(axis=1).max(initial=0)))]

@@ -1,32 +1,32 @@
-"""Nested levels with exact slices, as an estimator of its own."""
+"""Estimator ``ess_linear``: nested levels with exact slices."""
 
 from __future__ import annotations
 
 from avrare.rollout.problem import Problem
-from avrare_estimators.nested import NestedLevels
+from avrare_estimators.ess.estimator import NestedLevels
 from avrare_linear.estimator_config import LinearEssConfig
-from avrare_linear.kernel import ExactKernel, solvable
+from avrare_linear.kernel import ExactKernel, to_solvable
 
 
 def build(config: LinearEssConfig, scene: object | None = None) -> LinearLevels:
-    """The estimator of a scenario or a call."""
+    """Build the estimator."""
     return LinearLevels(config)
 
 
 class LinearLevels(NestedLevels):
-    """``ess`` for affine systems and predicates; the system's map is found before the first rollout."""
+    """``ess`` for affine systems and predicates; the affine map is computed before the first rollout."""
 
     name = "ess_linear"
 
     def __init__(self, config: LinearEssConfig) -> None:
-        self.config, self.moves = config, config.moves  # the kernel is made for the problem
+        self.config, self.moves = config, config.moves  # prepare makes the kernel
 
     def prepare(self, problem: Problem) -> Problem:
-        """The problem with a score that can be solved; makes the kernel.
+        """Make the kernel, and return the problem with a score that it can solve.
 
         Raises:
             UsageError: The system or a predicate is not affine in the noise.
         """
-        problem = solvable(problem)
+        problem = to_solvable(problem)
         self.kernel = ExactKernel.of(problem, self.moves)
         return problem

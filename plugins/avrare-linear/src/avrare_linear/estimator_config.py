@@ -1,4 +1,4 @@
-"""Options of nested levels with exact slices."""
+"""Options of the estimator ``ess_linear``."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from avrare_estimators.ess_config import EssConfig
+from avrare_estimators.config import EssConfig
 
 
 class LinearEssConfig(EssConfig):
-    """Options of ``ess_linear``: those of ``ess`` but for the kernel, which needs none."""
+    """Options of ``ess_linear``: those of ``ess`` except for the kernel, which has none."""
 
     kernel: Literal["exact"] = Field(  # type: ignore[assignment]
-        default="exact", description="exact slices; nothing else"
+        default="exact", description="exact slices, the only choice"
     )
-    moves: int = Field(
-        default=4, ge=1, le=1000, description="ellipses that a chain goes along between two rollouts"
-    )
+    moves: int = Field(default=4, ge=1, le=1000, description="slice moves of a chain between two rollouts")

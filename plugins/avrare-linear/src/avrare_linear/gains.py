@@ -1,24 +1,23 @@
-"""Optimal gains: the regulator of a quadratic cost, and the Kalman filter in its predicting form.
+"""Optimal gains: linear-quadratic regulator, and Kalman filter in its one-step predictor form.
 
-Matrices are stacks with a leading axis of steps; the last one holds from there on. Where all are constant the
-gain is the stationary one, else Riccati's recursion gives one a step.
+Matrices are stacks with a leading axis of steps; the last one holds for all later steps. If all are constant,
+the gain is the stationary one; otherwise the Riccati recursion gives one per step.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 
 
-def at(stack: Floats, step: int) -> Floats:
-    """The entry of a stack for a step."""
+def _at(stack: Floats, step: int) -> Floats:
     return np.asarray(stack[min(step, len(stack) - 1)])
 
 
 def regulator(A: Floats, B: Floats, state_cost: Floats, input_cost: Floats) -> Floats:
-    """Gain K (S, m, n) of u = -K x that minimises the sum of x'Qx + u'Ru.
+    """Return the gain K (S, m, n) of u = -K x that minimises the sum of x'Qx + u'Ru.
 
     Args:
         A: (S, n, n).
@@ -27,7 +26,7 @@ def regulator(A: Floats, B: Floats, state_cost: Floats, input_cost: Floats) -> F
         input_cost: R (m, m).
 
     Raises:
-        UsageError: There is no such gain: the pair (A, B) cannot be stabilised, or R is not positive.
+        UsageError: There is no such gain: the pair (A, B) is not stabilisable, or R is not positive.
     """
     steps = max(len(A), len(B))
     if steps == 1:
@@ -35,9 +34,10 @@ def regulator(A: Floats, B: Floats, state_cost: Floats, input_cost: Floats) -> F
             A[0], B[0], state_cost, input_cost, "feedback", "the inputs reach every unstable state"
         )
         return _regulator_gain(A[0], B[0], cost, input_cost)[None]
+    # Riccati recursion, backwards from the last step.
     cost, gains = state_cost, []
     for step in reversed(range(steps)):
-        a, b = at(A, step), at(B, step)
+        a, b = _at(A, step), _at(B, step)
         gain = _regulator_gain(a, b, cost, input_cost)
         cost = state_cost + a.T @ cost @ (a - b @ gain)
         gains.append(gain)
@@ -45,17 +45,17 @@ def regulator(A: Floats, B: Floats, state_cost: Floats, input_cost: Floats) -> F
 
 
 def kalman(A: Floats, C: Floats, process: Floats, measurement: Floats, initial: Floats) -> Floats:
-    """Gain L (S, n, q) of the estimate one step ahead, A x + B u + L (y - C x).
+    """Return the gain L (S, n, q) of the one-step prediction A x + B u + L (y - C x).
 
     Args:
         A: (S, n, n).
         C: (S, q, n).
         process: (S, n, n) covariance of w.
         measurement: (S, q, q) covariance of v.
-        initial: (n, n) covariance of the state at t = 0; used where something changes with time.
+        initial: (n, n) covariance of the state at t = 0; used if a matrix varies with time.
 
     Raises:
-        UsageError: There is no such gain: the pair (A, C) cannot be detected, or v has no noise in an output.
+        UsageError: There is no such gain: the pair (A, C) is not detectable, or an output has no noise.
     """
     steps = max(map(len, (A, C, process, measurement)))
     if steps == 1:
@@ -63,11 +63,12 @@ def kalman(A: Floats, C: Floats, process: Floats, measurement: Floats, initial: 
             A[0].T, C[0].T, process[0], measurement[0], "observer", "the outputs see every unstable state"
         )
         return _regulator_gain(A[0].T, C[0].T, spread, measurement[0]).T[None]
+    # Riccati recursion, forwards from the initial covariance.
     spread, gains = initial, []
     for step in range(steps):
-        a, c = at(A, step), at(C, step)
-        gain = _regulator_gain(a.T, c.T, spread, at(measurement, step)).T
-        spread = at(process, step) + a @ spread @ (a - gain @ c).T
+        a, c = _at(A, step), _at(C, step)
+        gain = _regulator_gain(a.T, c.T, spread, _at(measurement, step)).T
+        spread = _at(process, step) + a @ spread @ (a - gain @ c).T
         gains.append(gain)
     return np.stack(gains)
 

@@ -1,7 +1,7 @@
-"""The law of a linear system's trajectories: an affine map of the noise tape (stl-ess, Eq. 11-12).
+"""Distribution of a linear system's trajectories: an affine map of the noise tape (stl-ess, Eq. 11-12).
 
-The map is found by running the system: once without noise, and once for each number of the tape. Whatever
-system turns out to be affine has one, not only ``LinearSystem``.
+The map is computed by running the system once without noise, and once for each number of the tape. It exists
+for every system that is affine in its noise, not only for ``LinearSystem``.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.protocols import Floats, System
 from avrare.rollout.noise import NoiseSource
 
-_ROWS = 1024
-"""Tapes that are run at once."""
+_BATCH = 1024
+"""Tapes per batch."""
 _CHECKS, _TOLERANCE, _ROUNDING = 8, 1e-9, 1e-12
 
 
@@ -25,9 +25,9 @@ class TrajectoryGaussian:
     """Signals = mean + map times tape, with a standard normal tape of D = (T + 1) x noise_size numbers.
 
     Attributes:
-        names: Of the n signals.
-        mean: (T + 1, n).
-        map: (T + 1, n, D); the tape's numbers in the order of its rows.
+        names: Names of the n signals.
+        mean: (T + 1, n) mean.
+        map: (T + 1, n, D) linear map of the tape's numbers, in the order of its rows.
     """
 
     names: tuple[str, ...]
@@ -36,52 +36,52 @@ class TrajectoryGaussian:
 
     @staticmethod
     def of(system: System, steps: int, names: Sequence[str] | None = None) -> TrajectoryGaussian:
-        """The law of a system's signals at t = 0..steps.
+        """Compute the distribution of a system's signals at t = 0..steps.
 
         Args:
-            system: Its signals must be affine in the noise, which is checked at a few tapes.
+            system: System with signals that are affine in the noise, which is checked at a few tapes.
             steps: T.
-            names: Signals to look at; None: all.
+            names: Names of the signals; None: all.
 
         Raises:
             UsageError: A signal does not exist, has a vehicle axis, overflows, or is not affine in the noise.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # told by name
+        with np.errstate(over="ignore", invalid="ignore"):  # the check names the signal
             gaussian = TrajectoryGaussian.unchecked(system, steps, names)
             gaussian._check(system)
         return gaussian
 
     @staticmethod
     def unchecked(system: System, steps: int, names: Sequence[str] | None = None) -> TrajectoryGaussian:
-        """The law of a system that is known to be affine; complex where its matrices are."""
+        """Compute the distribution of a system that is known to be affine; complex if its matrices are."""
         shape = (steps + 1, system.noise_size)
         size = shape[0] * shape[1]
-        mean = responses(system, np.zeros((1, *shape)), names)
+        mean = simulate_signals(system, np.zeros((1, *shape)), names)
         found = tuple(mean)
         middle = np.stack([mean[name][0] for name in found], axis=1)
         parts = [np.empty((0, *middle.shape))]
-        for first in range(0, size, _ROWS):
-            units = np.eye(min(_ROWS, size - first), size, first).reshape(-1, *shape)
-            felt = responses(system, units, found)
-            parts.append(np.stack([felt[name] for name in found], axis=2) - middle)
+        for first in range(0, size, _BATCH):
+            units = np.eye(min(_BATCH, size - first), size, first).reshape(-1, *shape)
+            columns = simulate_signals(system, units, found)
+            parts.append(np.stack([columns[name] for name in found], axis=2) - middle)
         return TrajectoryGaussian(found, middle, np.concatenate(parts).transpose(1, 2, 0))
 
     @property
     def steps(self) -> int:
-        """T."""
+        """Number of steps T."""
         return len(self.mean) - 1
 
     @property
     def covariance(self) -> Floats:
-        """(T + 1, n, T + 1, n) of all signals at all samples."""
+        """Covariance (T + 1, n, T + 1, n) of all signals at all samples."""
         flat = self.map.reshape(-1, self.map.shape[2])
         return np.asarray(flat @ flat.T).reshape(self.mean.shape * 2)
 
     def select(self, names: Sequence[str]) -> TrajectoryGaussian:
-        """The law of some of the signals.
+        """Return the distribution of some of the signals.
 
         Raises:
-            UsageError: One does not exist.
+            UsageError: A signal does not exist.
         """
         for name in names:
             if name not in self.names:
@@ -90,33 +90,37 @@ class TrajectoryGaussian:
         return TrajectoryGaussian(tuple(names), self.mean[:, places], self.map[:, places])
 
     def signals(self, tape: Floats) -> dict[str, Floats]:
-        """Signals (N, T + 1) by name, of tapes (N, T + 1, noise_size)."""
-        flat = self.map.reshape(-1, self.map.shape[2])
-        values = self.mean + transform(flat, tape).reshape(len(tape), *self.mean.shape)
+        """Return the signals (N, T + 1) by name, of tapes (N, T + 1, noise_size)."""
+        values = self.mean + self.deviations(tape)
         return {name: np.ascontiguousarray(values[:, :, i]) for i, name in enumerate(self.names)}
 
+    def deviations(self, tape: Floats) -> Floats:
+        """Return the signals (N, T + 1, n) of tapes (N, T + 1, noise_size), less their mean."""
+        flat = self.map.reshape(-1, self.map.shape[2])
+        return apply_map(flat, tape).reshape(len(tape), *self.mean.shape)
+
     def _check(self, system: System) -> None:
-        """Refuse a system that is not affine; a large mean hides no curvature, it only rounds."""
+        # The tolerance is relative to the spread, not to the mean.
         steps = np.arange(len(self.mean))
         tape = 3.0 * NoiseSource(0, system.noise_size).normals(0, 0, np.arange(_CHECKS)[:, None], steps)
-        expected, found = self.signals(tape), responses(system, tape, self.names)
+        expected, found = self.signals(tape), simulate_signals(system, tape, self.names)
         for k, name in enumerate(self.names):
             if not (np.isfinite(found[name]).all() and np.isfinite(expected[name]).all()):
                 raise UsageError(
-                    f"signal {name!r} is not finite: there is no Gaussian of its trajectories",
-                    "an unstable system overflows: check its matrices and the number of steps",
+                    f"signal {name!r} is not finite: its trajectories have no Gaussian distribution",
+                    "unstable systems overflow: check the matrices and the number of steps",
                 )
             spread = np.abs(found[name] - self.mean[:, k]).max(initial=1.0)
             allowed = _TOLERANCE * spread + _ROUNDING * np.abs(found[name]).max()
             if not np.allclose(expected[name], found[name], rtol=0.0, atol=allowed):
                 raise UsageError(
-                    f"signal {name!r} is not affine in the noise: there is no Gaussian of its trajectories",
+                    f"signal {name!r} is not affine in the noise: its trajectories are not Gaussian",
                     "exact slices and gradients need a linear system, such as the simulator `linear`",
                 )
 
 
-def responses(system: System, tape: Floats, names: Sequence[str] | None = None) -> dict[str, Floats]:
-    """Signals (N, T + 1) of a system under tapes (N, T + 1, noise_size).
+def simulate_signals(system: System, tape: Floats, names: Sequence[str] | None = None) -> dict[str, Floats]:
+    """Run a system under tapes (N, T + 1, noise_size) and return its signals (N, T + 1).
 
     Raises:
         UsageError: A signal does not exist or has a vehicle axis.
@@ -135,16 +139,16 @@ def responses(system: System, tape: Floats, names: Sequence[str] | None = None) 
     return {name: np.stack([sample[name] for sample in samples], axis=1) for name in chosen}
 
 
-def transform(matrix: Floats, tape: Floats) -> Floats:
-    """Matrix (K, D) times each tape (N, ...) of D numbers: (N, K).
+def apply_map(matrix: Floats, tape: Floats) -> Floats:
+    """Multiply a matrix (K, D) by each tape (N, ...) of D numbers: (N, K).
 
-    Added up number by number, so that no row depends on its neighbours (BLAS would not promise it).
+    The sum runs number by number, so that no row depends on its neighbours, which BLAS does not guarantee.
     """
     flat = tape.reshape(len(tape), -1)
     out = np.zeros((len(flat), len(matrix)))
     used = matrix != 0.0
     for d in np.flatnonzero(used.any(axis=0)):
         rows = np.flatnonzero(used[:, d])
-        part = slice(rows[0], rows[-1] + 1)  # what comes earlier does not feel the noise
+        part = slice(rows[0], rows[-1] + 1)  # earlier samples do not depend on this number
         out[:, part] += flat[:, d, None] * matrix[part, d]
     return out

@@ -1,9 +1,9 @@
 """Gradients of log p from failing tapes (stl-ess, Eq. 33-36, corrected).
 
-With x = mean + F z the density's logarithm has the derivative s in the mean, s = pinv(F)' z, and s s'F -
-pinv(F)' in the factor F. Their mean over failing tapes is the gradient of log p, p times that the gradient of
-p: Eq. 33 lacks the factor, which Eq. 37 puts back. How a parameter moves mean and factor comes from a complex
-step (Squire and Trapp 1998), which has no cancellation.
+With x = mean + F z the log-density has the derivative s = pinv(F)' z in the mean, and s s'F - pinv(F)' in the
+factor F. Their mean over failing tapes is the gradient of log p; p times that is the gradient of p (Eq. 33
+lacks the factor p, which Eq. 37 restores). The derivatives of mean and factor in a parameter come from a
+complex step (Squire and Trapp 1998), which has no cancellation.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats, System
 from avrare_linear.gaussian import TrajectoryGaussian
 
@@ -24,11 +24,11 @@ _TOLERANCE = 1e-7
 
 @dataclass(frozen=True)
 class Gradient:
-    """Of log p.
+    """Gradient of log p in the distribution of the trajectory.
 
     Attributes:
-        mean: (T + 1, n) with respect to the mean of the trajectory.
-        map: (T + 1, n, D) with respect to its map, a factor of the covariance.
+        mean: (T + 1, n) derivative in the mean.
+        map: (T + 1, n, D) derivative in the map, a factor of the covariance.
     """
 
     mean: Floats
@@ -37,24 +37,26 @@ class Gradient:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How a parameter of P entries moves a trajectory's law.
+    """Derivatives of a trajectory's distribution in a parameter with P entries.
 
     Attributes:
-        mean: (P, T + 1, n).
-        map: (P, T + 1, n, D).
+        mean: (P, T + 1, n) derivatives of the mean.
+        map: (P, T + 1, n, D) derivatives of the map.
     """
 
     mean: Floats
     map: Floats
 
 
-def log_gradient(gaussian: TrajectoryGaussian, tapes: Floats, weights: Floats | None = None) -> Gradient:
-    """The gradient of log p in the trajectory's law.
+def estimate_log_gradient(
+    gaussian: TrajectoryGaussian, tapes: Floats, weights: Floats | None = None
+) -> Gradient:
+    """Estimate the gradient of log p in the trajectory's distribution (stl-ess, Eq. 33).
 
     Args:
-        gaussian: Law of the signals that the formula reads.
-        tapes: (F, T + 1, noise_size) that fail, a sample of the noise's law given failure.
-        weights: (F,) that add up to 1; None: all the same.
+        gaussian: Distribution of the signals that the formula reads.
+        tapes: (F, T + 1, noise_size) failing tapes, a sample of the noise given failure.
+        weights: (F,) weights that add up to 1; None: equal weights.
     """
     factor = gaussian.map.reshape(-1, gaussian.map.shape[2])
     inverse = np.linalg.pinv(factor).T
@@ -67,16 +69,16 @@ def log_gradient(gaussian: TrajectoryGaussian, tapes: Floats, weights: Floats | 
     )
 
 
-def sensitivity(
+def compute_sensitivity(
     build: Callable[[Any], System], parameter: Floats, steps: int, names: Sequence[str]
 ) -> Sensitivity:
-    """Derivatives of a trajectory's law in a parameter.
+    """Compute the derivatives of a trajectory's distribution in a parameter by complex steps.
 
     Args:
-        build: The system of a parameter, which it must let be complex (``LinearSystem`` does).
-        parameter: (P,).
+        build: Function from a parameter to its system, which must accept complex numbers.
+        parameter: (P,) parameter.
         steps: T.
-        names: Signals.
+        names: Names of the signals.
     """
     found = []
     for k in range(len(parameter)):
@@ -88,23 +90,23 @@ def sensitivity(
     )
 
 
-def chain(gaussian: TrajectoryGaussian, gradient: Gradient, moves: Sensitivity) -> Floats:
-    """The gradient (P,) of log p in the parameter.
+def apply_chain_rule(gaussian: TrajectoryGaussian, gradient: Gradient, derivatives: Sensitivity) -> Floats:
+    """Apply the chain rule: return the gradient (P,) of log p in the parameter.
 
     Raises:
-        UsageError: The parameter moves a part of the trajectory that has no noise: no sample can tell what
-            that does to p.
+        UsageError: The parameter changes a part of the trajectory without noise, whose effect on p samples
+            cannot show.
     """
     factor = gaussian.map.reshape(-1, gaussian.map.shape[2])
-    mean = moves.mean.reshape(len(moves.mean), -1)
-    spread = moves.map.reshape(len(mean), *factor.shape)
+    mean = derivatives.mean.reshape(len(derivatives.mean), -1)
+    spread = derivatives.map.reshape(len(mean), *factor.shape)
     noisy = factor @ np.linalg.pinv(factor)
     lost = np.concatenate([mean - mean @ noisy.T, (spread - noisy @ spread).reshape(len(mean), -1)], axis=1)
     scale = max(np.abs(mean).max(initial=0.0), np.abs(spread).max(initial=0.0))
     if np.abs(lost).max(initial=0.0) > _TOLERANCE * scale:
         raise UsageError(
-            "the parameter moves signals in a direction without noise; the gradient cannot be had of samples",
-            "give the start and the process noise of all states",
+            "the parameter changes signals in a direction without noise: samples do not give the gradient",
+            "give initial covariance and process noise to all states",
         )
-    along = (gradient.mean * moves.mean).reshape(len(mean), -1).sum(axis=1)
-    return np.asarray(along + (gradient.map * moves.map).reshape(len(mean), -1).sum(axis=1))
+    along = (gradient.mean * derivatives.mean).reshape(len(mean), -1).sum(axis=1)
+    return np.asarray(along + (gradient.map * derivatives.map).reshape(len(mean), -1).sum(axis=1))

@@ -1,7 +1,7 @@
-"""A formula as minima and maxima of affine margins: what can be solved in closed form.
+"""Affine formulas: minima and maxima of affine margins, whose slices have a closed form.
 
-In negation normal form a formula's robustness is below c exactly if the formula is violated once c is taken
-off all its margins. That, and where each margin alone changes sign, is all that a slice needs to know.
+In negation normal form a formula's robustness is below c exactly if the formula is violated after subtracting
+c from all its margins. With the sign changes of each margin, this determines a slice.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ from functools import reduce
 
 import numpy as np
 
-from avrare.errors import UsageError
-from avrare.logic import formula as f
-from avrare.logic.algebra import Robustness
-from avrare.logic.api import Formula
-from avrare.logic.normal import core
-from avrare.logic.printing import text
-from avrare.logic.robustness import Evaluator
-from avrare.logic.terms import reader
+from avrare.base.errors import UsageError
+from avrare.logic.formula import Formula
+from avrare.logic.semantics.normal_form import normalize
+from avrare.logic.semantics.terms import compile_term
+from avrare.logic.semantics.trace_evaluator import Evaluator
+from avrare.logic.semantics.value_algebra import RobustnessAlgebra
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats
 
-Parts = tuple[tuple[float, f.Term | None], ...]
-"""A sum: factors with signals or min, max, abs; None is the constant 1."""
+Parts = tuple[tuple[float, nodes.Term | None], ...]
+"""Sum of factors times signals or calls of min, max, abs; None is the constant 1."""
 
 
 @dataclass(frozen=True)
 class Margin:
-    """factors x signals + constant, positive where the predicate holds.
+    """Affine margin, factors x signals + constant, positive where the predicate holds.
 
     Attributes:
-        factors: By name of the signal.
-        constant: Added.
+        factors: Pairs of a signal's name and its factor.
+        constant: Constant term.
     """
 
     factors: tuple[tuple[str, float], ...]
@@ -41,64 +41,66 @@ class Margin:
 
 @dataclass(frozen=True)
 class Conjunct:
-    """A part of a conjunction over time: it must hold in each of Q windows.
+    """Part of a conjunction over time, which must hold in each of Q windows.
 
     Attributes:
-        node: In negation normal form; ``Slot(i)`` stands for margin ``used[i]``.
+        node: Formula in negation normal form; ``Slot(i)`` is margin ``used[i]``.
         used: Indices of its J margins.
-        windows: (Q, W) samples that each evaluation sees; it counts at the first.
-        closed: The reading of until.
+        windows: (Q, W) samples of each window; the formula is evaluated at the first.
+        closed: True if until needs its left operand at the witness.
     """
 
-    node: f.Node
+    node: nodes.Node
     used: tuple[int, ...]
     windows: np.ndarray
     closed: bool
 
     def violated(self, margins: Floats) -> np.ndarray:
-        """(rows,) from margins (J, W, rows)."""
+        """Return where the margins (J, W, rows) violate the formula: (rows,)."""
         steps, rows = margins.shape[1:]
         slots = [np.ascontiguousarray(margin) for margin in margins]
-        value = Evaluator({}, steps, rows, Robustness(), self.closed, slots)(self.node)
+        value = Evaluator({}, steps, rows, RobustnessAlgebra(), self.closed, slots)(self.node)
         return np.asarray(value[0] < 0.0)
 
 
 @dataclass(frozen=True)
 class AffineFormula:
-    """A formula with affine predicates.
+    """Formula with affine predicates.
 
     Attributes:
-        node: The formula in negation normal form over ``Slot(index)`` of the margins.
-        margins: Of its predicates.
-        closed: The reading of until.
+        node: Formula in negation normal form over ``Slot(index)`` of the margins.
+        margins: Margins of its predicates.
+        closed: True if until needs its left operand at the witness.
     """
 
-    node: f.Node
+    node: nodes.Node
     margins: tuple[Margin, ...]
     closed: bool
 
     @staticmethod
     def of(formula: Formula) -> AffineFormula:
-        """The formula's own.
+        """Convert a formula.
 
         Raises:
             UsageError: A term is not affine (sums, differences, constant factors, and abs, min, max of such),
-                or it has iff, xor or quantifiers.
+                or the formula has iff, xor or quantifiers.
         """
-        reading = _Reading()
-        return AffineFormula(reading.node(core(formula.node)), tuple(reading.margins), formula.closed)
+        collector = _MarginCollector()
+        return AffineFormula(
+            collector.node(normalize(formula.node)), tuple(collector.margins), formula.closed
+        )
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The names of the signals read."""
+        """Names of the signals that it reads."""
         return tuple(dict.fromkeys(name for margin in self.margins for name, _ in margin.factors))
 
     def conjuncts(self, steps: int) -> list[Conjunct]:
-        """What must hold, all of it, for the formula to hold at sample 0 of samples 0..steps."""
+        """Split the formula at sample 0 of samples 0..steps into a conjunction."""
         return list(_conjuncts(self.node, steps, self.closed))
 
     def combine(self, names: Sequence[str], values: Floats, constant: bool = True) -> Floats:
-        """Margins (..., P) from the signals ``names`` (..., n)."""
+        """Return the margins (..., P) of the signals ``names`` (..., n)."""
         out = np.zeros((*values.shape[:-1], len(self.margins)))
         for k, margin in enumerate(self.margins):
             for name, factor in margin.factors:
@@ -107,93 +109,89 @@ class AffineFormula:
         return out
 
 
-class _Reading:
-    """Collects the margins of a formula's comparisons."""
-
+class _MarginCollector:
     def __init__(self) -> None:
         self.margins: list[Margin] = []
 
-    def node(self, node: f.Node) -> f.Node:
-        """The formula with comparisons replaced by slots."""
+    def node(self, node: nodes.Node) -> nodes.Node:
         match node:
-            case f.Comparison(op, left, right):
+            case nodes.Comparison(op, left, right):
                 above, below = (
                     _flatten(left, 1.0) + _flatten(right, -1.0),
                     _flatten(right, 1.0) + _flatten(left, -1.0),
                 )
                 if op in ("==", "!="):
-                    return f.Connective(
+                    return nodes.Connective(
                         "and" if op == "==" else "or", self.lattice(above), self.lattice(below)
                     )
                 return self.lattice(above if op in (">", ">=") else below)
-            case f.Connective("iff" | "xor" as op):
-                raise UsageError(f"exact slices cannot be had of {op}", "write it with and, or, not")
-            case f.Quantifier() | f.Not():
-                raise UsageError("exact slices cannot be had of quantifiers", "write the vehicles out")
+            case nodes.Connective("iff" | "xor" as op):
+                raise UsageError(f"{op} has no exact slices", "write it with and, or, not")
+            case nodes.Quantifier() | nodes.Not():
+                raise UsageError("quantifiers have no exact slices", "write a formula for each vehicle")
             case _:
-                return f.rebuild(node, self.node)
+                return nodes.rebuild(node, self.node)
 
-    def lattice(self, parts: Parts) -> f.Node:
-        """A sum as minima and maxima of affine margins."""
+    def lattice(self, parts: Parts) -> nodes.Node:
         for k, (factor, term) in enumerate(parts):
-            if isinstance(term, f.Call):
+            if isinstance(term, nodes.Call):
                 (first, *_) = arguments = term.arguments
-                choices = (first, f.Negative(first)) if term.function == "abs" else arguments
+                choices = (first, nodes.Negative(first)) if term.function == "abs" else arguments
                 upper = (term.function != "min") == (factor > 0.0)
-                nodes = [self.lattice((*parts[:k], *_flatten(c, factor), *parts[k + 1 :])) for c in choices]
-                return reduce(lambda a, b: f.Connective("or" if upper else "and", a, b), nodes)
+                sums = [self.lattice((*parts[:k], *_flatten(c, factor), *parts[k + 1 :])) for c in choices]
+                return reduce(lambda a, b: nodes.Connective("or" if upper else "and", a, b), sums)
         return self.slot(parts)
 
-    def slot(self, parts: Parts) -> f.Node:
-        """The margin's place; equal ones share it."""
+    def slot(self, parts: Parts) -> nodes.Node:
+        # Equal margins share a slot.
         factors: dict[str, float] = {}
         constant = 0.0
         for factor, term in parts:
-            if isinstance(term, f.Signal):
+            if isinstance(term, nodes.Signal):
                 factors[term.name] = factors.get(term.name, 0.0) + factor
             else:
                 constant += factor
         margin = Margin(tuple(sorted(factors.items())), constant)
         if margin not in self.margins:
             self.margins.append(margin)
-        return f.Slot(self.margins.index(margin))
+        return nodes.Slot(self.margins.index(margin))
 
 
-def _flatten(term: f.Term, factor: float) -> Parts:
-    """``factor`` times a term as a sum."""
-    if not f.signals(term):
+def _flatten(term: nodes.Term, factor: float) -> Parts:
+    # ``factor`` times the term, as a sum.
+    if not nodes.signals(term):
         return ((factor * _value(term), None),)
     match term:
-        case f.Signal(arguments=()):
+        case nodes.Signal(arguments=()):
             return ((factor, term),)
-        case f.Negative(operand):
+        case nodes.Negative(operand):
             return _flatten(operand, -factor)
-        case f.Arithmetic("+" | "-" as op, left, right):
+        case nodes.Arithmetic("+" | "-" as op, left, right):
             return _flatten(left, factor) + _flatten(right, factor if op == "+" else -factor)
-        case f.Arithmetic("*", left, right) if not f.signals(left):
+        case nodes.Arithmetic("*", left, right) if not nodes.signals(left):
             return _flatten(right, factor * _value(left))
-        case f.Arithmetic("*", left, right) if not f.signals(right):
+        case nodes.Arithmetic("*", left, right) if not nodes.signals(right):
             return _flatten(left, factor * _value(right))
-        case f.Arithmetic("/", left, right) if not f.signals(right) and _value(right) != 0.0:
+        case nodes.Arithmetic("/", left, right) if not nodes.signals(right) and _value(right) != 0.0:
             return _flatten(left, factor / _value(right))
-        case f.Call("abs" | "min" | "max"):
+        case nodes.Call("abs" | "min" | "max"):
             return ((factor, term),)
     raise UsageError(
-        f"the term `{text(term)}` is not affine in the signals",
+        f"the term `{to_text(term)}` is not affine in the signals",
         "exact slices need sums, differences and constant factors (and abs, min, max) of signals",
     )
 
 
-def _value(term: f.Term) -> float:
+def _value(term: nodes.Term) -> float:
     with np.errstate(all="ignore"):
-        return float(reader(term, 1)({}))
+        return float(compile_term(term, 1)({}))
 
 
-def _conjuncts(node: f.Node, steps: int, closed: bool) -> list[Conjunct]:
+def _conjuncts(node: nodes.Node, steps: int, closed: bool) -> list[Conjunct]:
     match node:
-        case f.Connective("and", left, right):
+        case nodes.Connective("and", left, right):
             return _conjuncts(left, steps, closed) + _conjuncts(right, steps, closed)
-        case f.Window("always", lo, hi, child) if _is_instant(child):
+        case nodes.Window("always", lo, hi, child) if _is_instant(child):
             samples = np.arange(lo, int(min(hi, steps)) + 1)
             return [_conjunct(child, samples[:, None], closed)] if len(samples) else []
         case _ if _is_instant(node):
@@ -201,15 +199,18 @@ def _conjuncts(node: f.Node, steps: int, closed: bool) -> list[Conjunct]:
     return [_conjunct(node, np.arange(steps + 1)[None], closed)]
 
 
-def _conjunct(node: f.Node, windows: np.ndarray, closed: bool) -> Conjunct:
-    used = tuple(sorted({part.index for part in f.walk(node) if isinstance(part, f.Slot)}))
+def _conjunct(node: nodes.Node, windows: np.ndarray, closed: bool) -> Conjunct:
+    used = tuple(sorted({part.index for part in nodes.walk(node) if isinstance(part, nodes.Slot)}))
 
-    def renumber(part: f.Node) -> f.Node:
-        return f.Slot(used.index(part.index)) if isinstance(part, f.Slot) else f.rebuild(part, renumber)
+    def renumber(part: nodes.Node) -> nodes.Node:
+        return (
+            nodes.Slot(used.index(part.index))
+            if isinstance(part, nodes.Slot)
+            else nodes.rebuild(part, renumber)
+        )
 
     return Conjunct(renumber(node), used, windows, closed)
 
 
-def _is_instant(node: f.Node) -> bool:
-    """Whether the formula looks at one sample only."""
-    return not any(isinstance(part, f.Window | f.Until | f.Step) for part in f.walk(node))
+def _is_instant(node: nodes.Node) -> bool:
+    return not any(isinstance(part, nodes.Window | nodes.Until | nodes.Step) for part in nodes.walk(node))

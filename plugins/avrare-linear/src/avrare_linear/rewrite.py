@@ -1,4 +1,4 @@
-"""A scenario with another value of one of its linear system's parameters."""
+"""Rewriting of a scenario with another value of a parameter of its linear system."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare_linear.config import LinearConfig
 from avrare_linear.simulator import from_config
@@ -24,90 +24,75 @@ ATTRIBUTES = {
     "gain": "gain",
     "observer": "observer",
 }
-"""Parameter -> the attribute of ``LinearSystem`` that holds it, or a factor of it."""
+"""Parameter -> attribute of ``LinearSystem`` with its value, or with a factor of its covariance."""
 _DIGITS = 9
-_MOVE_KALMAN = ("covariance", "process_noise", "measurement_noise")
+_KALMAN_INPUTS = ("covariance", "process_noise", "measurement_noise")
 
 
-def has(system: LinearSystem, parameter: str) -> bool:
-    """Whether a system has something to be changed there: a gain without inputs is empty."""
+def has_parameter(system: LinearSystem, parameter: str) -> bool:
+    """Check whether a system has the parameter; a gain without inputs is empty."""
     value = getattr(system, ATTRIBUTES[parameter])
     return value is not None and value.size > 0
 
 
-def rewritten(resolved: dict[str, Any], parameter: str, value: Floats) -> dict[str, Any]:
-    """A copy of a resolved scenario with another parameter, and that only.
+def rewrite_scenario(resolved: dict[str, Any], parameter: str, value: Floats) -> dict[str, Any]:
+    """Return a copy of a resolved scenario with another value of one parameter.
 
-    A Kalman gain is written out where it would follow the noise: the system of ``value`` has the old one.
+    If the parameter affects the Kalman gain, the present gain is written out, so that only the parameter
+    changes.
 
     Args:
-        resolved: Plain data; its simulator is ``linear``.
+        resolved: Scenario as plain data, with the simulator ``linear``.
         parameter: One of ``ATTRIBUTES``.
-        value: As ``LinearSystem`` has it: a stack with a leading axis of steps, factors for covariances.
+        value: Value as in ``LinearSystem``: a stack with a leading axis of steps, factors for covariances.
 
     Raises:
-        UsageError: The simulator is another one.
+        UsageError: The scenario has another simulator.
     """
     scenario = deepcopy(resolved)
     simulator = scenario["simulator"]
     if simulator["plugin"] != "linear":
         raise UsageError("the system is not linear", "use `simulator: {plugin: linear, ...}`")
-    if parameter in _MOVE_KALMAN and simulator.get("observer") is not None:
+    if parameter in _KALMAN_INPUTS and simulator.get("observer") is not None:
         options = {key: option for key, option in simulator.items() if key != "plugin"}
         observer = from_config(LinearConfig.model_validate(options)).observer
         if observer is not None:
-            _WRITERS["observer"](simulator, observer)
-    _WRITERS[parameter](simulator, value)
+            _set(simulator, "observer", observer)
+    _set(simulator, parameter, value)
     return scenario
 
 
-def _mean(simulator: dict[str, Any], value: Floats) -> None:
-    simulator["initial"]["mean"] = _plain(value)[0]
-
-
-def _covariance(simulator: dict[str, Any], value: Floats) -> None:
-    simulator["initial"]["covariance"] = _plain(_squared(value))
-
-
-def _noise(name: str) -> Callable[[dict[str, Any], Floats], None]:
-    def write(simulator: dict[str, Any], value: Floats) -> None:
-        simulator[name] = _plain(_squared(value))
-
-    return write
-
-
-def _rows(name: str) -> Callable[[dict[str, Any], Floats], None]:
-    def write(simulator: dict[str, Any], value: Floats) -> None:
-        simulator[name] = _plain(value)
-
-    return write
-
-
-def _gain(name: str) -> Callable[[dict[str, Any], Floats], None]:
-    def write(simulator: dict[str, Any], value: Floats) -> None:
-        simulator[name] = {"gain": _plain(value)}
-
-    return write
-
-
-_WRITERS: dict[str, Callable[[dict[str, Any], Floats], None]] = {
-    "mean": _mean,
-    "covariance": _covariance,
-    "process_noise": _noise("process_noise"),
-    "measurement_noise": _noise("measurement_noise"),
-    "reference": _rows("reference"),
-    "feedforward": _rows("feedforward"),
-    "gain": _gain("feedback"),
-    "observer": _gain("observer"),
-}
-
-
-def _squared(factor: Floats) -> Floats:
-    """Covariances (S, n, n) of their factors, symmetric to the last digit that is written."""
-    return np.asarray(np.einsum("sij,skj->sik", factor, factor))
-
-
 def _plain(value: Floats) -> list[Any]:
-    """Lists of numbers with as many digits as anybody needs; symmetric stays symmetric."""
+    # Rounded entry by entry: symmetric matrices stay symmetric.
     rounded: list[Any] = np.vectorize(lambda entry: float(f"{entry:.{_DIGITS}g}"))(value).tolist()
     return rounded
+
+
+def _covariances(factor: Floats) -> list[Any]:
+    # einsum keeps the product symmetric to the last digit.
+    return _plain(np.asarray(np.einsum("sij,skj->sik", factor, factor)))
+
+
+def _gain(value: Floats) -> dict[str, Any]:
+    return {"gain": _plain(value)}
+
+
+_OPTIONS: dict[str, tuple[str, Callable[[Floats], Any]]] = {
+    "process_noise": ("process_noise", _covariances),
+    "measurement_noise": ("measurement_noise", _covariances),
+    "reference": ("reference", _plain),
+    "feedforward": ("feedforward", _plain),
+    "gain": ("feedback", _gain),
+    "observer": ("observer", _gain),
+}
+"""Parameter -> option of the simulator, and conversion of the value."""
+
+
+def _set(simulator: dict[str, Any], parameter: str, value: Floats) -> None:
+    if parameter == "mean":
+        simulator["initial"]["mean"] = _plain(value)[0]
+    elif parameter == "covariance":
+        simulator["initial"]["covariance"] = _covariances(value)
+    else:
+        option, convert = _OPTIONS[parameter]
+        simulator[option] = convert(value)

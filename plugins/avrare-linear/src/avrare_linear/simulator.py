@@ -1,28 +1,28 @@
-"""The linear system as a simulator of scenarios."""
+"""Simulator ``linear``."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from avrare.errors import UsageError
-from avrare.protocols import Floats, Signals
+from avrare.base.errors import UsageError
+from avrare.protocols import Floats, Signals, find_simulator
 from avrare.rollout.problem import Problem
 from avrare_linear.config import LinearConfig
 from avrare_linear.system import LinearState, LinearSystem
 
 
 def build(config: LinearConfig, scene: object | None = None) -> LinearSimulator:
-    """The simulator of a scenario."""
+    """Build the simulator of a scenario."""
     return LinearSimulator(config)
 
 
 class LinearSimulator:
-    """A linear system that brings its own controller.
+    """Linear system with its own controller.
 
     Attributes:
         dt: Step [s].
-        noise_size: States and outputs together.
-        system: The system itself.
+        noise_size: Number of states and outputs.
+        system: System that is simulated.
     """
 
     def __init__(self, config: LinearConfig) -> None:
@@ -31,29 +31,32 @@ class LinearSimulator:
         self.noise_size = self.system.noise_size
 
     def reset(self, noise: Floats) -> LinearState:
-        """State at t = 0."""
+        """Return the state at t = 0."""
         return self.system.initial(noise)
 
     def step(self, world: LinearState, action: Any, noise: Floats) -> LinearState:
-        """State one step later.
+        """Return the state one step later.
 
         Raises:
             UsageError: The scenario has a controller.
         """
         if action is not None:
-            raise UsageError("linear has a controller of its own", "leave out `controller:`, use `feedback:`")
+            raise UsageError(
+                "the simulator linear has a controller of its own",
+                "use `feedback:` in place of `controller:`",
+            )
         return self.system.step(world, noise)
 
     def signals(self, world: LinearState) -> Signals:
-        """The system's."""
+        """Return the signals of the system."""
         return self.system.signals(world)
 
 
 def from_config(config: LinearConfig) -> LinearSystem:
-    """The system that a scenario describes.
+    """Build the system of a scenario.
 
     Raises:
-        UsageError: A covariance is none, or there is no optimal gain.
+        UsageError: A covariance is invalid, or there is no optimal gain.
     """
     feedback, observer = config.feedback, config.observer
     costs = None
@@ -71,14 +74,13 @@ def from_config(config: LinearConfig) -> LinearSystem:
 
 
 def system_of(problem: Problem) -> LinearSystem:
-    """The linear system of a scenario's problem, or the problem's own.
+    """Return the linear system of a problem.
 
     Raises:
-        UsageError: Its simulator is another one.
+        UsageError: The problem has another system.
     """
-    loop: Any = problem.system
-    simulator = getattr(loop, "simulator", None)
-    system = simulator.system if isinstance(simulator, LinearSimulator) else loop
+    simulator = find_simulator(problem.system)
+    system = simulator.system if isinstance(simulator, LinearSimulator) else problem.system
     if not isinstance(system, LinearSystem):
         raise UsageError("the system is not linear", "use `simulator: {plugin: linear, ...}`")
     return system

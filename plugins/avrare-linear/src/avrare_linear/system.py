@@ -1,11 +1,11 @@
-"""A linear system with Gaussian noise, observer and feedback (stl-ess, Eq. 8-10).
+"""Linear system with Gaussian noise, observer and feedback (stl-ess, Eq. 8-10).
 
     x[t+1] = A x[t] + B u[t] + w[t]           u[t] = feedforward - K (z[t] - reference)
     y[t]   = C x[t] + v[t]                    z[t+1] = A z[t] + B u[t] + L (y[t] - C z[t])
 
-z is the observer's estimate, or x itself without an observer. Row 0 of the noise tape makes x[0] and v[0],
-row t makes w[t-1] and v[t]. Vectors are tuples of columns (N,), and products explicit sums of them: no row
-depends on its neighbours, and zeros cost nothing.
+z is the observer's estimate, or x itself without an observer. Row 0 of the noise tape gives x[0] and v[0],
+row t gives w[t-1] and v[t]. Vectors are tuples of columns (N,), and products are explicit sums of them: no
+row depends on its neighbours, and zeros cost nothing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_linear.gains import kalman, regulator
@@ -28,10 +28,10 @@ _FACTORS = ("A", "B", "C", "process", "measurement", "spread", "gain", "observer
 
 @dataclass(frozen=True)
 class LinearState:
-    """N particles.
+    """State of N particles.
 
     Attributes:
-        step: (N,) t.
+        step: (N,) step t.
         x: n columns (N,), the state.
         estimate: n columns (N,), the observer's estimate; empty without an observer.
         output: q columns (N,), the measurement y.
@@ -45,9 +45,9 @@ class LinearState:
 
 @dataclass(eq=False)
 class LinearSystem:
-    """An ``avrare.protocols.System``; ``LinearSystem.of`` makes one from matrices as people write them.
+    """Linear system (an ``avrare.protocols.System``); ``LinearSystem.of`` makes one from plain matrices.
 
-    Attributes are stacks with a leading axis of steps, of which the last entry holds from there on.
+    Attributes are stacks with a leading axis of steps, the last entry of which holds for all later steps.
 
     Attributes:
         names: Names of the states, of the inputs and of the outputs.
@@ -88,27 +88,27 @@ class LinearSystem:
         costs: tuple[ArrayLike, ArrayLike] | None = None, observer: ArrayLike | bool = False,
         reference: ArrayLike | None = None, feedforward: ArrayLike | None = None,
     ) -> LinearSystem:  # fmt: skip
-        """A system from matrices, or lists of them, one per step.
+        """Make a system from matrices, or lists of them, one per step.
 
         Args:
-            states: Names.
+            states: Names of the states.
             A: (n, n) or (S, n, n).
             mean: (n,) expected state at t = 0.
-            covariance: (n, n) of it; None: it starts there.
-            inputs: Names.
+            covariance: (n, n) covariance of that state; None: zero.
+            inputs: Names of the inputs.
             B: (n, m) or (S, n, m).
-            outputs: Names.
+            outputs: Names of the outputs.
             C: (q, n) or (S, q, n).
             process_noise: Covariance of w, (n, n) or (S, n, n); None: none.
             measurement_noise: Covariance of v, (q, q) or (S, q, q); None: none.
             gain: K (m, n) or (S, m, n); None: see ``costs``.
             costs: Q (n, n) and R (m, m), for the optimal gain; None: no feedback.
-            observer: L (n, q) or (S, n, q); True: Kalman's; False: the feedback knows the state.
+            observer: L (n, q) or (S, n, q); True: the Kalman gain; False: the feedback uses the true state.
             reference: (n,) or (S, n); None: 0.
             feedforward: (m,) or (S, m); None: 0.
 
         Raises:
-            UsageError: A shape does not fit, a covariance is none, or there is no optimal gain.
+            UsageError: A shape is wrong, a covariance is invalid, or there is no optimal gain.
         """
         n, m, q = len(states), len(inputs), len(outputs)
         a, b, c = _stack("A", A, n, n), _stack("B", B, n, m), _stack("C", C, q, n)
@@ -139,7 +139,7 @@ class LinearSystem:
         self._used = {name: _pattern(getattr(self, name)) for name in _FACTORS}
 
     def initial(self, noise: Floats) -> LinearState:
-        """The state at t = 0."""
+        """Return the state at t = 0."""
         step = np.zeros(len(noise), dtype=np.int64)
         n = len(self.names[0])
         mean = _vector(self.mean, step)
@@ -148,20 +148,20 @@ class LinearSystem:
         return LinearState(step, x, estimate, self._output(step, x, noise[:, n:]))
 
     def step(self, state: LinearState, noise: Floats) -> LinearState:
-        """The state one step later."""
+        """Return the state one step later."""
         step, n = state.step, len(self.names[0])
         push = self._times("B", step, self._input(state))
         drift = _add(self._times("A", step, state.x), push)
         x = _add(drift, self._times("process", step, _columns(noise[:, :n])))
         estimate: Columns = ()
         if self.observer is not None:
-            surprise = _subtract(state.output, self._times("C", step, state.estimate))
+            innovation = _subtract(state.output, self._times("C", step, state.estimate))
             estimate = _add(self._times("A", step, state.estimate), push)
-            estimate = _add(estimate, self._times("observer", step, surprise))
+            estimate = _add(estimate, self._times("observer", step, innovation))
         return LinearState(step + 1, x, estimate, self._output(step + 1, x, noise[:, n:]))
 
     def signals(self, state: LinearState) -> dict[str, Floats]:
-        """States, ``*_estimate`` of each with an observer, inputs and outputs, (N,) each."""
+        """Return states, their ``*_estimate`` if there is an observer, inputs and outputs, (N,) each."""
         states, inputs, outputs = self.names
         estimates = [f"{name}_estimate" for name in states] if self.observer is not None else []
         found = dict(zip(states, state.x, strict=True))
@@ -178,7 +178,7 @@ class LinearSystem:
         return _add(self._times("C", step, x), self._times("measurement", step, _columns(noise)))
 
     def _times(self, name: str, step: Integers, vector: Columns) -> Columns:
-        """A matrix of the system times a vector: the sum over its entries that are not 0 at all steps."""
+        # Entries that are 0 at all steps are skipped.
         stack, rows = getattr(self, name), []
         for i, used in enumerate(self._used[name]):
             terms = [_entry(stack, step, (i, j)) * vector[j] for j in used]
@@ -187,7 +187,7 @@ class LinearSystem:
 
 
 def _pattern(stack: Floats | None) -> list[list[int]]:
-    """Of each row the columns that are not 0 at all steps."""
+    # For each row the columns that are not 0 at all steps.
     if stack is None:
         return []
     return [np.flatnonzero(row).tolist() for row in np.asarray(stack.any(axis=0))]
@@ -198,14 +198,13 @@ def _columns(noise: Floats) -> Columns:
 
 
 def _entry(stack: Floats, step: Integers, place: tuple[int, ...]) -> Any:
-    """An entry of the matrices of ``step``: a number, or (N,) where it changes with time."""
+    # A number, or (N,) if it varies with time.
     if len(stack) == 1:
         return stack[(0, *place)]
     return stack[(np.minimum(step, len(stack) - 1), *place)]
 
 
 def _vector(stack: Floats, step: Integers) -> Columns:
-    """The vectors of ``step``, as columns."""
     return tuple(np.zeros(len(step)) + _entry(stack, step, (i,)) for i in range(stack.shape[1]))
 
 
@@ -218,10 +217,10 @@ def _subtract(left: Columns, right: Columns) -> Columns:
 
 
 def _stack(name: str, value: ArrayLike | None, *shape: int) -> Floats:
-    """As a stack (S, *shape); zeros for None.
+    """Convert to a stack (S, *shape); None becomes zeros.
 
     Raises:
-        UsageError: The shape does not fit.
+        UsageError: The shape is wrong.
     """
     if value is None:
         return np.zeros((1, *shape))
@@ -229,14 +228,14 @@ def _stack(name: str, value: ArrayLike | None, *shape: int) -> Floats:
     stack = array[None] if array.ndim == len(shape) else array
     if stack.shape[1:] != shape or not len(stack):
         wanted = " x ".join(map(str, shape))
-        raise UsageError(f"{name} must be {wanted}, or a list of such, but its shape is {array.shape}")
+        raise UsageError(f"{name} must be {wanted}, or a list of these, but its shape is {array.shape}")
     if not np.isfinite(stack).all():
         raise UsageError(f"{name} has entries that are not finite")
     return stack
 
 
 def _factor(name: str, covariances: Floats) -> Floats:
-    """Symmetric square roots (S, n, n).
+    """Return symmetric square roots (S, n, n).
 
     Raises:
         UsageError: A matrix is not symmetric, or has a negative eigenvalue.
@@ -245,9 +244,9 @@ def _factor(name: str, covariances: Floats) -> Floats:
         raise UsageError(f"{name} must be symmetric")
     values, vectors = np.linalg.eigh(covariances)
     if (values < -1e-9 * np.abs(values).max(axis=1, initial=0.0)[:, None]).any():
-        raise UsageError(f"{name} is no covariance: it has a negative eigenvalue")
+        raise UsageError(f"{name} is not a covariance: it has a negative eigenvalue")
     diagonal = all(not np.any(c - np.diag(np.diag(c))) for c in covariances)
-    if diagonal:  # one number of the tape for each coordinate
+    if diagonal:  # keeps one number of the tape per coordinate
         return np.sqrt(covariances)
     roots = np.sqrt(np.clip(values, 0.0, None))
     return np.asarray(np.einsum("sij,sj,skj->sik", vectors, roots, vectors))

@@ -1,24 +1,24 @@
-"""MetaDrive as a simulator, and the driver that comes with it."""
+"""MetaDrive as a simulator, and the driver that it ships."""
 
 from avrare.plugin import Component, hookimpl
-from avrare_metadrive.version import refuse_others
+from avrare_metadrive.version import check_supported
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator and the controller of this distribution.
+    """Return descriptions of the simulator and the controller.
 
     Raises:
-        PluginError: Another version of MetaDrive is installed than the one they are made for.
+        PluginError: An unsupported version of MetaDrive is installed.
     """
-    refuse_others()
+    check_supported(optional=True)
     return [
         Component(
             kind="simulator",
             name="metadrive",
             config="avrare_metadrive.config:MetaDriveConfig",
             factory="avrare_metadrive.world:build",
-            summary="MetaDrive without its asset download, behind a noisy lidar",
+            summary="MetaDrive with a noisy lidar, without the asset download",
             needs=("metadrive", "scipy"),
         ),
         Component(
@@ -26,7 +26,7 @@ def avrare_components() -> list[Component]:
             name="metadrive_expert",
             config="avrare_metadrive.config:ExpertConfig",
             factory="avrare_metadrive.expert:build",
-            summary="the driver that MetaDrive ships, in NumPy",
+            summary="MetaDrive's expert driver, in NumPy",
             needs=("metadrive",),
         ),
     ]

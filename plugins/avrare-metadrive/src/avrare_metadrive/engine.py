@@ -1,4 +1,4 @@
-"""The only module that imports MetaDrive; runs in processes of its own, one engine each."""
+"""MetaDrive engine: the only module that imports MetaDrive; runs in separate processes, one engine each."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare_metadrive import version
-from avrare_metadrive.config import MetaDriveConfig
+from avrare_metadrive.config import RANGE, SIGNALS, MetaDriveConfig
 from avrare_metadrive.expert import OTHERS
 from avrare_metadrive.process import serve
-from avrare_metadrive.readings import RANGE, SIGNALS
 
 
 class Engine:
-    """MetaDrive with one car at its start.
+    """MetaDrive with one car.
 
-    ``begin`` starts it, once in the life of a process: copies of the process are how there come to be more.
+    ``begin`` starts it once per process; further engines are copies of the process.
     """
 
     def __init__(self) -> None:
@@ -30,42 +29,36 @@ class Engine:
         self._outcome: dict[str, Any] = {}
 
     def begin(self, config: MetaDriveConfig) -> Floats:
-        """Start MetaDrive, and see what ``step`` gives (K,), at t = 0.
+        """Start MetaDrive and return the numbers (K,) of ``step`` at t = 0.
 
         Raises:
-            PluginError: It is not the version that this is made for.
+            PluginError: The installed version is not supported.
         """
-        version.require()
-        # Physics needs no assets. Without this the engine would fetch them from the network when it starts.
+        version.check_supported()
+        # Physics needs no assets; without this the engine downloads them at its start.
         import_module("metadrive.engine.base_engine").BaseEngine.try_pull_asset = staticmethod(lambda: None)
         self.lasers = config.lasers
         self.environment = import_module("metadrive.envs.metadrive_env").MetaDriveEnv(_options(config))
         return self.reset()
 
     def reset(self) -> Floats:
-        """Go back to t = 0."""
+        """Reset to t = 0 and return the numbers (K,)."""
         self._observation, _ = self.environment.reset(seed=self.environment.config["start_seed"])
         self._outcome = {}
         return self._numbers()
 
     def step(self, steering: float, throttle: float) -> Floats:
-        """Go on for 0.1 s; signals in the order of ``SIGNALS``, then what the expert sees, (K,).
+        """Advance by 0.1 s; return the signals in the order of ``SIGNALS``, then the observation, (K,).
 
         Args:
-            steering: In [-1, 1], left is positive.
-            throttle: In [-1, 1], negative brakes.
+            steering: Steering in [-1, 1], left is positive.
+            throttle: Throttle in [-1, 1], negative brakes.
         """
         self._observation, _, _, _, self._outcome = self.environment.step([steering, throttle])
         return self._numbers()
 
     def picture(self, width: int, height: int, scaling: float) -> Any:
-        """Top view around the car, (height, width, 3) of bytes.
-
-        Args:
-            width: In pixels.
-            height: In pixels.
-            scaling: Pixels per metre.
-        """
+        """Return a top view around the car, (height, width, 3) bytes; ``scaling`` in pixels per metre."""
         return self.environment.render(
             mode="topdown", window=False, screen_size=(width, height), scaling=scaling,
             film_size=(int(500 * scaling), int(500 * scaling)),
@@ -74,8 +67,8 @@ class Engine:
     def _numbers(self) -> Floats:
         car, outcome = self.environment.agent, self._outcome
         route = car.navigation
-        flags = [bool(outcome.get(name, False)) for name in ("arrive_dest", "crash", "out_of_road")]
-        found = {
+        arrived, crashed, off = (bool(outcome.get(key)) for key in ("arrive_dest", "crash", "out_of_road"))
+        signals = {
             "x": car.position[0],
             "y": car.position[1],
             "heading": car.heading_theta,
@@ -84,12 +77,12 @@ class Engine:
             "remaining": route.total_length - route.travelled_length,
             "nearest": RANGE * self._observation[-self.lasers :].min(),
             "reward": outcome.get("episode_reward", 0.0),
-            "arrived": flags[0],
-            "crashed": flags[1],
-            "off_road": flags[2],
-            "over": any(flags),
+            "arrived": arrived,
+            "crashed": crashed,
+            "off_road": off,
+            "over": arrived or crashed or off,
         }
-        return np.concatenate([[found[name] for name in SIGNALS], self._observation], dtype=np.float64)
+        return np.concatenate([[signals[name] for name in SIGNALS], self._observation], dtype=np.float64)
 
 
 def _options(config: MetaDriveConfig) -> dict[str, Any]:
@@ -101,7 +94,7 @@ def _options(config: MetaDriveConfig) -> dict[str, Any]:
         "num_scenarios": 1,
         "use_render": False,
         "log_level": 50,
-        "force_destroy": True,  # else what was before shows after a reset
+        "force_destroy": True,  # else state remains after a reset
         "vehicle_config": {
             "lidar": {"num_lasers": config.lasers, "distance": RANGE, "num_others": OTHERS},
         },

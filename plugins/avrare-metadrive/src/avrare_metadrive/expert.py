@@ -1,6 +1,6 @@
-"""The driver that comes with MetaDrive: a network of 275-256-256-2, trained by its authors with PPO.
+"""Expert driver of MetaDrive: a 275-256-256-2 network, trained by its authors with PPO.
 
-Its weights are under Apache-2.0. They are read where pip has put them, and not copied.
+The weights (Apache-2.0) are read from the installed package, not copied.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from avrare.errors import PluginError
+from avrare.base.errors import PluginError
 from avrare_metadrive import version
 from avrare_metadrive.config import ExpertConfig
 from avrare_policy.controller import PolicyController
@@ -19,9 +19,9 @@ from avrare_policy.network import Network
 
 WEIGHTS = "metadrive/examples/ppo_expert/expert_weights.npz"
 OTHERS = 4
-"""Nearest vehicles that it is told of, without noise."""
+"""Number of nearest vehicles in the observation, without noise."""
 MIRRORED = (10, 15)
-"""Entries that MetaDrive has turned round since the training: which way the next two lanes bend."""
+"""Entries whose sign MetaDrive changed after the training: directions of the next two curves."""
 PROVENANCE = {
     "source": f"metadrive-simulator {version.CHECKED}, {WEIGHTS}",
     "license": "Apache-2.0",
@@ -31,32 +31,32 @@ _LAYERS = ("fc_1", "fc_2", "fc_out")
 
 
 def build(config: ExpertConfig, scene: object | None = None) -> PolicyController:
-    """The controller of a scenario.
+    """Build the controller of a scenario.
 
     Raises:
-        PluginError: The MetaDrive with these weights is not installed.
+        PluginError: The supported version of MetaDrive is not installed.
     """
     return PolicyController(read(locate()))
 
 
 def locate() -> Path:
-    """Where the weights are; MetaDrive itself is not imported.
+    """Return the path of the weights without importing MetaDrive.
 
     Raises:
-        PluginError: They are not there.
+        PluginError: The file does not exist.
     """
-    version.require()
+    version.check_supported()
     path = Path(str(distribution("metadrive-simulator").locate_file(WEIGHTS)))
     if path.is_file():
         return path
-    raise PluginError("MetaDrive's expert_weights.npz is not there", version.HINT)
+    raise PluginError("MetaDrive's expert_weights.npz is missing", version.HINT)
 
 
 def read(path: Path) -> Network:
-    """The network of MetaDrive's weights: its mean action, steering and throttle in [-1, 1].
+    """Read the network of the mean action (steering and throttle in [-1, 1]).
 
     Raises:
-        PluginError: The file does not hold them.
+        PluginError: The file does not contain the weights.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -64,7 +64,7 @@ def read(path: Path) -> Network:
             biases = [np.asarray(file[f"default_policy/{name}/bias"], np.float32) for name in _LAYERS]
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise PluginError(f"{path}: not MetaDrive's expert: {error}", version.HINT) from None
-    actions = len(biases[-1]) // 2  # the other half are logarithms of standard deviations
+    actions = len(biases[-1]) // 2  # the other half: logarithms of standard deviations
     weights[-1], biases[-1] = np.ascontiguousarray(weights[-1][:, :actions]), biases[-1][:actions]
     # (o - 1) / -1 = 1 - o
     mean, scale = np.zeros(len(weights[0])), np.ones(len(weights[0]))

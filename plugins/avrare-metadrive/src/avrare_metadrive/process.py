@@ -1,6 +1,6 @@
-"""A thing that lives in a process of its own, and copies of it by ``fork``.
+"""Objects in separate processes, copied by ``fork``.
 
-The processes hang on their sockets alone: one whose owner has closed it, or has died, ends by itself.
+A process ends when its socket is closed, that is when its owner drops it or dies.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from multiprocessing.reduction import recv_handle, send_handle
 from typing import Any
 
 _ENVIRONMENT = {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Sets keep their order from process to process, and only one thread runs: fork copies no other."""
+"""Equal order of sets in all processes, and a single thread: fork copies only one."""
 
 
 class Process:
-    """The owner's side; the process ends when this is dropped.
+    """Owner's side of a process, which ends when this object is dropped.
 
     Args:
-        connection: To the process.
+        connection: Connection to the process.
     """
 
     def __init__(self, connection: Connection[Any, Any]) -> None:
@@ -31,22 +31,22 @@ class Process:
 
     @property
     def closed(self) -> bool:
-        """Whether it has ended, as far as is known: it answered no more, or nobody waited for its answer."""
+        """True if the process stopped answering, or a call was interrupted."""
         return self._connection.closed
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """What the method ``name`` of the thing returns.
+        """Call the method ``name`` of the object in the process.
 
         Raises:
-            RuntimeError: It raised something, or the process has ended.
+            RuntimeError: The method raised an error, or the process has ended.
         """
         return self._ask(name, arguments)
 
     def fork(self) -> Process:
-        """A process whose thing stands where this one stands now.
+        """Return a copy of the process in its current state.
 
         Raises:
-            RuntimeError: There can be no more processes, or this one has ended.
+            RuntimeError: No more processes can be created, or this one has ended.
         """
         ours, theirs = Pipe()
         try:
@@ -64,7 +64,7 @@ class Process:
         except (EOFError, OSError) as error:
             self._connection.close()
             raise RuntimeError(f"the process of the world has ended in {name}: {error}") from None
-        except BaseException:  # an interrupt: the answer would be taken for that to the next question
+        except BaseException:  # an interrupt: the pending answer would be read as that of the next call
             self._connection.close()
             raise
         if not good:
@@ -72,18 +72,18 @@ class Process:
         return value
 
 
-class First(Process):
-    """A new Python, in which a thing is made.
+class RootProcess(Process):
+    """New Python process.
 
     Args:
-        module: Run as a program, with the number of a file descriptor as its argument; calls ``serve``.
+        module: Module to run with the number of a file descriptor as argument; it calls ``serve``.
     """
 
     def __init__(self, module: str) -> None:
         ours, theirs = Pipe()
         super().__init__(ours)
-        # A session of its own: an interrupt is for the owner alone, who may want to finish first. -P: what
-        # lies in the current folder is not taken for a package.
+        # New session: an interrupt reaches only the owner, who may want to finish first.
+        # -P: files in the current folder are not imported.
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", module, str(theirs.fileno())], pass_fds=[theirs.fileno()],
             env=os.environ | _ENVIRONMENT, start_new_session=True,
@@ -99,8 +99,8 @@ def _end(connection: Connection[Any, Any], process: subprocess.Popen[bytes]) -> 
     process.wait()
 
 
-def serve(connection: Connection[Any, Any], thing: Any) -> None:
-    """The process's side: call methods of ``thing``, and fork, until the owner is gone."""
+def serve(connection: Connection[Any, Any], target: Any) -> None:
+    """Serve calls of ``target``'s methods, and forks, until the owner is gone; runs in the process."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for copies
     while True:
         try:
@@ -109,16 +109,16 @@ def serve(connection: Connection[Any, Any], thing: Any) -> None:
                 connection = _forked(connection)
                 continue
         except (EOFError, OSError):
-            os._exit(0)  # what the simulator would do at its exit is the first process's to do
+            os._exit(0)  # no exit handlers: they belong to the root process
         try:
-            answer = True, getattr(thing, name)(*arguments)
+            answer = True, getattr(target, name)(*arguments)
         except Exception as error:
             answer = False, f"{type(error).__name__}: {error}"
         connection.send(answer)
 
 
 def _forked(connection: Connection[Any, Any]) -> Connection[Any, Any]:
-    """The connection that this process serves from now on: its own, or in the copy the copy's."""
+    """Fork; return the connection to serve from now on: its own, or in the copy the new one."""
     theirs: Connection[Any, Any] = Connection(recv_handle(connection))
     try:
         copy = os.fork()

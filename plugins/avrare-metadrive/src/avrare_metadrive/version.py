@@ -1,41 +1,32 @@
-"""Which MetaDrive this distribution is made for."""
+"""Supported version of MetaDrive."""
 
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
 
-from avrare.errors import PluginError
+from avrare.base.errors import PluginError
 
 CHECKED = "0.4.3"
-"""Of ``metadrive-simulator``. ``engine`` replaces one of its private methods, so that no other will do."""
-HINT = f"in an environment of its own: pip install metadrive-simulator=={CHECKED}"
+"""Version of ``metadrive-simulator``; exact, because ``engine`` replaces a private method."""
+HINT = f"in a separate environment: pip install metadrive-simulator=={CHECKED}"
 
 
 def installed() -> str | None:
-    """The installed version; MetaDrive itself is not imported."""
+    """Return the installed version without importing MetaDrive."""
     try:
         return version("metadrive-simulator")
     except PackageNotFoundError:
         return None
 
 
-def refuse_others() -> None:
-    """Let no MetaDrive and the right one pass.
+def check_supported(optional: bool = False) -> None:
+    """Check the installed version.
 
     Raises:
-        PluginError: Another version is installed.
+        PluginError: Another version is installed, or none and it is not ``optional``.
     """
     found = installed()
-    if found not in (None, CHECKED):
-        raise PluginError(f"metadrive-simulator {found} is installed, and {CHECKED} is needed", HINT)
-
-
-def require() -> None:
-    """Let only the right MetaDrive pass.
-
-    Raises:
-        PluginError: Another version is installed, or none.
-    """
-    refuse_others()
-    if installed() is None:
+    if found is None and not optional:
         raise PluginError(f"metadrive-simulator {CHECKED} is not installed", HINT)
+    if found not in (None, CHECKED):
+        raise PluginError(f"metadrive-simulator {found} is installed, but {CHECKED} is required", HINT)

@@ -1,4 +1,4 @@
-"""A MetaDrive world, which is a process, among those that the core runs as a batch."""
+"""MetaDrive world: one process per world, run by the core as a batch."""
 
 from __future__ import annotations
 
@@ -7,29 +7,28 @@ import os
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare.worlds.simulator import Worlds
 from avrare_metadrive import version
-from avrare_metadrive.config import MetaDriveConfig
-from avrare_metadrive.lidar import disturbed
-from avrare_metadrive.process import First, Process
-from avrare_metadrive.readings import DT, SIGNALS
+from avrare_metadrive.config import DT, SIGNALS, MetaDriveConfig
+from avrare_metadrive.process import Process, RootProcess
 
 ENGINE = "avrare_metadrive.engine"
-"""The program of the processes."""
+"""Module that the processes run."""
 _OVER = SIGNALS.index("over")
 
 
 def build(config: MetaDriveConfig, scene: object | None = None) -> Worlds:
-    """The simulator of a scenario.
+    """Build the simulator of a scenario.
 
     Raises:
-        PluginError: MetaDrive is not installed, or another version of it.
-        UsageError: There can be no forks here.
+        PluginError: The supported version of MetaDrive is not installed.
+        UsageError: The operating system has no fork.
     """
-    version.require()
+    version.check_supported()
     if not hasattr(os, "fork"):
         raise UsageError("the simulator metadrive needs an operating system with fork, such as Linux")
     return Worlds(
@@ -38,26 +37,26 @@ def build(config: MetaDriveConfig, scene: object | None = None) -> Worlds:
     )  # fmt: skip
 
 
-_starts: dict[tuple[MetaDriveConfig, int], tuple[Process, Floats]] = {}
+_roots: dict[tuple[MetaDriveConfig, int], tuple[Process, Floats]] = {}
 
 
-def _started(config: MetaDriveConfig) -> tuple[Process, Floats]:
-    """The process of this one whose car never leaves the start, and what it sees there."""
+def _root_process(config: MetaDriveConfig) -> tuple[Process, Floats]:
+    """Return the process whose car stays at the start, and its numbers there; one per Python process."""
     key = config, os.getpid()
-    if key not in _starts or _starts[key][0].closed:
-        process = First(ENGINE)
-        _starts[key] = process, process.call("begin", config)
-    return _starts[key]
+    if key not in _roots or _roots[key][0].closed:
+        process = RootProcess(ENGINE)
+        _roots[key] = process, process.call("begin", config)
+    return _roots[key]
 
 
 class MetaDriveWorld:
-    """One world (``avrare.worlds.World``): a process that was forked from one at the start of the road.
+    """World (``avrare.worlds.World``) in a process forked from one at the start of the road.
 
-    A copied process runs on bit for bit like the first. The world stands still once its car has arrived, has
-    crashed or has left the road. An action is steering and throttle in [-1, 1].
+    A copied process continues bit-identically. The world stops once its car has arrived, crashed or left the
+    road. An action is steering and throttle in [-1, 1].
 
     Attributes:
-        noise_size: One number a ray where they are noisy. Those of row t disturb what is seen at step t.
+        noise_size: One number per ray if they are noisy. Row t disturbs the observation at step t.
     """
 
     def __init__(self, config: MetaDriveConfig) -> None:
@@ -68,75 +67,96 @@ class MetaDriveWorld:
         self._numbers = np.empty(0)
 
     def reset(self, noise: Floats) -> None:
-        """Go to the start, from noise (noise_size,)."""
-        start, numbers = _started(self.config)
+        """Reset to the start with noise (noise_size,)."""
+        start, numbers = _root_process(self.config)
         self._process = start.fork()
         self._see(numbers, noise)
 
     def prepare(self, actions: Any, noise: Floats) -> Any:
-        """The actions of N worlds, as they are.
+        """Check and return the actions (N, 2) of N worlds.
 
         Raises:
-            UsageError: They are not N times steering and throttle.
+            UsageError: They are not steering and throttle.
         """
         if np.shape(actions) != (len(noise), 2):
             raise UsageError(
-                "the simulator metadrive needs a controller that gives steering and throttle",
+                "the simulator metadrive needs a controller that returns steering and throttle",
                 "controller: {plugin: metadrive_expert}",
             )
         return actions
 
     def step(self, action: Floats, noise: Floats) -> None:
-        """Go on for 0.1 s with an action (2,)."""
+        """Advance by 0.1 s with an action (2,)."""
         if not self._numbers[_OVER]:
             steering, throttle = action.tolist()
             self._see(self._running().call("step", steering, throttle), noise)
 
     def numbers(self) -> Floats:
-        """(K,) signals, then what the driver sees."""
+        """Return the signals, then the observation, (K,)."""
         return self._numbers
 
     def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
-        """Signals (N,) and observations (N, K - signals) of K numbers each of N worlds."""
+        """Split the numbers (N, K) of N worlds into signals (N,) and observations."""
         return dict(zip(SIGNALS, table.T.copy(), strict=False)), table[:, len(SIGNALS) :].copy()
 
     def signals(self) -> dict[str, Floats]:
-        """Its signals, see ``readings.SIGNALS``."""
+        """Return the signals, see ``readings.SIGNALS``."""
         return dict(zip(SIGNALS, self._numbers, strict=False))
 
     def observation(self) -> Floats:
-        """What the driver sees: 35 true numbers for 240 rays, then the noisy rays."""
+        """Return the observation: 35 exact numbers for 240 rays, then the noisy rays."""
         return self._numbers[len(SIGNALS) :]
 
     def snapshot(self) -> tuple[Process, Floats]:
-        """A process that sleeps where this one stands."""
+        """Return a suspended copy of the process, and the numbers."""
         return self._running().fork(), self._numbers
 
     def restore(self, snapshot: tuple[Process, Floats]) -> None:
-        """Go on where the snapshot was taken."""
-        sleeping, self._numbers = snapshot
-        self._process = sleeping.fork()
+        """Continue from a snapshot."""
+        suspended, self._numbers = snapshot
+        self._process = suspended.fork()
 
     def picture(self, width: int = 800, height: int = 300, scaling: float = 5.0) -> Any:
-        """Top view of now, (height, width, 3); drawn in a copy, so that the world does not notice.
+        """Return a top view (height, width, 3), drawn in a copy so that the world is unaffected.
 
         Args:
-            width: In pixels.
-            height: In pixels.
-            scaling: Pixels per metre.
+            width: Width [pixels].
+            height: Height [pixels].
+            scaling: Scale [pixels/m].
         """
         return self._running().fork().call("picture", width, height, scaling)
 
     def close(self) -> None:
-        """Let its process end."""
+        """End the process."""
         self._process = None
 
     def _running(self) -> Process:
         if self._process is None:
-            raise UsageError("this world has not been reset yet")
+            raise UsageError("the world has not been reset")
         return self._process
 
     def _see(self, numbers: Floats, noise: Floats) -> None:
         self._numbers = numbers.copy()
         rays = self._numbers[len(numbers) - self.config.lasers :]
-        rays[:] = disturbed(rays, noise, self.sd)
+        rays[:] = disturb(rays, noise, self.sd)
+
+
+def disturb(distances: Floats, normals: Floats, sd: float) -> Floats:
+    """Sample N(distance, sd^2) truncated to [0, 1] by inversion of its distribution function.
+
+    Increasing in the normals and accurate in both tails.
+
+    Args:
+        distances: (...) true distances / range, in [0, 1].
+        normals: (...) standard normal numbers.
+        sd: Standard deviation before truncation, in units of the range; 0: no noise.
+    """
+    if sd == 0.0:
+        return distances
+    below, above = ndtr(-distances / sd), ndtr((distances - 1.0) / sd)
+    within = 1.0 - below - above
+    # Invert from the nearer tail: a probability next to 1 has lost its digits.
+    lower = ndtri(below + within * ndtr(normals))
+    upper = -ndtri(above + within * ndtr(-normals))
+    read: Floats = distances + sd * np.where(normals < 0.0, lower, upper)
+    return np.clip(read, 0.0, 1.0)

@@ -2,23 +2,22 @@
 
 import importlib.util
 
-from avrare.plugin.component import Component
-from avrare.plugin.hookspecs import hookimpl
+from avrare.plugin.component import Component, hookimpl
 
-SLOW = "; riccati backend not compiled, pip install 'avrare-mpc[fast]'"
+_NOT_COMPILED = "; riccati backend not compiled, pip install 'avrare-mpc[fast]'"
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The controller ``mpc``."""
-    slow = SLOW if importlib.util.find_spec("numba") is None else ""
+    """Return the controller ``mpc``."""
+    note = _NOT_COMPILED if importlib.util.find_spec("numba") is None else ""
     return [
         Component(
             kind="controller",
             name="mpc",
             config="avrare_mpc.config:MpcConfig",
             factory="avrare_mpc.controller:build",
-            summary=f"lane-change model-predictive controller, solved by CasADi or a Riccati recursion{slow}",
+            summary=f"lane-change model-predictive controller, solved by CasADi or a Riccati recursion{note}",
             needs=("casadi",),
             driving=True,
         )

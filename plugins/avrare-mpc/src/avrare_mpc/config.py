@@ -16,7 +16,7 @@ Lane = Annotated[int, Field(ge=0)]
 
 
 class PlannerConfig(BaseModel):
-    """What the controller and the trajectory planner have in common: goals, weights and bounds."""
+    """Goals, weights and bounds shared by the controller and the trajectory planner."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -55,8 +55,8 @@ class PlannerConfig(BaseModel):
 
     @field_validator("lanes")
     @classmethod
-    def _lanes_once(cls, lanes: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(lanes)) < len(lanes):  # the cost of the lanes would be 0 / 0 on its centre
+    def _distinct_lanes(cls, lanes: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(lanes)) < len(lanes):  # the lane cost would be 0 / 0 on its centre
             raise ValueError("a lane is named twice")
         return lanes
 
@@ -99,7 +99,7 @@ class MpcConfig(PlannerConfig):
     search: Literal["follow", "everywhere"] = Field(
         default="follow",
         description="Where each step after the first looks for its plan: near the old plan, or also near "
-        "the first step's start drives (each lane, at constant speed and braking); the cheapest plan counts.",
+        "the first step's initial guesses (each lane, constant speed and braking); the cheapest plan counts.",
     )
     solver: Literal["fatrop", "ipopt"] = Field(
         default="fatrop",
@@ -109,7 +109,7 @@ class MpcConfig(PlannerConfig):
 
 
 class LaneSchedule(BaseModel):
-    """From one step to another, both included, only one lane counts."""
+    """Steps, first and last included, at which only one lane counts."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -125,7 +125,7 @@ class LaneSchedule(BaseModel):
 
 
 class TrajectoryPlan(PlannerConfig):
-    """How a scripted vehicle drives: one plan of all its steps that looks at no other vehicle."""
+    """Plan of a scripted vehicle over all its steps; it ignores other vehicles."""
 
     steps: int = Field(
         default=80, ge=3, description="Number of samples of the trajectory, the start included."
@@ -137,26 +137,21 @@ class TrajectoryPlan(PlannerConfig):
     y_max: Finite = Field(default=5.763, description="Upper bound of the lateral position [m].")
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _consistent(self) -> Self:
         if self.y_min >= self.y_max:
             raise ValueError("y_min must be below y_max")
-        taken: set[int] = set()
+        fixed: set[int] = set()
         for part in self.schedule:
             steps = set(range(part.from_step, part.to_step + 1))
             if part.to_step >= self.steps:
                 raise ValueError(
                     f"the schedule reaches step {part.to_step}, the last one is {self.steps - 1}"
                 )
-            if steps & taken:
+            if steps & fixed:
                 raise ValueError("the stretches of the schedule overlap")
-            taken |= steps
+            fixed |= steps
         return self
 
     def fixed_lanes(self) -> dict[int, int]:
-        """Step to the lane it is fixed to; steps that are missing are free."""
+        """Return the lane of each step with a fixed lane."""
         return {step: part.lane for part in self.schedule for step in range(part.from_step, part.to_step + 1)}
-
-    def free_steps(self) -> tuple[int, ...]:
-        """The steps at which every lane attracts."""
-        fixed = self.fixed_lanes()
-        return tuple(step for step in range(self.steps) if step not in fixed)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
-from avrare.errors import UsageError
+from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.plan import Bools, Floats, Memory, empty_memory, shift
-from avrare_mpc.search import Search
+from avrare_mpc.plan import Memory, Search, shift
 
 
 class MpcController:
-    """Plans H steps ahead around the predicted others and acts on the first input.
+    """Controller that plans H steps ahead around the predicted vehicles and applies the first input.
 
-    A plan is searched from the last one, one step on; the first plan from each of the start drives
-    (``avrare_mpc.start_policy``), where the cheapest result counts. A failed search is counted, never raised:
-    the particle drives on along its old plan and, where that has ended, brakes straight ahead.
+    A plan is searched from the last one, shifted by one step; the first plan from each of the initial guesses
+    (``avrare_mpc.plan.initial_guesses``), where the cheapest result counts. A failed search is counted, never
+    raised: the particle follows its old plan and, once that has ended, brakes straight ahead.
 
     Args:
         config: Options.
@@ -34,16 +34,26 @@ class MpcController:
         self._search = _backend(config, scene)
 
     def start(self, n: int) -> Memory:
-        """Memory of ``n`` particles without a plan."""
-        return empty_memory(n, self.horizon)
+        """Return the memory of ``n`` particles without a plan."""
+        zeros = np.zeros(n, dtype=np.int64)
+        return Memory(
+            plan_states=np.zeros((n, self.horizon + 1, 4)),
+            plan_inputs=np.zeros((n, self.horizon, 2)),
+            solved=np.zeros(n, dtype=np.bool_),
+            age=zeros,
+            solves=zeros.copy(),
+            retries=zeros.copy(),
+            fallbacks=zeros.copy(),
+            start_policy=np.full(n, -1, dtype=np.int64),
+        )
 
     def act(self, memory: Memory, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, Memory]:
-        """The first input of each particle's new plan.
+        """Return the first input of each particle's new plan, and the new memory.
 
         Args:
             memory: Plans and counters.
-            ego: State now, fields (N,).
-            prediction: The others, at least H + 1 entries.
+            ego: Current state, fields (N,).
+            prediction: The other vehicles, at least H + 1 samples.
 
         Raises:
             UsageError: There is no prediction, or it is too short.
@@ -51,10 +61,10 @@ class MpcController:
         start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
         others = self._predicted(prediction)
         old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
-        outcome = self._search(memory.solved, start, old, others)
-        found = outcome.found
-        states = np.where(found[:, None, None], outcome.states, old[0])
-        inputs = np.where(found[:, None, None], outcome.inputs, old[1])
+        result = self._search(memory.solved, start, old, others)
+        found = result.found
+        states = np.where(found[:, None, None], result.states, old[0])
+        inputs = np.where(found[:, None, None], result.inputs, old[1])
         age = np.where(found, 0, memory.age + 1)
         solved = found | (memory.solved & (age < self.horizon))
         first_plan = found & ~memory.solved
@@ -63,15 +73,15 @@ class MpcController:
             plan_inputs=inputs,
             solved=solved,
             age=age,
-            solves=memory.solves + outcome.solves,
-            retries=memory.retries + outcome.retries,
+            solves=memory.solves + result.solves,
+            retries=memory.retries + result.retries,
             fallbacks=memory.fallbacks + ~found,
-            start_policy=np.where(first_plan, outcome.chosen, memory.start_policy),
+            start_policy=np.where(first_plan, result.chosen, memory.start_policy),
         )
         return self._action(solved, inputs[:, 0], ego.speed), later
 
     def counts(self, memory: Memory) -> dict[str, NDArray[np.int64]]:
-        """Counters to report, each (N,)."""
+        """Return the counters to report, each (N,)."""
         return {
             "solves": memory.solves,
             "solver_retries": memory.retries,
@@ -96,9 +106,9 @@ class MpcController:
 
 
 def _backend(config: MpcConfig, scene: Scene) -> Search:
-    """Imported where it is chosen: each backend brings its own compiler."""
+    # imported here because each backend brings its own compiler
     if config.backend == "riccati":
-        from avrare_mpc.riccati.search import RiccatiSearch
+        from avrare_mpc.riccati.solver import RiccatiSearch
 
         return RiccatiSearch(config, scene)
     from avrare_mpc.casadi_search import CasadiSearch
@@ -107,5 +117,5 @@ def _backend(config: MpcConfig, scene: Scene) -> Search:
 
 
 def build(config: MpcConfig, scene: Scene) -> MpcController:
-    """The controller of a scenario; compiles the programme."""
+    """Build the controller of a scenario; compiles the programme."""
     return MpcController(config, scene)

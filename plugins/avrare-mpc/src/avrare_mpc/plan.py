@@ -1,35 +1,45 @@
-"""Plans as arrays, and the memory that a particle carries from step to step."""
+"""Plans as arrays: memory of a particle, interface of the solver backends, initial guesses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from avrare.base.errors import UsageError
+from avrare.driving import Scene
+from avrare.protocols import Bools, Floats
+from avrare_mpc.config import MpcConfig
+
 Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 STATES = 5
-"""States of a stage of the programme: x, y, speed, heading, turn rate of the step before."""
+"""Number of states of a stage: x, y, speed, heading, turn rate of the previous step."""
 STAGE = 8
-"""Its variables: the states, acceleration, turn rate, lateral slack."""
+"""Number of variables of a stage: the states, acceleration, turn rate, lateral slack."""
+TIE = 1e-6
+"""Plans whose costs differ by less, relatively, are the same minimum: the first one counts."""
+_BRAKING = (0.0, 3.0)
+"""Decelerations of the guesses towards one lane [m/s^2]."""
+_LANE_CHANGE_SHARE = 0.75
+"""Share of the horizon after which a guess has reached its lane."""
 
 
 @dataclass(frozen=True)
 class Memory:
-    """The last plan and counters of N particles.
+    """Last plan and counters of N particles.
 
     Attributes:
-        plan_states: (N, H + 1, 4) x, y, speed, heading; entry 0 belongs to the step just acted on.
+        plan_states: (N, H + 1, 4) x, y, speed, heading; entry 0 is the state of the last action.
         plan_inputs: (N, H, 2) acceleration, turn rate; entry 0 was the last action.
-        solved: (N,) there is a plan; False at the start and after a plan has been used up by failures.
-        age: (N,) steps since the plan was solved for.
-        solves: (N,) programmes handed to a solver, several at a first step.
-        retries: (N,) how many of them the first attempt failed on, so that a second one was made.
-        fallbacks: (N,) steps without a new plan, driven on the old one or braking.
-        start_policy: (N,) which start drive gave the first plan; -1 before there is one.
+        solved: (N,) whether there is a plan; False at the start and once failures have used up the plan.
+        age: (N,) steps since the plan was found.
+        solves: (N,) solver calls, several at the first step.
+        retries: (N,) solver calls whose first attempt failed.
+        fallbacks: (N,) steps without a new plan, on the old one or braking.
+        start_policy: (N,) index of the initial guess that gave the first plan; -1 before there is one.
     """
 
     plan_states: Floats
@@ -42,23 +52,46 @@ class Memory:
     start_policy: Integers
 
 
-def empty_memory(n: int, steps: int) -> Memory:
-    """Memory of ``n`` particles without a plan of ``steps`` steps."""
-    zeros = np.zeros(n, dtype=np.int64)
-    return Memory(
-        plan_states=np.zeros((n, steps + 1, 4)),
-        plan_inputs=np.zeros((n, steps, 2)),
-        solved=np.zeros(n, dtype=np.bool_),
-        age=zeros,
-        solves=zeros.copy(),
-        retries=zeros.copy(),
-        fallbacks=zeros.copy(),
-        start_policy=np.full(n, -1, dtype=np.int64),
-    )
+@dataclass(frozen=True)
+class SearchResult:
+    """Plans of N particles; meaningless where not ``found``.
+
+    Attributes:
+        states: (N, H + 1, 4) x, y, speed, heading.
+        inputs: (N, H, 2) acceleration, turn rate.
+        found: (N,) whether there is a plan.
+        solves: (N,) solver calls.
+        retries: (N,) solver calls whose first attempt failed.
+        chosen: (N,) index of the guess that gave the plan; -1 where there is none.
+    """
+
+    states: Floats
+    inputs: Floats
+    found: Bools
+    solves: Integers
+    retries: Integers
+    chosen: Integers
+
+
+class Search(Protocol):
+    """Backend that finds plans of N particles; a row's plan does not depend on the other rows."""
+
+    def __call__(
+        self, solved: Bools, start: Floats, old: tuple[Floats, Floats], others: tuple[Floats, Floats]
+    ) -> SearchResult:
+        """Return the cheapest plan of each particle.
+
+        Args:
+            solved: (N,) True: search from the old plan; False: from the initial guesses.
+            start: (N, 4) x, y, speed, heading now.
+            old: States (N, H + 1, 4) and inputs (N, H, 2) of the old plans, one step on.
+            others: Predicted x and y, each (N, V, H + 1) [m].
+        """
+        ...
 
 
 def shift(states: Floats, inputs: Floats, dt: float) -> tuple[Floats, Floats]:
-    """The plan one step later: its last state rolls on without acceleration and turning."""
+    """Shift plans by one step; the last state moves on at constant speed and heading."""
     x, y, speed, heading = np.moveaxis(states[:, -1:], -1, 0)
     last = [x + dt * speed * np.cos(heading), y + dt * speed * np.sin(heading), speed, heading]
     later_states = np.concatenate([states[:, 1:], np.stack(last, axis=-1)], axis=1)
@@ -67,7 +100,7 @@ def shift(states: Floats, inputs: Floats, dt: float) -> tuple[Floats, Floats]:
 
 
 def to_variables(states: Floats, inputs: Floats) -> Floats:
-    """Plans (..., H + 1, 4) and (..., H, 2) as rows (..., 8 H + 5) of the programme's variables."""
+    """Convert plans (..., H + 1, 4) and (..., H, 2) to the programme's variables (..., 8 H + 5)."""
     stages = np.zeros((*states.shape[:-1], STAGE))
     stages[..., :4] = states
     stages[..., 1:, 4] = inputs[..., 1]
@@ -77,7 +110,74 @@ def to_variables(states: Floats, inputs: Floats) -> Floats:
 
 
 def from_variables(variables: Floats) -> tuple[Floats, Floats]:
-    """Plans (N, H + 1, 4) and (N, H, 2) in rows (N, 8 H + 5) of the programme's variables."""
+    """Convert the programme's variables (N, 8 H + 5) to plans (N, H + 1, 4) and (N, H, 2)."""
     padded = np.concatenate([variables, np.zeros((len(variables), STAGE - STATES))], axis=1)
     stages = padded.reshape(len(variables), -1, STAGE)
     return stages[:, :, :4].copy(), stages[:, :-1, STATES : STATES + 2].copy()
+
+
+def initial_guesses(
+    start: Floats, centres: tuple[float, ...], steps: int, dt: float
+) -> tuple[Floats, Floats]:
+    """Return states and inputs of the guesses from which the first plan is searched, two for each lane.
+
+    The programme has several local minima (stay behind, change lane), and a solver finds one near its guess.
+    The guesses are solved in this order, and the cheapest plan counts: first lane at constant speed, first
+    lane braking, second lane at constant speed, and so on. Later steps follow the chosen minimum by starting
+    from the last plan.
+
+    Args:
+        start: (N, 4) x, y, speed, heading now.
+        centres: y of the C lanes [m].
+        steps: H.
+        dt: Step [s].
+
+    Returns:
+        (N, 2 C, H + 1, 4) x, y, speed, heading and (N, 2 C, H, 2) acceleration, turn rate. They are smooth,
+        but not exact solutions of the model.
+    """
+    lanes = np.repeat(np.array(centres), len(_BRAKING))[:, None]
+    braking = np.tile(np.array(_BRAKING), len(centres))[:, None]
+    time = np.arange(steps + 1) * dt
+    x0, y0, v0, h0 = (start[:, i, None, None] for i in range(4))
+    speed = np.where(v0 > 0.0, np.maximum(v0 - braking * time, 0.0), v0)
+    part = np.clip(time / (_LANE_CHANGE_SHARE * steps * dt), 0.0, 1.0)
+    y = y0 + (lanes - y0) * part**2 * (3.0 - 2.0 * part)
+    x = np.broadcast_to(x0, y.shape).copy()
+    x[..., 1:] += np.cumsum(speed[..., :-1] * dt, axis=-1)
+    heading = np.zeros_like(y)
+    heading[..., :-1] = np.arctan2(np.diff(y), np.maximum(np.diff(x), dt))
+    heading[..., 0] = h0[..., 0]
+    inputs = np.stack([np.diff(speed), np.diff(heading)], axis=-1) / dt
+    return np.stack([x, y, speed, heading], axis=-1), inputs
+
+
+def cheapest(cost: Floats) -> Integers:
+    """Return the index of the first least cost (N, G), up to ties; -1 where all costs are infinite."""
+    best = np.full(len(cost), np.inf)
+    chosen = np.full(len(cost), -1, dtype=np.int64)
+    for index, candidate in enumerate(cost.T):
+        margin = np.where(chosen >= 0, TIE * np.abs(np.where(chosen >= 0, best, 0.0)), 0.0)
+        better = candidate < best - margin
+        best = np.where(better, candidate, best)
+        chosen = np.where(better, index, chosen)
+    return chosen
+
+
+def lane_centres(config: MpcConfig, scene: Scene) -> tuple[float, ...]:
+    """Return the lateral positions of the lanes that the ego may use [m].
+
+    Raises:
+        UsageError: The road has no such lane.
+    """
+    known = scene.road.lane_centres
+    if max(config.lanes) >= len(known):
+        raise UsageError(f"lanes: there is no lane {max(config.lanes)}, the road has {len(known)} lanes")
+    return tuple(known[lane] for lane in config.lanes)
+
+
+def lateral_bounds(config: MpcConfig, scene: Scene) -> tuple[float, float]:
+    """Return the bounds of the ego's centre that keep its sides ``y_margin`` inside its lanes [m]."""
+    centres = lane_centres(config, scene)
+    room = (scene.road.lane_width - scene.ego_width) / 2 - config.y_margin
+    return min(centres) - room, max(centres) + room

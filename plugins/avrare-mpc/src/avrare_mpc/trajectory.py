@@ -1,4 +1,4 @@
-"""Scripted vehicles: one plan over the whole drive that looks at nobody else."""
+"""Trajectories of scripted vehicles: one plan over all steps that ignores other vehicles."""
 
 from __future__ import annotations
 
@@ -7,28 +7,26 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.errors import UsageError
+from avrare.protocols import Floats
 from avrare_mpc.config import TrajectoryPlan
 from avrare_mpc.nlp import Node, NodeCost, build_nlp, lane_cost
 from avrare_mpc.plan import STAGE, STATES
-from avrare_mpc.uninterrupted import uninterrupted
-
-Floats = NDArray[np.float64]
+from avrare_mpc.signal_guard import defer_signals
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Samples of a scripted vehicle, each field (steps,); units as in ``avrare.driving.Vehicles``.
+    """Samples of a scripted vehicle, each field (steps,).
 
     Attributes:
-        x: [m].
-        y: [m].
-        heading: [rad].
-        speed: [m/s].
-        acceleration: Applied from a sample to the next one; 0 at the last one [m/s^2].
+        x: Position along the road [m].
+        y: Position across the road [m].
+        heading: Heading [rad].
+        speed: Speed [m/s].
+        acceleration: Acceleration from a sample to the next one; 0 at the last one [m/s^2].
     """
 
     x: Floats
@@ -47,19 +45,19 @@ def plan_trajectory(
     road: Road,
     dt: float,
 ) -> Trajectory:
-    """Solve for the whole trajectory at once, from zeros, with tight tolerances.
+    """Solve for the trajectory, from zeros, with tight tolerances.
 
     Args:
         plan: Goals, weights and lane schedule.
-        start_x: [m].
-        start_y: [m].
-        start_speed: [m/s].
-        start_heading: [rad].
-        road: The lanes that ``plan`` speaks of.
+        start_x: Initial position along the road [m].
+        start_y: Initial position across the road [m].
+        start_speed: Initial speed [m/s].
+        start_heading: Initial heading [rad].
+        road: Lanes that ``plan`` refers to.
         dt: Step [s].
 
     Raises:
-        UsageError: A lane does not exist, or there is no such trajectory.
+        UsageError: A lane does not exist, or the solver finds no trajectory.
     """
     used = {*plan.lanes, *plan.fixed_lanes().values()}
     if max(used) >= len(road.lane_centres):
@@ -73,7 +71,7 @@ def plan_trajectory(
     problem = {"x": nlp.variables, "p": nlp.parameters, "f": nlp.cost, "g": nlp.constraints}
     solver = ca.nlpsol("trajectory", "ipopt", problem, options)
     start = [start_x, start_y, start_speed, start_heading]
-    with uninterrupted():
+    with defer_signals():
         found = solver(x0=0.0, p=start, lbg=nlp.lower, ubg=nlp.upper)
     stats = solver.stats()
     if not stats["success"]:
@@ -81,7 +79,9 @@ def plan_trajectory(
             f"no trajectory from x={start_x}, y={start_y}, v={start_speed}: {stats['return_status']}",
             hint="loosen the bounds of the plan",
         )
-    return _samples(np.asarray(found["x"]).ravel())
+    stages = np.append(np.asarray(found["x"]).ravel(), np.zeros(STAGE - STATES)).reshape(-1, STAGE)
+    column = stages.T.copy()
+    return Trajectory(column[0], column[1], column[3], column[2], column[STATES])
 
 
 def _lane_costs(plan: TrajectoryPlan, road: Road) -> NodeCost:
@@ -92,14 +92,3 @@ def _lane_costs(plan: TrajectoryPlan, road: Road) -> NodeCost:
         return plan.lane_weight * lane_cost(node.y, tuple(road.lane_centres[lane] for lane in lanes))
 
     return cost
-
-
-def _samples(flat: Floats) -> Trajectory:
-    stages = np.append(flat, np.zeros(STAGE - STATES)).reshape(-1, STAGE)
-    return Trajectory(
-        x=stages[:, 0].copy(),
-        y=stages[:, 1].copy(),
-        speed=stages[:, 2].copy(),
-        heading=stages[:, 3].copy(),
-        acceleration=stages[:, STATES].copy(),
-    )

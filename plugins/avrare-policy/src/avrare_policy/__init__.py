@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The controller ``policy``."""
+    """Return the controller ``policy``."""
     return [
         Component(
             kind="controller",

@@ -1,4 +1,4 @@
-"""What a scenario says about a learnt policy."""
+"""Options of the controller ``policy``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class PolicyConfig(BaseModel):
-    """Options of the controller ``policy``."""
+    """Model file of a learnt policy."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

@@ -1,4 +1,4 @@
-"""A network as a controller: observation in, action out, no memory."""
+"""Policy controller: a network from observation to action, without memory."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Prediction
-from avrare.errors import UsageError, did_you_mean
 from avrare_policy.config import PolicyConfig
 from avrare_policy.network import Network, load
 
 GROUP = "avrare.policies"
-"""Entry points of this group name policies; their values are the packages with ``models/NAME.npz``."""
+"""Entry point group of shipped policies; values are the packages that hold ``models/NAME.npz``."""
 
 
 class PolicyController:
-    """Runs a network on what the ego observes.
+    """Controller that runs a network on the ego's observation.
 
     Attributes:
-        horizon: 0, it needs no predictions.
+        horizon: 0: it needs no predictions.
         network: The network.
     """
 
@@ -33,32 +33,31 @@ class PolicyController:
         self.network = network
 
     def start(self, n: int) -> None:
-        """There is no memory."""
-        return
+        """Return None: there is no memory."""
 
     def act(self, memory: None, ego: Any, prediction: Prediction | None) -> tuple[NDArray[np.float64], None]:
-        """Actions (N, A) from ``ego.observation`` (N, D), or from ``ego`` where that is the observation.
+        """Return actions (N, A) for observations (N, D): ``ego.observation``, or ``ego`` itself.
 
         Raises:
-            UsageError: The simulator hands out no observation, or one of another size.
+            UsageError: The simulator gives no observation, or one of another size.
         """
         observation = getattr(ego, "observation", ego)
         if not isinstance(observation, np.ndarray) or observation.ndim != 2:
             raise UsageError(
-                "the controller policy needs a simulator whose ego observes something",
+                "the controller policy needs a simulator with observations of the ego",
                 "such as highway_env with a `lidar:` block",
             )
-        wanted = len(self.network.mean)
-        if observation.shape[1] != wanted:
+        wanted, given = len(self.network.mean), observation.shape[1]
+        if given != wanted:
             raise UsageError(
-                f"the policy was made for {wanted} observed numbers, it is given {observation.shape[1]}",
-                "let the simulator's sensors be those of the policy's model card",
+                f"the policy needs observations of {wanted} numbers, the simulator gives {given}",
+                "configure the simulator's sensors as in the policy's model card",
             )
         return self.network(observation), None
 
 
 def locate(model: str) -> Path:
-    """The file of a shipped policy's name, or of a path that ends in ``.npz``.
+    """Return the file of a shipped policy, or of a path that ends in ``.npz``.
 
     Raises:
         UsageError: There is no such policy or file.
@@ -84,7 +83,7 @@ def locate(model: str) -> Path:
 
 
 def build(config: PolicyConfig, scene: object | None = None) -> PolicyController:
-    """The controller of a scenario.
+    """Build the controller of a scenario.
 
     Raises:
         UsageError: The policy is unknown or its file cannot be read.

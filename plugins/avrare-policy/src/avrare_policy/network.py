@@ -1,4 +1,4 @@
-"""A multilayer perceptron: the file it comes from, and running it on a batch."""
+"""Multilayer perceptron: its file format and its evaluation on a batch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -23,17 +23,17 @@ ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
 
 @dataclass(frozen=True)
 class Network:
-    """A fully connected network with the same activation after every layer but the last.
+    """Fully connected network with the same activation after every layer but the last.
 
     Attributes:
         weights: Per layer (inputs, outputs), single precision.
         biases: Per layer (outputs,).
         activation: A key of ``ACTIVATIONS``.
         mean: (D,) subtracted from the observation.
-        scale: (D,) it is then divided by.
+        scale: (D,) divides it.
         low: (A,) least action.
         high: (A,) greatest action.
-        provenance: Where it comes from and under which licence, by keyword.
+        provenance: Source, licence etc. by keyword.
     """
 
     weights: tuple[NDArray[np.float32], ...]
@@ -46,9 +46,9 @@ class Network:
     provenance: Mapping[str, str]
 
     def __call__(self, observation: Floats) -> Floats:
-        """Actions (N, A) of observations (N, D), clipped to their range; a row knows no other row.
+        """Return actions (N, A) of observations (N, D), clipped to their range.
 
-        Products by einsum: BLAS would give a row other last bits in other company.
+        Products are einsum: with BLAS the last bits of a row would depend on its neighbours.
         """
         activate = ACTIVATIONS[self.activation]
         values = ((observation - self.mean) / self.scale).astype(np.float32)
@@ -63,15 +63,15 @@ def load(path: Path) -> Network:
     """Read a network.
 
     Raises:
-        UsageError: The file is not one that ``save`` wrote.
+        UsageError: The file was not written by ``save``.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
             return _assemble(path, {name: file[name] for name in file.files})
     except KeyError as error:
-        raise UsageError(f"{path}: no policy: {error.args[0]!r} is missing") from None
+        raise UsageError(f"{path}: not a policy: {error.args[0]!r} is missing") from None
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise UsageError(f"{path}: no policy: {error}") from None
+        raise UsageError(f"{path}: not a policy: {error}") from None
 
 
 def save(path: Path, network: Network) -> None:
@@ -108,7 +108,6 @@ def _assemble(path: Path, arrays: Arrays) -> Network:
 
 
 def _check(path: Path, network: Network) -> None:
-    """Refuse what does not fit together, or is not finite."""
     if network.activation not in ACTIVATIONS:
         raise UsageError(
             f"{path}: unknown activation {network.activation!r}", f"known: {', '.join(ACTIVATIONS)}"

@@ -1,14 +1,13 @@
-"""An executor on Ray: the chunks of an estimate on the machines of a cluster."""
+"""Ray executor: chunks of an estimate on the machines of a cluster."""
 
 from __future__ import annotations
 
-from avrare.plugin.component import Component
-from avrare.plugin.hookspecs import hookimpl
+from avrare.plugin import Component, hookimpl
 
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The executor of this plugin."""
+    """Return the description of the executor."""
     return [
         Component(
             kind="executor",

@@ -8,17 +8,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class RayConfig(BaseModel):
-    """Where the cluster is and what a worker takes of it."""
+    """Options of the executor ``ray``: the cluster and the resources of a worker."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    workers: int = Field(default=1, ge=1, le=10_000, description="actors, each with the problem in memory")
+    workers: int = Field(
+        default=1, ge=1, le=10_000, description="number of actors, each with the problem in memory"
+    )
     address: str | None = Field(
         default=None,
-        description="of the cluster: auto, HOST:PORT or ray://HOST:PORT; default: RAY_ADDRESS, else a "
-        "cluster of this machine for the time of the run",
+        description="address of the cluster: auto, HOST:PORT or ray://HOST:PORT; default: RAY_ADDRESS, else "
+        "a cluster on this machine for the duration of the run",
     )
-    cpus_per_worker: float = Field(default=1.0, gt=0.0, description="CPUs that Ray reserves for a worker")
+    cpus_per_worker: float = Field(default=1.0, gt=0.0, description="CPUs that Ray reserves per worker")
     runtime_env: dict[str, Any] = Field(
-        default={}, description="Ray's runtime environment of the workers: working_dir, pip, env_vars, ..."
+        default={}, description="Ray runtime environment of the workers: working_dir, pip, env_vars, ..."
     )

@@ -1,6 +1,6 @@
-"""The executor: one actor a worker, which holds the problem; a dead actor is replaced.
+"""Ray executor: one actor per worker, which holds the problem; a dead actor is replaced.
 
-Requests and outcomes travel as bytes: Ray would hand out arrays that must not be written to.
+Requests and outcomes are sent as bytes, since Ray returns read-only arrays.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from avrare.errors import AvrareError
-from avrare.execute.processes import pickled
-from avrare.execute.window import Window, WorkerLost
-from avrare.execute.work import Work
+from avrare.base.errors import AvrareError
+from avrare.rollout.executors.in_flight import Window, WorkerLost
+from avrare.rollout.executors.processes import pickle_work
+from avrare.rollout.executors.work import Work
 from avrare.rollout.request import Request, Rollouts
 from avrare_ray.config import RayConfig
 
 _IN_FLIGHT = 2
-"""Chunks in flight for each worker: one in hand, one at the door."""
+"""Chunks in flight per worker: one running, one waiting."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def build(config: RayConfig, scene: object | None = None) -> RayExecutor:
-    """The executor of a scenario or a call."""
+    """Build the executor of a scenario or a call."""
     return RayExecutor(config)
 
 
 class Worker:
-    """What an actor does.
+    """Actor that runs chunks.
 
     Args:
-        payload: The pickled work.
+        payload: Pickled work.
     """
 
     def __init__(self, payload: bytes) -> None:
         self.work: Work = pickle.loads(payload)
 
     def run(self, chunk: bytes) -> bytes:
-        """The outcome of a chunk, or an error that the user can do something about, pickled."""
+        """Return the pickled outcome of a chunk, or the pickled ``AvrareError``."""
         try:
             return pickle.dumps(self.work.run(pickle.loads(chunk)))
         except AvrareError as error:
@@ -50,91 +50,92 @@ class Worker:
 
 
 class RayExecutor:
-    """Runs chunks on Ray actors, with the same bits as anywhere else."""
+    """Executor on Ray actors; outcomes are bit-identical to those of other executors."""
 
     def __init__(self, config: RayConfig) -> None:
         self.config = config
         self._window = Window(self, _IN_FLIGHT * config.workers)
-        self._hands: list[_Hand] = []
+        self._actors: list[_Actor] = []
         self._ray: Any = None
-        self._mine = False
+        self._owns_cluster = False
         self._payload: Any = None
 
     @property
     def restarts(self) -> int:
-        """How often workers had to be replaced."""
+        """Number of replaced workers."""
         return self._window.restarts
 
     def open(self, work: Work) -> None:
-        """Join the cluster, or start one on this machine, and place the actors.
+        """Connect to the cluster, or start one on this machine, and start the actors.
 
         Raises:
             UsageError: The problem cannot be sent to another process.
-            AvrareError: There is no such cluster.
+            AvrareError: The cluster cannot be reached.
         """
-        payload = pickled(work)
+        payload = pickle_work(work)
         self._ray = importlib.import_module("ray")
         if not self._ray.is_initialized():
             self._join()
         self._payload = self._ray.put(payload)
-        self._hands = [self._hire() for _ in range(self.config.workers)]
+        self._actors = [self._start_actor() for _ in range(self.config.workers)]
 
     def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
-        """Outcomes in the order of the chunks.
+        """Run the chunks and yield their outcomes in the same order.
 
         Raises:
-            WorkerDied: Workers die of the same chunk again and again.
+            WorkerDied: Several workers died while running the same chunk.
         """
         return self._window.map(chunks)
 
     def submit(self, chunk: Request) -> _Ticket:
-        """Hand a chunk to the worker with the least to do."""
-        hand = min(self._hands, key=lambda one: one.load)
-        ticket = _Ticket(self._ray, hand, hand.actor.run.remote(pickle.dumps(chunk)))
-        hand.tickets.append(ticket)
+        """Submit a chunk to the worker with the fewest chunks."""
+        actor = min(self._actors, key=lambda one: one.load)
+        ticket = _Ticket(self._ray, actor, actor.handle.run.remote(pickle.dumps(chunk)))
+        actor.tickets.append(ticket)
         return ticket
 
     def replace_lost(self) -> None:
-        """A new actor for each that has died."""
-        self._hands = [self._hire() if hand.dead else hand for hand in self._hands]
+        """Replace the actors that have died."""
+        self._actors = [self._start_actor() if actor.dead else actor for actor in self._actors]
 
     def close(self) -> None:
-        """Send the actors home, and stop the cluster if it is ours."""
+        """Stop the actors, and the cluster if this executor started it."""
         if self._ray is None:
             return
-        for hand in self._hands:
+        for actor in self._actors:
             with contextlib.suppress(Exception):  # it may be dead already
-                self._ray.kill(hand.actor)
-        if self._mine:
+                self._ray.kill(actor.handle)
+        if self._owns_cluster:
             self._ray.shutdown()
-        self._hands, self._ray, self._payload, self._mine = [], None, None, False
+        self._actors, self._ray, self._payload, self._owns_cluster = [], None, None, False
 
     def _join(self) -> None:
         options: dict[str, Any] = {"address": self.config.address} if self.config.address else {}
         if self.config.runtime_env:
             options["runtime_env"] = self.config.runtime_env
         try:
-            with _own_sigterm():
+            with _keep_sigterm_handler():
                 self._ray.init(log_to_driver=False, logging_level="warning", **options)
-        except Exception as error:  # of many kinds: no such host, another version, no right to
-            where = self.config.address or "on this machine"
+        except Exception as error:  # many types: unknown host, version mismatch, no permission
+            cluster = self.config.address or "of this machine"
             text = " ".join(str(error).split())
-            raise AvrareError(f"no Ray cluster {where}: {text}", "see `ray status`") from error
-        self._mine = True
+            raise AvrareError(
+                f"cannot reach the Ray cluster {cluster}: {text}", "see `ray status`"
+            ) from error
+        self._owns_cluster = True
 
-    def _hire(self) -> _Hand:
+    def _start_actor(self) -> _Actor:
         environment = {**_ONE_THREAD, **self.config.runtime_env.get("env_vars", {})}
         remote = self._ray.remote(
             num_cpus=self.config.cpus_per_worker,
             max_restarts=0,
             runtime_env={**self.config.runtime_env, "env_vars": environment},
         )
-        return _Hand(remote(Worker).remote(self._payload), [])
+        return _Actor(remote(Worker).remote(self._payload), [])
 
 
 @contextlib.contextmanager
-def _own_sigterm() -> Iterator[None]:
-    """Ray puts a handler of its own for SIGTERM; what the signal means here is not its to say."""
+def _keep_sigterm_handler() -> Iterator[None]:
     before = signal.getsignal(signal.SIGTERM)
     try:
         yield
@@ -144,14 +145,14 @@ def _own_sigterm() -> Iterator[None]:
 
 
 @dataclass
-class _Hand:
-    actor: Any
+class _Actor:
+    handle: Any
     tickets: list[_Ticket]
     dead: bool = False
 
     @property
     def load(self) -> int:
-        """Chunks that it has not done yet."""
+        """Number of unfinished chunks."""
         self.tickets = [ticket for ticket in self.tickets if not ticket.done()]
         return len(self.tickets)
 
@@ -159,11 +160,11 @@ class _Hand:
 @dataclass(frozen=True)
 class _Ticket:
     ray: Any
-    hand: _Hand
+    actor: _Actor
     reference: Any
 
     def done(self) -> bool:
-        return self.hand.dead or bool(self.ray.wait([self.reference], timeout=0)[0])
+        return self.actor.dead or bool(self.ray.wait([self.reference], timeout=0)[0])
 
     def result(self) -> Rollouts:
         lost = self.ray.exceptions
@@ -175,7 +176,7 @@ class _Ticket:
             lost.WorkerCrashedError,
             lost.NodeDiedError,
         ) as error:
-            self.hand.dead = True
+            self.actor.dead = True
             raise WorkerLost from error
         if isinstance(answer, AvrareError):
             raise answer

@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The simulator of this distribution."""
+    """Return the simulator ``single_track``."""
     return [
         Component(
             kind="simulator",

@@ -1,4 +1,4 @@
-"""What a scenario says about road, ego and traffic. SI units; y is positive to the left."""
+"""Options of road, ego and traffic. SI units; y is positive to the left."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from avrare_mpc.config import TrajectoryPlan
 
-_TAKEN = ("ego", "others")
-"""What formulas call the vehicle under test, and all the rest."""
+_RESERVED = ("ego", "others")
+"""Names in formulas of the vehicle under test and of all other vehicles."""
 
 
-class RoadConfig(BaseModel):
-    """Straight parallel lanes along x."""
-
+class _Options(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class RoadConfig(_Options):
+    """Straight parallel lanes along x."""
 
     lane_centres: tuple[float, ...] = Field(
         default=(-1.75, 1.75, 5.25), min_length=1, description="y of the lane centres, from right to left [m]"
@@ -37,10 +39,8 @@ class RoadConfig(BaseModel):
         return self
 
 
-class EgoConfig(BaseModel):
+class EgoConfig(_Options):
     """Start and body of the ego; the defaults are a mid-size car (CommonRoad vehicle 1)."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     x: float = Field(description="centre at the start [m]")
     y: float = Field(description="centre at the start [m]")
@@ -61,10 +61,8 @@ class EgoConfig(BaseModel):
         return self
 
 
-class VehicleConfig(BaseModel):
-    """Another vehicle: parked, at constant velocity, or driven by a plan made before the run."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+class VehicleConfig(_Options):
+    """Other vehicle: parked, at constant velocity, or following a plan made before the run."""
 
     name: str = Field(min_length=1, description="as it is called in messages and pictures")
     x: float = Field(description="centre at the start [m]")
@@ -79,21 +77,16 @@ class VehicleConfig(BaseModel):
 
     @field_validator("name")
     @classmethod
-    def _is_free(cls, name: str) -> str:
-        if name in _TAKEN:
-            raise ValueError(f"{name!r} means something else in formulas: call the vehicle another name")
+    def _not_reserved(cls, name: str) -> str:
+        if name in _RESERVED:
+            raise ValueError(f"{name!r} is a reserved name in formulas: give the vehicle another name")
         return name
 
 
-class SingleTrackConfig(BaseModel):
+class SingleTrackConfig(_Options):
     """Options of the simulator ``single_track``."""
 
-    model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        allow_inf_nan=False,
-        json_schema_extra={"examples": [{"ego": {"x": 0.0, "y": 1.75, "speed": 20.0}}]},
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [{"ego": {"x": 0.0, "y": 1.75, "speed": 20.0}}]})
 
     dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
     road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")

@@ -1,9 +1,9 @@
-"""The ego as a kinematic single-track vehicle about its centre (Rajamani, Vehicle Dynamics and Control, 2.2).
+"""Ego as a kinematic single-track vehicle about its centre (Rajamani, Vehicle Dynamics and Control, 2.2).
 
 With steering angle δ, wheelbase L and the centre half-way between the axles:
 β = atan(tan(δ) / 2), x' = v cos(h + β), y' = v sin(h + β), h' = v cos(β) tan(δ) / L, v' = a.
-The controller asks for acceleration and yaw rate; the plant turns them into a steering angle that it can
-reach, so it is never exactly the controller's own model.
+The controller commands acceleration and yaw rate; the plant converts the yaw rate to a reachable steering
+angle, so it is never exactly the controller's own model.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from avrare.driving import Action, Vehicles
 from avrare.protocols import Floats
 from avrare_single_track.config import EgoConfig
 
-_SLOWEST = 0.1
-"""Below this speed [m/s] a yaw rate asks for no more steering."""
+_MIN_SPEED = 0.1
+"""Lower limit of the speed in the conversion of a yaw rate to a steering angle [m/s]."""
 
 
 def advance(
     config: EgoConfig, dt: float, ego: Vehicles, steering: Floats, action: Action
 ) -> tuple[Vehicles, Floats]:
-    """Ego and steering angle one ``dt`` later, by one Runge-Kutta step of fourth order.
+    """Return ego and steering angle one ``dt`` later, by one Runge-Kutta step of fourth order.
 
     The steering angle moves linearly from its old to its new value, the speed under constant acceleration.
     """
@@ -47,8 +47,7 @@ def advance(
 
 
 def _steer(config: EgoConfig, dt: float, speed: Floats, steering: Floats, yaw_rate: Floats) -> Floats:
-    """The steering angle at the end of the step: what the yaw rate needs, within angle and rate limits."""
-    ratio = config.wheelbase * yaw_rate / np.maximum(speed, _SLOWEST)
+    ratio = config.wheelbase * yaw_rate / np.maximum(speed, _MIN_SPEED)
     # h' L / v = tan(δ) cos(atan(tan(δ) / 2)) = u  =>  tan(δ)^2 = u^2 / (1 - u^2 / 4)
     ratio = np.clip(ratio, -1.9, 1.9)
     wanted = np.arctan(ratio / np.sqrt(1.0 - 0.25 * ratio**2))

@@ -1,25 +1,25 @@
-"""The simulator: a single-track ego among scripted vehicles. It has no randomness of its own."""
+"""Simulator: a single-track ego among scripted vehicles, without randomness of its own."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.driving import Action, Road, Scene, Vehicles, World
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
-from avrare.errors import UsageError
 from avrare.protocols import Bools, Floats, Signals
-from avrare_single_track.config import SingleTrackConfig
+from avrare_single_track.config import SingleTrackConfig, VehicleConfig
 from avrare_single_track.plant import advance
-from avrare_single_track.traffic import ScriptedTraffic
 
 
 def build(config: SingleTrackConfig, scene: Scene | None = None) -> SingleTrack:
-    """The simulator of a scenario."""
+    """Build the simulator of a scenario."""
     return SingleTrack(config)
 
 
 class SingleTrack:
-    """A batch of identical roads, one per particle.
+    """Batch of identical roads, one per particle.
 
     Attributes:
         dt: Step [s].
@@ -49,7 +49,7 @@ class SingleTrack:
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
 
     def reset(self, noise: Floats) -> World:
-        """All particles at the scenario's start."""
+        """Return the worlds at the scenario's start."""
         n = len(noise)
         ego = self.config.ego
         start = Vehicles(*(np.full(n, value) for value in (ego.x, ego.y, ego.heading, ego.speed, 0.0)))
@@ -57,7 +57,7 @@ class SingleTrack:
         return World(step, start, self.traffic.at(step), np.zeros(n))
 
     def step(self, world: World, action: Action | None, noise: Floats) -> World:
-        """World one ``dt`` later.
+        """Return the world one ``dt`` later.
 
         Raises:
             UsageError: There is no controller.
@@ -69,7 +69,7 @@ class SingleTrack:
         return World(step, ego, self.traffic.at(step), steering)
 
     def signals(self, world: World) -> Signals:
-        """``ego_*`` (N,), ``others_*`` (N, V), ``distance`` (N, V) to each, ``gap`` (N,) the least."""
+        """Return ``ego_*`` (N,), ``others_*`` and ``distance`` (N, V), and its minimum ``gap`` (N,)."""
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"ego_{name}": getattr(world.ego, name) for name in fields}
         named |= {f"others_{name}": getattr(world.others, name) for name in fields}
@@ -79,6 +79,44 @@ class SingleTrack:
         return {**named, "distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 
     def faults(self, world: World) -> Bools:
-        """(N,) rows whose ego state is not finite."""
+        """Tell (N,) which rows have an ego state that is not finite."""
         ego = world.ego
         return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
+
+
+class ScriptedTraffic:
+    """Trajectories of V other vehicles, fixed before the run and the same for every particle."""
+
+    def __init__(self, vehicles: tuple[VehicleConfig, ...], road: Road, dt: float) -> None:
+        self.dt = dt
+        samples = [_samples(vehicle, road, dt) for vehicle in vehicles]
+        self._last = np.array([len(x) - 1 for x, _, _, _ in samples], dtype=np.int64)
+        longest = int(self._last.max(initial=0)) + 1
+        self._table = np.zeros((4, longest, len(vehicles)))
+        for v, series in enumerate(samples):
+            for row, values in enumerate(series):
+                self._table[row, : len(values), v] = values
+                self._table[row, len(values) :, v] = values[-1]
+        self._change = np.zeros_like(self._table[3])
+        self._change[1:] = np.diff(self._table[3], axis=0) / dt
+
+    def at(self, step: NDArray[np.int64]) -> Vehicles:
+        """Return vehicles (N, V) at each particle's step; at constant velocity after a trajectory's end."""
+        row = np.minimum(step[:, None], self._last)
+        x, y, heading, speed = (self._table[k][row, np.arange(row.shape[1])] for k in range(4))
+        beyond = (step[:, None] - row) * self.dt
+        change = np.where(beyond > 0.0, 0.0, self._change[row, np.arange(row.shape[1])])
+        return Vehicles(
+            x + beyond * speed * np.cos(heading), y + beyond * speed * np.sin(heading), heading, speed, change
+        )
+
+
+def _samples(vehicle: VehicleConfig, road: Road, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+    if vehicle.drive is None:
+        start = (vehicle.x, vehicle.y, vehicle.heading, vehicle.speed)
+        x, y, heading, speed = (np.array([value]) for value in start)
+        return x, y, heading, speed
+    from avrare_mpc.trajectory import plan_trajectory
+
+    planned = plan_trajectory(vehicle.drive, vehicle.x, vehicle.y, vehicle.speed, vehicle.heading, road, dt)
+    return planned.x, planned.y, planned.heading, planned.speed

@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """The specifications of this distribution."""
+    """Return the specification ``traffic_rules``."""
     return [
         Component(
             kind="specification",

@@ -1,35 +1,34 @@
-"""The rules as cards that a person reads; imports nothing heavy."""
+"""Catalogue: a card for every rule."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from avrare.plugin.rulecard import RuleCard, RuleParameter
+from avrare.plugin import RuleCard, RuleParameter
 from avrare_traffic_rules.config import Parameters
-from avrare_traffic_rules.rulebook import Rulebook, fill, plain, shipped
+from avrare_traffic_rules.rulebook import fill, format_value, shipped
 
 
 def rules() -> list[RuleCard]:
-    """A card for every rule that comes with this package, with the default parameters filled in."""
+    """Return a card for every rule of this package, with the default parameters."""
     book = shipped()
-    return [_card(book, name) for name in book.rules]
-
-
-def _card(book: Rulebook, name: str) -> RuleCard:
-    rule, options = book.rules[name], Parameters().model_dump()
-    return RuleCard(
-        name=name,
-        title=rule.title,
-        text=fill(rule.text, options),
-        formula=fill(book.complete(rule.formula), options),
-        parameters=tuple(_parameter(option) for option in rule.parameters),
-        source=rule.source,
-    )
+    options = Parameters().model_dump()
+    return [
+        RuleCard(
+            name=name,
+            title=rule.title,
+            text=fill(rule.text, options),
+            formula=fill(book.complete(rule.formula), options),
+            parameters=tuple(_parameter(option) for option in rule.parameters),
+            source=rule.source,
+        )
+        for name, rule in book.rules.items()
+    ]
 
 
 def _parameter(option: str) -> RuleParameter:
     field = Parameters.model_fields[option]
     about: Any = field.json_schema_extra
-    default = field.default
-    written = "null" if default is None else plain(list(default) if isinstance(default, tuple) else default)
-    return RuleParameter(option, written, about["unit"], field.title or "", about["source"])
+    value = list(field.default) if isinstance(field.default, tuple) else field.default
+    text = "null" if value is None else format_value(value)
+    return RuleParameter(option, text, about["unit"], field.title or "", about["source"])

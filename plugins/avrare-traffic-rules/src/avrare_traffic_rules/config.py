@@ -15,14 +15,13 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from avrare.errors import UsageError
+from avrare.base.errors import UsageError
 from avrare_traffic_rules.rulebook import Rulebook, read, shipped
 
 _LIMITS = {"ge": "at least", "gt": "above", "lt": "below"}
 
 
 def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> Any:
-    """A parameter; ``title``, ``unit`` and ``source`` also serve the catalogue."""
     bounds = "".join(f", {_LIMITS[kind]} {limit:g}" for kind, limit in limits.items())
     words = f"{text} [{unit}]{bounds}" if unit else f"{text}{bounds}"
     words += f"; {source}" if source != "ours" else ""
@@ -31,7 +30,7 @@ def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> A
 
 
 class Scales(BaseModel):
-    """What counts as one unit of robustness, so that minima over unlike quantities make sense."""
+    """Units of robustness, which make minima over different quantities meaningful."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -44,7 +43,7 @@ class Scales(BaseModel):
 
 
 class Parameters(BaseModel):
-    """The numbers that rules and predicates depend on."""
+    """Parameters of rules and predicates."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -96,7 +95,7 @@ class Parameters(BaseModel):
 
     @field_validator("lane_limit")
     @classmethod
-    def _is_above_zero(
+    def _positive_limit(
         cls, limit: float | tuple[float | None, ...] | None
     ) -> float | tuple[float | None, ...] | None:
         for one in limit if isinstance(limit, tuple) else (limit,):
@@ -134,28 +133,28 @@ class TrafficRuleConfig(Parameters):
 
     @field_validator("rule")
     @classmethod
-    def _is_known(cls, rule: str | None, info: ValidationInfo) -> str | None:
+    def _known_rule(cls, rule: str | None, info: ValidationInfo) -> str | None:
         try:
             known = _rulebook(info.data.get("rules_file")).rules
         except UsageError:
-            return rule  # check.py says what is wrong with the file
+            return rule  # reported by check.py
         if rule is not None and rule not in known:
             expected = ", ".join(f"'{name}'" for name in known)
             raise PydanticCustomError("literal_error", "Input should be {expected}", {"expected": expected})
         return rule
 
     @model_validator(mode="after")
-    def _says_one_thing(self) -> TrafficRuleConfig:
+    def _rule_or_formula(self) -> TrafficRuleConfig:
         if (self.rule is None) == (self.formula is None):
             raise ValueError("give either `rule`, a name, or `formula`, a formula")
         return self
 
     @property
     def rulebook(self) -> Rulebook:
-        """The rules to choose from.
+        """Rules to choose from.
 
         Raises:
-            UsageError: The rules file cannot be read or is none.
+            UsageError: The rules file cannot be read or is invalid.
         """
         return _rulebook(self.rules_file)
 

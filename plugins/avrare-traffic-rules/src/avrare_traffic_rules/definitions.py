@@ -1,8 +1,8 @@
-"""The two sets of meanings that a rule may be read with: ``recommended`` and ``published``.
+"""Two sets of meanings of predicates: ``recommended`` and ``published``.
 
-The published ones are those of the code of Innes and Ramamoorthy, to compare with its numbers. Lanes are
-bands of half their width, tested at five points of the body; front, rear and sides are the middles of the
-rectangle's edges; the safe distance is one car length; metres, m/s and radians meet in one minimum, unscaled.
+The published ones are those of the code of Innes and Ramamoorthy, for comparison with its numbers. Lanes are
+bands of half their width, tested at five points of the body; front, rear and sides are the midpoints of the
+rectangle's edges; the safe distance is one car length; metres, m/s and radians are compared unscaled.
 """
 
 from __future__ import annotations
@@ -11,22 +11,20 @@ import numpy as np
 
 from avrare.driving import Road
 from avrare.protocols import Floats
-from avrare_traffic_rules.predicates import distances, motion, places
+from avrare_traffic_rules import predicates
 from avrare_traffic_rules.traffic import Bodies, bounding_box, overlap
 from avrare_traffic_rules.vocabulary import Definitions, Setting, named, predicate
 
-RECOMMENDED = Definitions(
-    named(vars(places)) | named(vars(motion)) | named(vars(distances)), bounding_box, overlap, scaled=True
-)
+RECOMMENDED = Definitions(named(vars(predicates)), bounding_box, overlap, scaled=True)
 
 
-def edge_middles(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
-    """From the centre to the middle of the front edge along the road, of the left edge across it."""
+def edge_midpoints(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
+    """Return the offsets of the front edge's midpoint along the road and the left edge's across it."""
     return 0.5 * length * np.cos(heading), 0.5 * width * np.cos(heading)
 
 
 def inner_half(bodies: Bodies, road: Road) -> Floats:
-    """(L, ...) how far a body is in each lane's inner half, by its centre or the middle of an edge."""
+    """Return (L, ...) how far a body's centre or an edge's midpoint is inside each lane's inner half."""
     along = 0.5 * bodies.length * np.sin(bodies.heading)
     across = 0.5 * bodies.width * np.cos(bodies.heading)
     points = np.stack([bodies.y + d for d in (0.0 * along, along, -along, across, -across)])
@@ -60,7 +58,7 @@ def drives_slightly_faster(s: Setting, a: Bodies, b: Bodies) -> Floats:
 PUBLISHED = Definitions(
     dict(RECOMMENDED.predicates)
     | named({one.name: one for one in (keeps_safe_distance, left_of, drives_slightly_faster)}),
-    edge_middles,
+    edge_midpoints,
     inner_half,
     scaled=False,
 )

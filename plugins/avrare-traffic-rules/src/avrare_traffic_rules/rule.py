@@ -1,4 +1,4 @@
-"""A traffic rule as a specification: predicates of each sample under a monitor."""
+"""Traffic rule as a specification: predicates of each sample, and a robustness monitor over them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import FormulaError, UsageError, did_you_mean
 from avrare.driving import Road, Scene
-from avrare.errors import FormulaError, UsageError, did_you_mean
-from avrare.logic import formula as f
-from avrare.logic.algebra import Robustness
-from avrare.logic.api import Formula
-from avrare.logic.online import FormulaMonitor
-from avrare.logic.robustness import Evaluator
+from avrare.logic.formula import FormulaMonitor
+from avrare.logic.semantics.trace_evaluator import Evaluator
+from avrare.logic.semantics.value_algebra import RobustnessAlgebra
+from avrare.logic.syntax import nodes
 from avrare.protocols import Floats, Signals, Verdict
-from avrare_traffic_rules.check import read, require
+from avrare_traffic_rules.check import parse_rule, raise_errors
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
 from avrare_traffic_rules.definitions import DEFINITIONS
 from avrare_traffic_rules.traffic import read_traffic
@@ -27,11 +26,11 @@ _ALL_OTHERS = "write 'forall o in others: ...' and use o"
 
 
 def build(config: TrafficRuleConfig, scene: Scene | None) -> TrafficRule:
-    """The specification of a scenario.
+    """Build the specification of a scenario.
 
     Raises:
-        UsageError: The simulator has no road, an option speaks of lanes that it has not, or the formula is
-            none; the messages are those of ``check``.
+        UsageError: The simulator has no road, an option names a lane that does not exist, or the formula is
+            invalid; the messages are those of ``check``.
     """
     if scene is None:
         raise UsageError(
@@ -45,11 +44,11 @@ class TrafficRule:
     """One rule (an ``avrare.protocols.Specification``).
 
     Attributes:
-        formula: Over predicates of vehicles; its ``warnings`` say what looks odd.
+        formula: Formula over predicates of vehicles, with its ``warnings``.
         scene: The road and the vehicles.
         score: Name of the score that orders particles.
-        names: The other vehicles that it speaks of, in the order of the predicates' axes.
-        excluded: The other vehicles that it does not speak of, such as parked ones for R_G1.
+        names: The other vehicles that it refers to, in the order of the predicates' axes.
+        excluded: The other vehicles, such as parked ones for R_G1.
     """
 
     def __init__(self, config: TrafficRuleConfig, scene: Scene) -> None:
@@ -57,50 +56,53 @@ class TrafficRule:
         self.scene = scene
         self.score = config.score
         _require_lanes(config, scene.road)
-        self.formula = _formula(config, scene.dt)
+        formula, findings = parse_rule(config, scene.dt)
+        raise_errors(findings)
+        assert formula is not None  # it has no errors
+        self.formula = formula
         self._definitions = DEFINITIONS[config.definitions]
         self._setting = Setting(config, config.scales if self._definitions.scaled else _UNSCALED, scene.road)
-        self._wanted = _look_up(self.formula.node, self._definitions, scene.names)
+        self._predicates = _look_up(self.formula.node, self._definitions, scene.names)
         default = "all" if config.rule is None else config.rulebook.rules[config.rule].vehicles
         which = config.vehicles or default
         self._chosen = scene.moving if which == "moving" else np.ones(len(scene.names), dtype=bool)
         self.names = tuple(name for name, chosen in zip(scene.names, self._chosen, strict=True) if chosen)
-        asked = {name for _, names in self._wanted.values() for name in names}
+        asked = {name for _, names in self._predicates.values() for name in names}
         self.excluded = tuple(name for name in scene.names if name not in {*self.names, *asked})
         self._monitor = FormulaMonitor(self.formula)
 
     def start(self, n: int) -> Any:
-        """Monitor state before sample 0."""
+        """Return the monitor state before sample 0."""
         return self._monitor.start(n)
 
     def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
-        """Monitor state and verdict after one more sample of the simulator's signals."""
+        """Return monitor state and verdict after one more sample of the simulator's signals."""
         return self._monitor.update(state, self.sample(signals))
 
     def margin(self, state: Any) -> Floats | None:
-        """(N,) robustness of the rule's body at the newest sample; None where it looks ahead."""
+        """Return the (N,) robustness of the rule's body at the newest sample; None if it looks ahead."""
         return self._monitor.margin(state)
 
     def sample(self, signals: Signals) -> dict[str, Floats]:
-        """The predicates that the formula reads: (N,), and an axis (V,) for each argument ``others``."""
-        meanings = self._definitions
-        traffic = read_traffic(signals, self.scene, self._chosen, meanings.extents, meanings.lanes)
+        """Evaluate the predicates of the formula: (N,), and an axis (V,) for each argument ``others``."""
+        definitions = self._definitions
+        traffic = read_traffic(signals, self.scene, self._chosen, definitions.extents, definitions.lanes)
         sample = {}
-        for key, (predicate, names) in self._wanted.items():
+        for key, (predicate, names) in self._predicates.items():
             bodies, shape = traffic.arguments(names)
             sample[key] = np.broadcast_to(predicate(self._setting, *bodies), shape)
         return sample
 
     def explain(self, signals: Signals) -> str:
-        """What the first row's sample, taken as sample 0, comes nearest to failing on, in words.
+        """Describe what the first row's sample, taken as sample 0, is nearest to violating.
 
-        A rule for all others names the vehicle; in the rest the fault is the ego's and others only excuse it.
+        A rule for all others names the vehicle; any other rule is violated by the ego, others only excuse it.
         """
         title = self.config.rule or "the formula"
         samples = {key: values[None, :1] for key, values in self.sample(signals).items()}
-        evaluate = Evaluator(samples, 1, 1, Robustness(), self.formula.closed)
+        evaluate = Evaluator(samples, 1, 1, RobustnessAlgebra(), self.formula.closed)
         node = self.formula.node
-        if not (self.names and isinstance(node, f.Quantifier) and node.op == "forall"):
+        if not (self.names and isinstance(node, nodes.Quantifier) and node.op == "forall"):
             return f"{title} by the ego (robustness {evaluate(node)[0, 0]:.3g})"
         each = evaluate(node.child)[0, 0]
         worst = int(np.argmin(each))
@@ -119,21 +121,13 @@ def _require_lanes(config: TrafficRuleConfig, road: Road) -> None:
         raise UsageError(message, f"{hint}; write null where there is no limit")
 
 
-def _formula(config: TrafficRuleConfig, dt: float) -> Formula:
-    formula, findings = read(config, dt)
-    require(findings)
-    assert formula is not None  # it has no errors
-    return formula
-
-
 def _look_up(
-    node: f.Node, definitions: Definitions, vehicles: tuple[str, ...]
+    node: nodes.Node, definitions: Definitions, vehicles: tuple[str, ...]
 ) -> dict[str, tuple[Predicate, tuple[str, ...]]]:
-    """Key of the samples -> the predicate and the vehicles or groups that it is asked about."""
     known = {"ego": "ego", "others": "others", **_spellings(vehicles)}
-    wanted = {}
-    for part in f.walk(node):
-        if isinstance(part, f.Signal):
+    found = {}
+    for part in nodes.walk(node):
+        if isinstance(part, nodes.Signal):
             name, _, inside = part.name.partition("(")
             words = [word.strip() for word in inside.rstrip(")").split(",")]
             for word in words:
@@ -141,12 +135,12 @@ def _look_up(
                     raise FormulaError(
                         f"there is no vehicle {word!r}", did_you_mean(word, known) or _ALL_OTHERS
                     )
-            wanted[part.name] = definitions.find(name, len(words)), tuple(known[word] for word in words)
-    return wanted
+            found[part.name] = definitions.find(name, len(words)), tuple(known[word] for word in words)
+    return found
 
 
 def _spellings(vehicles: tuple[str, ...]) -> dict[str, str]:
-    """Word of a formula -> vehicle; ``v7`` is the vehicle 7, unless another one has that name."""
     plain = {name: name for name in vehicles if re.fullmatch(_WORD, name)}
+    # v7 is the vehicle 7, unless another one has that name
     spelt = ((f"v{name}", name) for name in vehicles if name not in plain)
     return {word: name for word, name in spelt if re.fullmatch(_WORD, word)} | plain

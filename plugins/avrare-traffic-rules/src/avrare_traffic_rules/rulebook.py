@@ -1,4 +1,4 @@
-"""Rules as text: those that come with this package, and those of a file of the user's own."""
+"""Rules as text: those of this package, and those of a user's rules file."""
 
 from __future__ import annotations
 
@@ -8,13 +8,54 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from avrare.errors import UsageError, did_you_mean
-from avrare_traffic_rules import rulesfile
-from avrare_traffic_rules.rulesfile import Rule
+from pydantic import BaseModel, ConfigDict, Field
+
+from avrare.base.errors import ScenarioError, UsageError, did_you_mean
+from avrare.scenario.validation import UNKNOWN_KEY, check
+from avrare.scenario.yaml import parse as parse_yaml
 
 _OPTION = re.compile(r"\{(\w+)\}")
+_HINT = "a rules file has `rules: {NAME: {formula: ...}}`"
+
+
+class Rule(BaseModel):
+    """Entry of a rules file; ``{names}`` in its texts stand for options.
+
+    Attributes:
+        title: A few words.
+        text: The rule in English.
+        formula: Formula over predicates of vehicles.
+        published: The formula of [I24], if it differs in structure.
+        vehicles: Vehicles that the rule is about unless the scenario says otherwise.
+        parameters: Options that the rule depends on.
+        source: Source of the rule.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    title: str = ""
+    text: str = ""
+    formula: str
+    published: str | None = None
+    vehicles: Literal["moving", "all"] = "all"
+    parameters: tuple[str, ...] = ()
+    source: str = ""
+
+
+class _RulesFile(BaseModel):
+    """Content of a rules file.
+
+    Attributes:
+        definitions: ``name(a, b) = formula``, one per line; indented lines continue a definition.
+        rules: Name -> rule.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    definitions: str = ""
+    rules: dict[str, Rule] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
@@ -22,15 +63,15 @@ class Rulebook:
     """Rules by name, and the definitions that they share.
 
     Attributes:
-        rules: name -> rule.
-        definitions: name -> ``name(a, b) = formula``, in one line.
+        rules: Rules by name.
+        definitions: ``name(a, b) = formula`` in one line, by name.
     """
 
     rules: Mapping[str, Rule]
     definitions: Mapping[str, str]
 
     def needed(self, formula: str) -> dict[str, str]:
-        """The definitions that a formula uses, those that others of them use first."""
+        """Return the definitions that a formula uses, each after those that it uses."""
         needed: dict[str, str] = {}
 
         def add(text: str) -> None:
@@ -44,55 +85,53 @@ class Rulebook:
         return needed
 
     def complete(self, formula: str) -> str:
-        """The formula below the definitions that it needs, one a line."""
+        """Return the formula below the definitions that it needs, one per line."""
         return "\n".join([*self.needed(formula).values(), formula])
 
 
 @functools.cache
 def shipped() -> Rulebook:
-    """The rules that come with this package."""
-    text = (files("avrare_traffic_rules") / "rules.yaml").read_text(encoding="utf-8")
-    return _parse(text, "rules.yaml", {})
+    """Return the rules of this package."""
+    return _parse((files("avrare_traffic_rules") / "rules.yaml").read_bytes(), "rules.yaml", {})
 
 
 def read(path: Path) -> Rulebook:
-    """The rules of a file, which may also use the definitions that come with this package.
+    """Read the rules of a file, which may also use the definitions of this package.
 
     Raises:
-        UsageError: The file cannot be read or is no rules file.
+        UsageError: The file cannot be read, is not YAML or not a rules file; ``FILE:LINE:COLUMN:`` if known.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:  # ValueError: bytes that are no text, or a NUL in the path
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"{path}: {reason}", "give `rules_file` relative to the current folder") from error
-    return _parse(text, str(path), shipped().definitions)
+    return _parse(data, str(path), shipped().definitions)
 
 
 def fill(text: str, options: Mapping[str, Any]) -> str:
-    """The text with its ``{names}`` replaced by options.
+    """Replace the ``{names}`` of a text by options.
 
     Raises:
-        UsageError: There is no such option, or it is no number.
+        UsageError: There is no such option, or it is not a number.
     """
-    error = next(unfit(text, options), None)
-    if error is not None:
+    for error in invalid_options(text, options):
         raise error
-    return _OPTION.sub(lambda match: plain(options[match.group(1)]), text)
+    return _OPTION.sub(lambda match: format_value(options[match.group(1)]), text)
 
 
-def unfit(text: str, options: Mapping[str, Any]) -> Iterator[UsageError]:
-    """What is wrong with the ``{names}`` of a text: no options, or none with a number."""
+def invalid_options(text: str, options: Mapping[str, Any]) -> Iterator[UsageError]:
+    """Yield an error for each of the ``{names}`` of a text that is not an option with a number."""
     numbers = {name for name, value in options.items() if isinstance(value, int | float)}
     for name in dict.fromkeys(_OPTION.findall(text)):
         if name not in options:
-            yield UsageError(f"{{{name}}} is no option of a traffic rule", did_you_mean(name, numbers))
+            yield UsageError(f"{{{name}}} is not an option of traffic rules", did_you_mean(name, numbers))
         elif name not in numbers:
-            yield UsageError(f"the option {name} is no number, so a formula cannot have {{{name}}}")
+            yield UsageError(f"the option {name} is not a number, so a formula cannot contain {{{name}}}")
 
 
-def places(text: str, options: Mapping[str, Any]) -> dict[tuple[int, int], str]:
-    """(line, column) where the value of an option begins in the filled text, from 1 -> its name."""
+def option_positions(text: str, options: Mapping[str, Any]) -> dict[tuple[int, int], str]:
+    """Return the names of options by the (line, column), from 1, of their value in the filled text."""
     found = {}
     for match in _OPTION.finditer(text):
         before = fill(text[: match.start()], options)
@@ -100,18 +139,26 @@ def places(text: str, options: Mapping[str, Any]) -> dict[tuple[int, int], str]:
     return found
 
 
-def plain(value: Any) -> str:
-    """A number or choice as a person writes it: 3, not 3.0."""
+def format_value(value: Any) -> str:
+    """Format a number or a choice; 3, not 3.0."""
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
-def _parse(text: str, name: str, definitions: Mapping[str, str]) -> Rulebook:
-    content = rulesfile.parse(text, name)
+def _parse(data: bytes, name: str, definitions: Mapping[str, str]) -> Rulebook:
+    try:
+        root = parse_yaml(data, name, "rules file", _HINT, merge_keys=True)
+    except ScenarioError as error:
+        message, hint = error.problems[0]
+        raise UsageError(message, hint or _HINT) from None
+    content, mistakes = check(_RulesFile, root)
+    if content is None:
+        first = min(mistakes, key=lambda mistake: mistake.text != UNKNOWN_KEY)  # it explains a missing key
+        raise UsageError(first.message, first.hint or _HINT)
     return Rulebook(content.rules, {**definitions, **_statements(content.definitions, name)})
 
 
 def _statements(text: str, name: str) -> dict[str, str]:
-    """Name -> definition; one that does not fit in a line goes on in indented ones."""
+    """Split definitions by name; indented lines continue the line above."""
     statements = {}
     for statement in re.split(r"\n(?=\S)", text.strip("\n")):
         words = " ".join(statement.split())

@@ -1,4 +1,4 @@
-"""One sample of traffic as the predicates see it: rectangles, lanes, speeds of the ego and the others."""
+"""Traffic of one sample: rectangles, lanes and speeds of the ego and the other vehicles."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene
-from avrare.errors import UsageError
 from avrare.protocols import Bools, Floats, Signals
 
 Extents = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
-"""(length, width, heading) to half the extent along and across the road."""
+"""Function (length, width, heading) -> half the extent along and across the road."""
 
 _MOTION = ("x", "y", "heading", "speed", "acceleration")
 
@@ -32,10 +32,10 @@ class Bodies:
         acceleration: [m/s^2].
         half_length: Half the extent along the road [m].
         half_width: Half the extent across the road [m].
-        length: Of the rectangle [m].
-        width: Of the rectangle [m].
+        length: Length of the rectangle [m].
+        width: Width of the rectangle [m].
         lanes: (L, ...) how far it reaches into each lane [m]; negative outside.
-        number: Which of the others it is; -1 for the ego.
+        number: Index among the other vehicles; -1 for the ego.
     """
 
     x: Floats
@@ -61,24 +61,24 @@ class Bodies:
         return self.x - self.half_length
 
     def view(self, index: Any) -> Bodies:
-        """The same vehicles with trailing axes chosen or added by ``index``, which begins with ``...``."""
+        """Select or add trailing axes by ``index``, which begins with ``...``."""
         return Bodies(*(getattr(self, field.name)[index] for field in dataclasses.fields(self)))
 
 
 Lanes = Callable[[Bodies, Road], Floats]
-"""Bodies, whose ``lanes`` are not filled in, to (L, ...) how far they reach into each lane [m]."""
+"""Function (bodies without ``lanes``, road) -> (L, ...) how far they reach into each lane [m]."""
 
 
 @dataclass(frozen=True)
 class Traffic:
-    """The vehicles of one sample.
+    """Vehicles of one sample.
 
     Attributes:
-        ego: Fields (N,).
-        others: Those that formulas range over, fields (N, V).
+        ego: The ego, fields (N,).
+        others: The vehicles that formulas quantify over, fields (N, V).
         every: All other vehicles, fields (N, W).
-        names: Of all other vehicles.
-        views: What has been laid out so far.
+        names: Names of all other vehicles.
+        views: Cache of arguments.
     """
 
     ego: Bodies
@@ -88,17 +88,18 @@ class Traffic:
     views: dict[tuple[str, int, int], Bodies] = field(default_factory=dict)
 
     def arguments(self, names: Sequence[str]) -> tuple[tuple[Bodies, ...], tuple[int, ...]]:
-        """The vehicles that a predicate is asked about, laid out to broadcast, and the shape of its answer.
+        """Return the arguments of a predicate, shaped to broadcast, and the shape of its values.
 
         Args:
-            names: Of its arguments: ``ego``, a vehicle's name, or ``others``, each of which adds an axis.
+            names: Names of its arguments: ``ego``, a vehicle's name, or ``others``, each of which adds an
+                axis.
         """
         axes = [name == "others" for name in names]
         total = sum(axes)
-        bodies = (self._laid_out(name, sum(axes[:i]), total) for i, name in enumerate(names))
+        bodies = (self._broadcastable(name, sum(axes[:i]), total) for i, name in enumerate(names))
         return tuple(bodies), self.ego.x.shape + self.others.x.shape[1:] * total
 
-    def _laid_out(self, name: str, before: int, total: int) -> Bodies:
+    def _broadcastable(self, name: str, before: int, total: int) -> Bodies:
         key = (name, before, total)
         if key not in self.views:
             after = [None] * (total - before - 1)
@@ -111,20 +112,20 @@ class Traffic:
 
 
 def bounding_box(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
-    """Half the extents of the rectangle itself."""
+    """Return half the extents of the bounding box of a rectangle."""
     cos, sin = np.abs(np.cos(heading)), np.abs(np.sin(heading))
     return 0.5 * (length * cos + width * sin), 0.5 * (length * sin + width * cos)
 
 
 def overlap(bodies: Bodies, road: Road) -> Floats:
-    """(L, ...) by how much the rectangle and each lane overlap [m]."""
+    """Return (L, ...) the overlap of the bounding box and each lane [m]."""
     centres = np.array(road.lane_centres).reshape(-1, *[1] * bodies.y.ndim)
     room = 0.5 * road.lane_width + bodies.half_width
     return np.asarray(room - np.abs(bodies.y - centres))
 
 
 def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents, lanes: Lanes) -> Traffic:
-    """Traffic of one sample from the simulator's signals.
+    """Read the traffic of one sample from the simulator's signals.
 
     Raises:
         UsageError: A signal is missing.
@@ -135,14 +136,14 @@ def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents
             x, y, heading, speed, acceleration = (signals[f"{who}_{name}"] for name in _MOTION)
         except KeyError as error:
             hint = f"they read {', '.join(f'{who}_{name}' for name in _MOTION)}"
-            raise UsageError(f"traffic rules need the signal {error}, which there is not", hint) from error
+            raise UsageError(f"traffic rules need the signal {error}, which does not exist", hint) from error
         half_length, half_width = extents(length, width, heading)
         plain = Bodies(
             x, y, heading, speed, acceleration, half_length, half_width, length, width, x[None], number
         )
         return dataclasses.replace(plain, lanes=lanes(plain, scene.road))
 
-    # sizes and numbers have a particle axis of length 1
+    # the particle axis of sizes and numbers has length 1
     ego = bodies("ego", np.array([scene.ego_length]), np.array([scene.ego_width]), np.array([-1]))
     every = bodies("others", scene.lengths[None], scene.widths[None], np.arange(len(scene.names))[None])
     others = every if chosen.all() else every.view((..., chosen))

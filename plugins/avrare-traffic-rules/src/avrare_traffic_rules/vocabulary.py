@@ -1,8 +1,8 @@
-"""The predicates that formulas may use: names, arguments, units, and the functions behind them.
+"""Predicates of formulas: names, arguments, units and functions.
 
-A predicate is a function of a ``Setting`` and one ``Bodies`` for each vehicle it is asked about, whose arrays
-broadcast; it answers in its own unit. Predicates are positive where they hold; they are divided by the scale
-of their kind, so that unlike ones compare. Quantities, for formulas of the user's own, are left as they are.
+A predicate is a function of a ``Setting`` and one ``Bodies`` per argument, whose arrays broadcast; it
+returns values in its own unit. Predicates are positive where they hold and divided by the scale of their
+kind, so that different ones compare. Quantities, for formulas of users, are not scaled.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import FormulaError, did_you_mean
 from avrare.driving import Road
-from avrare.errors import FormulaError, did_you_mean
 from avrare.protocols import Floats
 from avrare_traffic_rules.config import Parameters, Scales
 from avrare_traffic_rules.traffic import Bodies, Extents, Lanes
@@ -24,14 +24,14 @@ UNITS = {
     "longitudinal": "m", "lateral": "m", "speed": "m/s", "acceleration": "m/s^2", "heading": "rad",
     "time": "s", "mixed": "",
 }  # fmt: skip
-"""Kind of scale -> the unit that it scales; ``mixed`` predicates scale their parts themselves."""
+"""Units by kind of scale; ``mixed`` predicates scale their parts themselves."""
 
 Function = Callable[..., Floats]
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What predicates depend on beside the vehicles.
+    """Arguments of predicates beside the vehicles.
 
     Attributes:
         parameters: Thresholds and times.
@@ -60,11 +60,11 @@ class Predicate:
     """A predicate or quantity.
 
     Attributes:
-        name: As in a formula.
-        arguments: One name for each vehicle it is asked about.
-        text: What it says of them.
-        unit: Of what ``function`` returns; empty for mixed ones, which are pure numbers.
-        scale: Field of ``Scales`` by which its values are divided, ``mixed``, or empty for a quantity.
+        name: Name in a formula.
+        arguments: One name per vehicle.
+        text: Meaning, in words.
+        unit: Unit of the values of ``function``; empty for mixed ones, which are pure numbers.
+        scale: Field of ``Scales`` that divides the values, ``mixed``, or empty for a quantity.
         function: ``(setting, *bodies) -> values``.
     """
 
@@ -76,20 +76,20 @@ class Predicate:
     function: Function
 
     def __call__(self, setting: Setting, *bodies: Bodies) -> Floats:
-        """The values that a formula sees."""
+        """Return the scaled values."""
         values = self.function(setting, *bodies)
         return values / getattr(setting.scales, self.scale) if self.scale in Scales.model_fields else values
 
 
 @dataclass(frozen=True)
 class Definitions:
-    """A complete set of meanings.
+    """Complete set of meanings.
 
     Attributes:
-        predicates: name -> predicate.
-        extents: What counts as front, rear and sides of a vehicle.
-        lanes: When a vehicle is in a lane.
-        scaled: Whether predicates are scaled.
+        predicates: Predicates by name.
+        extents: Function that gives front, rear and sides of a vehicle.
+        lanes: Function that gives how far a vehicle is in each lane.
+        scaled: True if predicates are scaled.
     """
 
     predicates: Mapping[str, Predicate]
@@ -98,7 +98,7 @@ class Definitions:
     scaled: bool
 
     def find(self, name: str, count: int) -> Predicate:
-        """The predicate ``name`` of ``count`` vehicles.
+        """Return the predicate ``name`` of ``count`` vehicles.
 
         Raises:
             FormulaError: There is none.
@@ -116,17 +116,17 @@ class Definitions:
 
 
 def predicate(scale: str) -> Callable[[Function], Predicate]:
-    """Make a function a predicate of this kind of scale; its docstring's first line says what it means."""
+    """Declare a function as a predicate of this kind of scale; its docstring's first line is its meaning."""
     return lambda function: _describe(function, UNITS[scale], scale)
 
 
 def quantity(unit: str) -> Callable[[Function], Predicate]:
-    """Make a function a quantity in this unit."""
+    """Declare a function as a quantity in this unit."""
     return lambda function: _describe(function, unit, "")
 
 
 def named(module: Mapping[str, Any]) -> dict[str, Predicate]:
-    """The predicates of a module's namespace by name."""
+    """Return the predicates of a module's namespace by name."""
     return {name: value for name, value in module.items() if isinstance(value, Predicate)}
 
 

@@ -1,34 +1,30 @@
-"""Many searches, one after another: the kernels that Python calls."""
+"""Entry kernels: many searches, one after another."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from avrare_mpc.plan import Integers
 from avrare_mpc.riccati.cost import penalties
 from avrare_mpc.riccati.jit import entry, kernel, sources_digest
 from avrare_mpc.riccati.newton import search
 from avrare_mpc.riccati.values import Floats, Others, Programme, Tuning, new_path, new_workspace
 
-Integers = NDArray[np.int64]
-
-ROOM = 0.98
-"""Part of the input bounds that a start may use."""
+GUESS_SHARE = 0.98
+"""Share of the input bounds that a guess may use."""
 
 
 class Answer(NamedTuple):
-    """Where M searches ended.
+    """Results of M searches.
 
     Attributes:
-        states: (M, H + 1, 4).
-        inputs: (M, H, 2).
+        states: (M, H + 1, 4) x, y, speed, heading.
+        inputs: (M, H, 2) acceleration, turn rate.
         cost: (M,) with the lateral penalty.
-        excess: (M,) the farthest that speed or heading are outside their bounds.
+        excess: (M,) largest violation of the bounds of speed and heading.
         status: (M,) FOUND, UNFINISHED or STUCK.
-        iterations: (M,).
+        iterations: (M,) number of iterations.
     """
 
     states: Floats
@@ -45,30 +41,24 @@ def _clip(value: float, limit: float) -> float:
 
 
 def _entry(bounds: int, sources: str) -> Callable[..., str]:
-    """The kernel where the first ``bounds`` soft bounds count: as a constant it is a third faster.
+    """Compile the kernel in which the first ``bounds`` soft bounds count; as a constant it is a third faster.
 
-    numba finds machine code on disk by what a function closes over, hence the sources' digest.
+    numba identifies cached machine code by the values of the closure, hence the digest of the sources.
     """
 
     @entry
     def solve_all(
-        p: Programme,
-        tuning: Tuning,
-        start: Floats,
-        other_x: Floats,
-        other_y: Floats,
-        rows: Integers,
-        guesses: Floats,
-        answer: Answer,
-    ) -> str:
+        p: Programme, tuning: Tuning, start: Floats, other_x: Floats, other_y: Floats, rows: Integers,
+        guesses: Floats, answer: Answer,
+    ) -> str:  # fmt: skip
         steps, vehicles = guesses.shape[1], other_x.shape[1]
         one, two, work = new_path(steps, vehicles), new_path(steps, vehicles), new_workspace(steps)
         for m in range(len(rows)):
             n = rows[m]
             one.states[0] = start[n]
             for k in range(steps):
-                one.inputs[k, 0] = _clip(guesses[m, k, 0], ROOM * p.acceleration_max)
-                one.inputs[k, 1] = _clip(guesses[m, k, 1], ROOM * p.turn_rate_max)
+                one.inputs[k, 0] = _clip(guesses[m, k, 0], GUESS_SHARE * p.acceleration_max)
+                one.inputs[k, 1] = _clip(guesses[m, k, 1], GUESS_SHARE * p.turn_rate_max)
             path, cost, status, spent = search(
                 p, tuning, one, two, work, Others(other_x[n], other_y[n]), bounds
             )
@@ -83,6 +73,6 @@ def _entry(bounds: int, sources: str) -> Callable[..., str]:
 
 
 solve_without_bounds = _entry(1, sources_digest())
-"""Fills ``answer`` with the searches of programmes ``rows`` from ``guesses``; only y is bounded."""
+"""Kernel that searches programmes ``rows`` from ``guesses`` into ``answer``; only y is bounded."""
 solve_with_bounds = _entry(3, sources_digest())
-"""The same with bounds of y, speed and heading."""
+"""Kernel with bounds of y, speed and heading."""

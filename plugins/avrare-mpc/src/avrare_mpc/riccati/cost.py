@@ -1,21 +1,50 @@
-"""Cost of a drive, and its barrier."""
+"""Cost of a trajectory, its barrier, and the quadratic model of each stage.
+
+The model omits second derivatives of the clearances and of the lane distances (Gauss-Newton), so that every
+stage is convex; with them a search takes as many iterations.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from avrare_mpc.riccati.jit import kernel
 from avrare_mpc.riccati.values import Floats, Others, Path, Programme
 
 NEGLIGIBLE = -37.0
-"""Below this scaled clearance a softplus is under 1e-16 and counts as nothing."""
+"""Scaled clearance below which a softplus is under 1e-16 and taken as 0."""
+
+
+class Stage(NamedTuple):
+    """Gradient and Hessian by x, y, v, h and a of every term but turn rates and bounds; xy is 0."""
+
+    x: float
+    y: float
+    v: float
+    h: float
+    a: float
+    xx: float
+    xv: float
+    xh: float
+    xa: float
+    yy: float
+    yv: float
+    yh: float
+    ya: float
+    vv: float
+    vh: float
+    va: float
+    hh: float
+    ha: float
+    aa: float
 
 
 @kernel
 def lane_terms(y: float, centres: Floats) -> tuple[float, float, float]:
-    """1 / sum(1 / d^2) over the lanes, its slope, and its Gauss-Newton curvature.
+    """Return 1 / sum(1 / d^2) over the lanes, its slope, and its Gauss-Newton curvature.
 
-    Written in ratios to the nearest lane's distance, so that a lane's centre is no special place.
+    Ratios to the nearest lane's distance make it regular on a lane's centre.
     """
     near = y - centres[0]
     for i in range(1, len(centres)):
@@ -33,8 +62,8 @@ def lane_terms(y: float, centres: Floats) -> tuple[float, float, float]:
 
 
 @kernel
-def drive_cost(p: Programme, path: Path, others: Others) -> float:
-    """Cost of a drive without its bounds; fills what the derivatives share with it."""
+def path_cost(p: Programme, path: Path, others: Others) -> float:
+    """Return the cost of a trajectory without its bounds; fills the terms shared with the derivatives."""
     steps, before, cost = len(path.inputs), 0.0, 0.0
     for k in range(steps + 1):
         a = w = 0.0
@@ -79,10 +108,10 @@ def _clearance_cost(p: Programme, path: Path, k: int, a: float, others: Others) 
 
 @kernel
 def barrier(p: Programme, path: Path, bounds: int, mu: float) -> float:
-    """Penalties and barriers of the bounds at parameter ``mu``; fills the path's distances and slacks.
+    """Return penalties and barriers of the bounds at parameter ``mu``; fills the path's distances and slacks.
 
-    A soft bound g >= 0 costs the least of penalty t - mu log(t) - mu log(g + t) over slacks t, which has a
-    closed form. Only the first ``bounds`` soft bounds count.
+    A soft bound g >= 0 costs min over slacks t of penalty t - mu log(t) - mu log(g + t), in closed form.
+    Only the first ``bounds`` soft bounds count.
     """
     total = 0.0
     for k in range(len(path.inputs)):
@@ -103,9 +132,9 @@ def barrier(p: Programme, path: Path, bounds: int, mu: float) -> float:
 
 @kernel
 def slacks(gap: float, penalty: float, mu: float) -> tuple[float, float]:
-    """The sum g + t and the slack t where penalty t - mu log(t) - mu log(g + t) is least.
+    """Return g + t and t at the minimum over t of penalty t - mu log(t) - mu log(g + t).
 
-    Written without cancellation, whichever of the two is small.
+    Free of cancellation, whichever of the two is small.
     """
     ratio = mu / penalty
     small = 2.0 * ratio * ratio / (abs(gap) + math.sqrt(gap * gap + 4.0 * ratio * ratio)) + ratio
@@ -114,7 +143,7 @@ def slacks(gap: float, penalty: float, mu: float) -> tuple[float, float]:
 
 @kernel
 def penalties(p: Programme, path: Path) -> tuple[float, float]:
-    """The penalty of leaving the soft bound of y, and the farthest that speed or heading leave theirs."""
+    """Return the penalty of y beyond its soft bound, and the largest violation by speed or heading."""
     penalty = excess = 0.0
     for k in range(1, len(path.states)):
         for j in range(3):
@@ -125,3 +154,53 @@ def penalties(p: Programme, path: Path) -> tuple[float, float]:
             else:
                 excess = max(excess, out)
     return penalty, excess
+
+
+@kernel
+def stage_model(p: Programme, path: Path, k: int, a: float, others: Others) -> Stage:
+    """Return the model at node ``k`` with acceleration ``a``."""
+    y, v, h = path.states[k, 1], path.states[k, 2], path.states[k, 3]
+    _, slope, curve = lane_terms(y, p.centres)
+    effort = 2.0 * (p.acceleration_weight + (p.braking_weight if a < 0.0 else 0.0))
+    slope_y = 2.0 * p.y_goal_weight * (y - p.y_goal) + p.lane_weight * slope
+    slope_v = 2.0 * p.v_goal_weight * (v - p.v_goal)
+    model = Stage(
+        0.0, slope_y, slope_v, 2.0 * p.heading_weight * h, effort * a,
+        0.0, 0.0, 0.0, 0.0,
+        2.0 * p.y_goal_weight + p.lane_weight * curve, 0.0, 0.0, 0.0,
+        2.0 * p.v_goal_weight, 0.0, 0.0,
+        2.0 * p.heading_weight, 0.0,
+        effort,
+    )  # fmt: skip
+    for i in range(len(p.reach_x)):
+        if path.slope[k, i] > 0.0:
+            model = _add_clearance(p, path, k, i, a, others, model)
+    return model
+
+
+@kernel
+def _add_clearance(p: Programme, path: Path, k: int, i: int, a: float, others: Others, to: Stage) -> Stage:
+    # 1. Derivatives of the cost by the missing clearance.
+    overlap, slope = path.overlap[k, i], path.slope[k, i]
+    force = 2.0 * p.obstacle_weight * overlap * slope
+    curve = slope * slope + overlap * p.sharpness * slope * (1.0 - slope)
+    curve = 2.0 * p.obstacle_weight * curve
+    # 2. Derivatives of the missing clearance by x, y, v, h and a.
+    c, s, speed = path.cosine[k], path.sine[k], path.states[k, 2]
+    x = y = 0.0
+    if path.along[k, i] > 0.0:
+        x = 1.0 if path.states[k, 0] < others.x[i, k] else -1.0
+        v, h, acc = c * p.dt, -s * (speed * p.dt + a * p.dt * p.dt), c * p.dt * p.dt
+    else:
+        y = 1.0 if path.states[k, 1] < others.y[i, k] else -1.0
+        lead = speed * p.lead_speed + a * p.lead_acceleration
+        v, h, acc = s * p.lead_speed, c * lead, s * p.lead_acceleration
+    # 3. Chain rule.
+    return Stage(
+        to.x + force * x, to.y + force * y, to.v + force * v, to.h + force * h, to.a + force * acc,
+        to.xx + curve * x * x, to.xv + curve * x * v, to.xh + curve * x * h, to.xa + curve * x * acc,
+        to.yy + curve * y * y, to.yv + curve * y * v, to.yh + curve * y * h, to.ya + curve * y * acc,
+        to.vv + curve * v * v, to.vh + curve * v * h, to.va + curve * v * acc,
+        to.hh + curve * h * h, to.ha + curve * h * acc,
+        to.aa + curve * acc * acc,
+    )  # fmt: skip

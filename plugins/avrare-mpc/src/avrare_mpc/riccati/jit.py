@@ -20,33 +20,33 @@ COMPILED = numba is not None and not numba.config.DISABLE_JIT
 """Whether the kernels are compiled."""
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _SOURCES = {__file__}
-"""Files of the kernels, and this one for the options."""
+"""Source files of the kernels, and this one for the options."""
 
 
 def kernel(function: Function) -> Function:
-    """A function that other kernels call, merged into them: a call would cost as much as most bodies.
+    """Compile a function that other kernels call, inlined: a call would cost as much as most bodies.
 
-    Arithmetic is strictly IEEE, so that every run rounds alike.
+    Arithmetic is strictly IEEE, so that every run has the same bits.
     """
     _SOURCES.add(function.__code__.co_filename)
     return numba.njit(forceinline=True, **_OPTIONS)(function) if COMPILED else function
 
 
 def entry(function: Function) -> Function:
-    """The function that Python calls: its machine code is kept on disk for the next process."""
+    """Compile a function that Python calls; its machine code is cached on disk for the next process."""
     if not COMPILED:
         return function
     try:
         return _Entry(function)  # type: ignore[return-value]
-    except RuntimeError:  # neither the package nor the user's cache folder can be written to
+    except RuntimeError:  # neither the package nor the user's cache folder is writable
         return numba.njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
 
 
 class _Entry:
-    """Machine code on disk, made anew where a loss of power has cut it short.
+    """Function with machine code on disk, recompiled where the file is truncated (loss of power).
 
     Attributes:
-        compiled: What numba made of the function.
+        compiled: numba's dispatcher.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -57,10 +57,10 @@ class _Entry:
         try:
             return self.compiled(*arguments)
         except (EOFError, pickle.UnpicklingError):
-            self._forget()
+            self._recompile()
             return self.compiled(*arguments)
 
-    def _forget(self) -> None:
+    def _recompile(self) -> None:
         module = Path(self._function.__code__.co_filename).stem
         for file in Path(self.compiled.stats.cache_path).glob(f"{module}.*.nb[ci]"):
             file.unlink(missing_ok=True)
@@ -68,7 +68,7 @@ class _Entry:
 
 
 def sources_digest() -> str:
-    """Digest of the kernels' sources so far: numba would only notice changes of the entry's own file."""
+    """Return the digest of the kernels' sources so far; numba itself only checks the entry's own file."""
     digest = hashlib.sha256()
     for name in sorted(_SOURCES):
         digest.update(Path(name).read_bytes())

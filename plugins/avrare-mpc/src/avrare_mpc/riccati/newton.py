@@ -1,96 +1,104 @@
 """Primal-dual interior-point search of one particle's plan.
 
-Newton directions come from the Riccati sweep, lengths from a line search on the barrier cost.
+Minimises J(u) + barrier(u, mu) over the inputs u while mu goes to 0 (Nocedal and Wright, Numerical
+Optimization, 2nd ed., chapter 19). An iteration:
+
+1. Newton direction by the Riccati sweep, with Gauss-Newton curvature and primal-dual bounds.
+2. Fraction-to-boundary rule: longest step that keeps every bound.
+3. Backtracking line search on the merit J + barrier (Armijo); without a step, more damping and back to 1.
+4. Newton step of the multipliers.
+5. Convergence test at the last mu; before it, a smaller mu.
+6. Multipliers stay within orders of magnitude of the central path.
 """
 
 from __future__ import annotations
 
-from avrare_mpc.riccati.cost import barrier, drive_cost
-from avrare_mpc.riccati.drive import MARGIN, drive, follow
+import math
+
+from avrare_mpc.riccati.cost import barrier, path_cost
 from avrare_mpc.riccati.jit import kernel
 from avrare_mpc.riccati.sweep import sweep
 from avrare_mpc.riccati.values import Floats, Others, Path, Programme, Tuning, Workspace
 
 FOUND, UNFINISHED, STUCK = 0, 1, 2
+MARGIN = 0.995
+"""Share of the distance to a bound that a step may cover."""
 SHRINK = 0.35
-"""Factor of a step that was too long."""
+"""Factor of the step in the line search."""
 TRIALS = 8
 """Steps that are tried before the direction is damped."""
-LARGEST_DAMPING = 1e9
-LEAST_BARRIER = 1e-2
-"""Where the barrier starts at least, in units of cost."""
+MAX_DAMPING = 1e9
+MIN_START_BARRIER = 1e-2
+"""Smallest initial barrier parameter, in units of cost."""
 
 
 @kernel
 def search(
     p: Programme, tuning: Tuning, path: Path, trial: Path, work: Workspace, others: Others, bounds: int
 ) -> tuple[Path, float, int, int]:
-    """Improve ``path``, given by its first state and its inputs, until it is a minimum.
+    """Improve ``path``, given by its first state and its inputs, until it is a local minimum.
 
     Returns:
-        The last drive, its cost, FOUND, UNFINISHED or STUCK, and the number of iterations.
+        The last trajectory, its cost, FOUND, UNFINISHED or STUCK, and the number of iterations.
     """
-    drive(p, path)
-    cost = drive_cost(p, path, others)
-    mu = max(tuning.start * cost, LEAST_BARRIER)
+    simulate(p, path)
+    cost = path_cost(p, path, others)
+    mu = max(tuning.start * cost, MIN_START_BARRIER)
     merit = cost + barrier(p, path, bounds, mu)
     _start_multipliers(p, path, work, bounds, mu)
     damping = 0.0
     for iteration in range(1, tuning.iterations + 1):
+        # 1. Newton direction
         slope = sweep(p, path, work, others, bounds, mu, damping)
+        # 2. longest step
         longest, size = _direction(p, path, work, bounds)
+        # 3. line search
         step, new_cost, new_merit = _line_search(
             p, path, trial, work, others, bounds, mu, merit, slope, longest
         )
         if step == 0.0:
             damping = max(10.0 * damping, 1.0)
-            if damping > LARGEST_DAMPING or not slope <= 0.0:
+            if damping > MAX_DAMPING or not slope <= 0.0:
                 return path, cost, STUCK, iteration
             continue
+        # 4. multipliers
         _move_multipliers(p, path, work, bounds, mu)
         gain, cost, merit = merit - new_merit, new_cost, new_merit
         path, trial = trial, path
+        # 5. convergence, or a smaller barrier
         last = max(tuning.end * cost, tuning.end)
         if mu <= 1.001 * last:
-            arrived = size * step < tuning.step or gain < 1e-9 * abs(merit)
-            if arrived and step > 0.1 and damping <= 1.0:
+            converged = size * step < tuning.step or gain < 1e-9 * abs(merit)
+            if converged and step > 0.1 and damping <= 1.0:
                 return path, cost, FOUND, iteration
         elif step > 0.3:
             mu = max(last, tuning.reduce * mu)
             merit = cost + barrier(p, path, bounds, mu)
         damping = 0.1 * damping if damping > 1e-2 else 0.0
+        # 6. orders of magnitude around the central path mu / gap
         _limit_multipliers(p, path, work, bounds, mu)
     return path, cost, UNFINISHED, tuning.iterations
 
 
 @kernel
 def _line_search(
-    p: Programme,
-    path: Path,
-    trial: Path,
-    work: Workspace,
-    others: Others,
-    bounds: int,
-    mu: float,
-    merit: float,
-    slope: float,
-    longest: float,
-) -> tuple[float, float, float]:
-    """Shorten the step until it is good: step, cost and merit of ``trial``; step 0 where none was."""
+    p: Programme, path: Path, trial: Path, work: Workspace, others: Others, bounds: int, mu: float,
+    merit: float, slope: float, longest: float,
+) -> tuple[float, float, float]:  # fmt: skip
     step = longest
     for _ in range(TRIALS):
         follow(p, path, trial, work.gains, step)
-        cost = drive_cost(p, trial, others)
+        cost = path_cost(p, trial, others)
         new = cost + barrier(p, trial, bounds, mu)
         if new <= merit + 1e-4 * step * min(slope, 0.0) + 1e-10 * abs(merit):
             return step, cost, new
         step *= SHRINK
-    return 0.0, 0.0, merit
+    return 0.0, 0.0, merit  # no step was accepted
 
 
 @kernel
 def _direction(p: Programme, path: Path, work: Workspace, bounds: int) -> tuple[float, float]:
-    """Fill the linear moves; returns the longest step that keeps the bounds, and the size of the move."""
+    """Fill the linear moves; return the longest step that keeps the bounds, and the size of the move."""
     x = y = v = h = before = size = 0.0
     longest = 1.0
     for k in range(len(path.inputs)):
@@ -110,14 +118,14 @@ def _direction(p: Programme, path: Path, work: Workspace, bounds: int) -> tuple[
             longest = _shorten(longest, _gap(p, path, k, i), _toward(work.move, k, i))
         for i in range(2 * bounds):
             gap = path.inside[k, i] - path.outside[k, i]
-            if gap > 0.0:  # a bound that is kept stays kept: crossing it would cost the penalty at once
+            if gap > 0.0:  # a kept soft bound stays kept: crossing it would cost the penalty at once
                 longest = _shorten(longest, gap, _toward(work.drift, k, i))
     return longest, size
 
 
 @kernel
 def _toward(moves: Floats, k: int, i: int) -> float:
-    """How the distance from bound number i changes: lower bounds are even, upper ones odd."""
+    """Return the change of the distance from bound i: lower bounds are even, upper ones odd."""
     move: float = moves[k, i // 2]
     return move if i % 2 == 0 else -move
 
@@ -129,7 +137,6 @@ def _shorten(step: float, gap: float, change: float) -> float:
 
 @kernel
 def _gap(p: Programme, path: Path, k: int, i: int) -> float:
-    """Distance of an input from its bound number i: low a, high a, low w, high w."""
     limit = p.acceleration_max if i < 2 else p.turn_rate_max
     value: float = path.inputs[k, i // 2]
     return limit + value if i % 2 == 0 else limit - value
@@ -146,7 +153,6 @@ def _start_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, m
 
 @kernel
 def _move_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, mu: float) -> None:
-    """Newton step of the multipliers, as far as they stay inside their own bounds."""
     step = 1.0
     for k in range(len(path.inputs)):
         for i in range(4):
@@ -167,7 +173,7 @@ def _move_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, mu
 
 @kernel
 def _soft_move(p: Programme, path: Path, work: Workspace, k: int, i: int, mu: float) -> tuple[float, float]:
-    """Change of a soft bound's multiplier, and what is left to the penalty, its largest value."""
+    """Return the change of a soft bound's multiplier, and its distance from the penalty, its upper bound."""
     multiplier = work.soft[k, i]
     rest = p.penalty[i // 2] - multiplier
     inside, outside = path.inside[k, i], path.outside[k, i]
@@ -177,7 +183,6 @@ def _soft_move(p: Programme, path: Path, work: Workspace, k: int, i: int, mu: fl
 
 @kernel
 def _limit_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, mu: float) -> None:
-    """Keep the multipliers within orders of magnitude of what the barrier says."""
     for k in range(len(path.inputs)):
         for i in range(4):
             central = mu / _gap(p, path, k, i)
@@ -186,3 +191,54 @@ def _limit_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, m
             central = mu / path.inside[k, i]
             highest = min(1e6 * central, (1.0 - 1e-9) * p.penalty[i // 2])
             work.soft[k, i] = max(min(work.soft[k, i], highest), 1e-6 * central)
+
+
+@kernel
+def simulate(p: Programme, path: Path) -> None:
+    """Compute the states of ``path`` from its first state and its inputs."""
+    for k in range(len(path.inputs)):
+        _advance(p, path, k)
+    _update_heading(path, len(path.inputs))
+
+
+@kernel
+def follow(p: Programme, path: Path, trial: Path, gains: Floats, step: float) -> None:
+    """Simulate ``trial`` with the inputs of ``path``, moved by ``step`` and with feedback on the states.
+
+    du_k = step * constant_k + gain_k (dx_k, du_(k-1)): the feedback of the Riccati sweep compensates for the
+    nonlinearity that its linear model ignores.
+    """
+    for i in range(4):
+        trial.states[0, i] = path.states[0, i]
+    before = 0.0
+    for k in range(len(path.inputs)):
+        x, y = trial.states[k, 0] - path.states[k, 0], trial.states[k, 1] - path.states[k, 1]
+        v, h = trial.states[k, 2] - path.states[k, 2], trial.states[k, 3] - path.states[k, 3]
+        gain = gains[k]
+        a = step * gain[0] + gain[1] * x + gain[2] * y + gain[3] * v + gain[4] * h + gain[5] * before
+        w = step * gain[6] + gain[7] * x + gain[8] * y + gain[9] * v + gain[10] * h + gain[11] * before
+        trial.inputs[k, 0] = _move_inside(path.inputs[k, 0], a, p.acceleration_max)
+        trial.inputs[k, 1] = _move_inside(path.inputs[k, 1], w, p.turn_rate_max)
+        before = trial.inputs[k, 1] - path.inputs[k, 1]
+        _advance(p, trial, k)
+    _update_heading(trial, len(path.inputs))
+
+
+@kernel
+def _move_inside(value: float, move: float, limit: float) -> float:
+    return value + max(min(move, MARGIN * (limit - value)), -MARGIN * (limit + value))
+
+
+@kernel
+def _update_heading(path: Path, k: int) -> None:
+    path.cosine[k], path.sine[k] = math.cos(path.states[k, 3]), math.sin(path.states[k, 3])
+
+
+@kernel
+def _advance(p: Programme, path: Path, k: int) -> None:
+    _update_heading(path, k)
+    v = path.states[k, 2]
+    path.states[k + 1, 0] = path.states[k, 0] + p.dt * v * path.cosine[k]
+    path.states[k + 1, 1] = path.states[k, 1] + p.dt * v * path.sine[k]
+    path.states[k + 1, 2] = v + p.dt * path.inputs[k, 0]
+    path.states[k + 1, 3] = path.states[k, 3] + p.dt * path.inputs[k, 1]

@@ -1,4 +1,4 @@
-"""Arrays in, plans out: the interior-point method for N particles."""
+"""Riccati backend: plans of all particles by the interior-point method."""
 
 from __future__ import annotations
 
@@ -7,63 +7,65 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.driving import Scene
+from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.lanes import lane_centres, lateral_bounds
-from avrare_mpc.riccati.batch import Answer, Integers, solve_with_bounds, solve_without_bounds
+from avrare_mpc.plan import Integers, SearchResult, cheapest, initial_guesses, lane_centres, lateral_bounds
+from avrare_mpc.riccati.batch import Answer, solve_with_bounds, solve_without_bounds
 from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.newton import FOUND
-from avrare_mpc.riccati.values import Floats, Programme, Tuning
+from avrare_mpc.riccati.values import Programme, Tuning
 
-Given = tuple[Floats, ...]
-"""States now, predicted x and predicted y of the programmes."""
+Problems = tuple[Floats, ...]
+"""Current states, predicted x and predicted y of N programmes."""
 QUICK = Tuning(start=3e-2, end=1e-9, reduce=0.1, step=1e-6, iterations=200)
 PATIENT = Tuning(start=1.0, end=1e-9, reduce=0.3, step=1e-6, iterations=800)
 NEAR = Tuning(start=1e-4, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
-"""A second, rough search with a small barrier stays nearer to the guess: at times that minimum is better."""
-DRIVE = Tuning(start=3e-2, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
-"""A rough search from a start drive, far from the minimum."""
+"""Second, rough search: its small barrier stays nearer to the guess, where a better minimum may be."""
+FROM_INITIAL = Tuning(start=3e-2, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
+"""Rough search from an initial guess, far from the minimum."""
 FROM_NEAR = Tuning(start=1e-4, end=1e-9, reduce=0.1, step=1e-6, iterations=200)
 BETTER = 1e-3
-"""Relative gain from which the second minimum is worth finishing."""
+"""Relative gain from which a rough search is completed."""
 TOLERANCE = 1e-6
-"""How far speed or heading may be outside their bounds [m/s, rad]."""
-HARD = 1e7
-"""Penalty of speed and heading outside their bounds; a plan that pays it is refused [s/m, 1/rad]."""
+"""Allowed violation of the bounds of speed and heading [m/s, rad]."""
+MAX_MAGNITUDE = 1e9
+"""Rows with larger positions or speeds are not solved: their squares would dominate every other cost."""
+HARD_PENALTY = 1e7
+"""Penalty of speed and heading beyond their bounds; a plan that pays it is rejected [s/m, 1/rad]."""
 
 
 @dataclass(frozen=True)
 class Solutions:
-    """What came of M searches.
+    """Results of M searches.
 
     Attributes:
         states: (M, H + 1, 4) x, y, speed, heading.
         inputs: (M, H, 2) acceleration, turn rate.
         cost: (M,) with the lateral penalty.
-        found: (M,) this is a minimum that keeps every hard bound; elsewhere it is where the search ended.
-        retried: (M,) the first attempt failed, whatever came of the second search.
-        iterations: (M,) of all attempts and searches.
+        found: (M,) whether it is a minimum within every hard bound; elsewhere the search ended there.
+        retried: (M,) whether the first attempt failed, whatever the result of the second one.
+        iterations: (M,) iterations of all attempts and searches.
     """
 
     states: Floats
     inputs: Floats
     cost: Floats
-    found: NDArray[np.bool_]
-    retried: NDArray[np.bool_]
+    found: Bools
+    retried: Bools
     iterations: Integers
 
 
 class RiccatiSolver:
-    """Solves the controller's programme for many particles. It keeps nothing from one call to the next.
+    """Solver of the controller's programme for many particles; it has no state between calls.
 
     Args:
         config: Options.
         scene: Road and sizes.
         quick: First attempt.
         patient: Second attempt, where the first one fails.
-        near: Rough search for another minimum, None: none.
+        near: Rough search for another minimum; None for none.
 
     Raises:
         UsageError: The road lacks a lane of the configuration.
@@ -85,66 +87,67 @@ class RiccatiSolver:
     def solve(
         self, start: Floats, other_x: Floats, other_y: Floats, rows: Integers, guesses: Floats
     ) -> Solutions:
-        """Local minima of programme ``rows[m]`` near ``guesses[m]``, all finite; of two the cheaper one.
+        """Return local minima of programmes ``rows[m]`` near ``guesses[m]``; of two minima the cheaper one.
 
         Args:
-            start: (N, 4) x, y, speed, heading now.
+            start: (N, 4) x, y, speed, heading now; all arguments are finite.
             other_x: (N, V, H + 1) predicted positions [m].
             other_y: (N, V, H + 1) predicted positions [m].
-            rows: (M,) of the programmes.
+            rows: (M,) indices of the programmes.
             guesses: (M, H, 2) inputs.
         """
-        given, rows, guesses = _laid_out(start, other_x, other_y, rows, guesses)
-        found = self._minima(given, rows, guesses, self._tunings)
+        problems, rows, guesses = _contiguous(start, other_x, other_y, rows, guesses)
+        found = self._minima(problems, rows, guesses, self._tunings)
         if self._near is not None:
-            self._improve(found, np.arange(len(rows)), self._near, given, rows, guesses)
+            self._improve(found, np.arange(len(rows)), self._near, problems, rows, guesses)
         return found
 
     def improve(
         self, found: Solutions, index: Integers, start: Floats, other_x: Floats, other_y: Floats,
         rows: Integers, guesses: Floats,
     ) -> None:  # fmt: skip
-        """Search ``found[index]`` from other guesses too, roughly first; cheaper plans take their place.
+        """Search from other guesses, roughly first, and replace ``found[index]`` by cheaper plans.
 
         Args:
-            found: What ``solve`` gave, changed in place.
-            index: (G,) its entries to improve.
-            start: As for ``solve``.
-            other_x: As for ``solve``.
-            other_y: As for ``solve``.
-            rows: (G,) of the programmes.
+            found: Result of ``solve``, changed in place.
+            index: (G,) entries to improve.
+            start: (N, 4) states as in ``solve``.
+            other_x: (N, V, H + 1) predicted positions [m].
+            other_y: (N, V, H + 1) predicted positions [m].
+            rows: (G,) indices of the programmes.
             guesses: (G, H, 2) inputs, far from the minimum.
         """
-        self._improve(found, index, DRIVE, *_laid_out(start, other_x, other_y, rows, guesses))
+        self._improve(found, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, rows, guesses))
 
     def _improve(
-        self, found: Solutions, index: Integers, rough: Tuning, given: Given, rows: Integers, guesses: Floats
-    ) -> None:
-        first = _run(solve_without_bounds, self.programme, rough, given, rows, guesses)
+        self, found: Solutions, index: Integers, rough: Tuning, problems: Problems, rows: Integers,
+        guesses: Floats,
+    ) -> None:  # fmt: skip
+        first = _run(solve_without_bounds, self.programme, rough, problems, rows, guesses)
         found.iterations[index] += first.iterations
         with np.errstate(invalid="ignore"):
             promising = ~found.found[index] | (first.cost < (1.0 - BETTER) * found.cost[index])
-        again = np.flatnonzero(promising & np.isfinite(first.inputs).all(axis=(1, 2)))
-        if len(again):
-            other = self._minima(given, rows[again], first.inputs[again], (FROM_NEAR, self._tunings[1]))
-            _take_better(found, index[again], other)
+        finish = np.flatnonzero(promising & np.isfinite(first.inputs).all(axis=(1, 2)))
+        if len(finish):
+            other = self._minima(problems, rows[finish], first.inputs[finish], (FROM_NEAR, self._tunings[1]))
+            _take_better(found, index[finish], other)
 
     def _minima(
-        self, given: Given, rows: Integers, guesses: Floats, tunings: tuple[Tuning, Tuning]
+        self, problems: Problems, rows: Integers, guesses: Floats, tunings: tuple[Tuning, Tuning]
     ) -> Solutions:
-        """One local minimum each.
+        """Find one local minimum each.
 
-        The bounds of speed and heading hardly ever matter: they are left out until a plan breaks them.
+        The bounds of speed and heading are rarely active: they are omitted until a plan violates them.
         """
         answer = _blank(*guesses.shape[:2])
         found, retried = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
         todo = np.arange(len(rows))
         for kernel, allowed in ((solve_without_bounds, np.inf), (solve_with_bounds, TOLERANCE)):
             for number, tuning in enumerate(tunings):
-                if not len(todo):  # a kernel that is not needed is not compiled either
+                if not len(todo):  # do not compile a kernel that is not needed
                     break
-                part = _run(kernel, self.programme, tuning, given, rows[todo], guesses[todo])
-                _place(answer, todo, part)
+                part = _run(kernel, self.programme, tuning, problems, rows[todo], guesses[todo])
+                _store(answer, todo, part)
                 retried[todo] |= number == 1
                 found[todo] = (part.status == FOUND) & np.isfinite(part.cost) & (part.excess <= allowed)
                 todo = todo[~found[todo]]
@@ -152,26 +155,25 @@ class RiccatiSolver:
         return Solutions(answer.states, answer.inputs, answer.cost, found, retried, answer.iterations)
 
 
-def _laid_out(
+def _contiguous(
     start: Floats, other_x: Floats, other_y: Floats, rows: Integers, guesses: Floats
-) -> tuple[Given, Integers, Floats]:
-    """One memory layout, or the kernels would be compiled once more for every other one."""
-    given = tuple(np.require(part, np.float64, ("C", "W")) for part in (start, other_x, other_y))
-    return given, np.require(rows, np.int64, ("C", "W")), np.require(guesses, np.float64, ("C", "W"))
+) -> tuple[Problems, Integers, Floats]:
+    # a kernel is compiled once for each memory layout of its arguments
+    problems = tuple(np.require(part, np.float64, ("C", "W")) for part in (start, other_x, other_y))
+    return problems, np.require(rows, np.int64, ("C", "W")), np.require(guesses, np.float64, ("C", "W"))
 
 
 def _run(
-    kernel: Callable[..., object], programme: Programme, tuning: Tuning, given: Given, rows: Integers,
+    kernel: Callable[..., object], programme: Programme, tuning: Tuning, problems: Problems, rows: Integers,
     guesses: Floats,
 ) -> Answer:  # fmt: skip
     part = _blank(*guesses.shape[:2])
-    with np.errstate(all="ignore"):  # not compiled, a search that overflows would warn
-        kernel(programme, tuning, *given, rows, guesses, part)
+    with np.errstate(all="ignore"):  # in plain Python a search that overflows would warn
+        kernel(programme, tuning, *problems, rows, guesses, part)
     return part
 
 
 def _take_better(found: Solutions, index: Integers, other: Solutions) -> None:
-    """Put ``other`` in the place of entries ``index`` where it is cheaper, or the only one."""
     found.iterations[index] += other.iterations
     better = other.found & (~found.found[index] | (other.cost < found.cost[index]))
     for name in ("states", "inputs", "cost", "found"):
@@ -189,14 +191,14 @@ def _blank(searches: int, steps: int) -> Answer:
     )
 
 
-def _place(answer: Answer, index: Integers, part: Answer) -> None:
+def _store(answer: Answer, index: Integers, part: Answer) -> None:
     part.iterations[:] += answer.iterations[index]
-    for whole, some in zip(answer, part, strict=True):
-        whole[index] = some
+    for target, values in zip(answer, part, strict=True):
+        target[index] = values
 
 
 def programme(config: MpcConfig, scene: Scene) -> Programme:
-    """Weights, goals and bounds of a scene's controller."""
+    """Collect weights, goals and bounds of a scene's controller."""
     dt, low_high = scene.dt, lateral_bounds(config, scene)
     change, rate = config.turn_rate_change_weight, config.turn_rate_weight
     by_speed = config.lateral_lead == "speed"
@@ -209,22 +211,65 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
         reach_y=across + np.asarray(scene.widths, dtype=np.float64) / 2,
         lead_speed=dt + dt**2 if by_speed else dt,
         lead_acceleration=0.0 if by_speed else dt**2,
-        y_goal=config.y_goal,
-        y_goal_weight=config.y_goal_weight,
-        v_goal=config.v_goal,
-        v_goal_weight=config.v_goal_weight,
-        heading_weight=config.heading_weight,
-        acceleration_weight=config.acceleration_weight,
-        braking_weight=config.braking_weight,
-        turn_rate_weight=rate,
-        turn_rate_change_weight=change,
         final_turn_rate=change * rate / (change + rate) if change + rate else 0.0,
-        lane_weight=config.lane_weight,
-        obstacle_weight=config.obstacle_weight,
-        sharpness=config.sharpness,
-        acceleration_max=config.acceleration_max,
-        turn_rate_max=config.turn_rate_max,
         low=np.array([low_high[0], config.speed_min, -config.heading_max]),
         high=np.array([low_high[1], config.speed_max, config.heading_max]),
-        penalty=np.array([config.y_penalty, HARD, HARD]),
+        penalty=np.array([config.y_penalty, HARD_PENALTY, HARD_PENALTY]),
+        **{name: getattr(config, name) for name in Programme._fields if name in MpcConfig.model_fields},
     )
+
+
+class RiccatiSearch:
+    """Backend (a ``Search``) that calls ``RiccatiSolver``; see there for the arguments."""
+
+    def __init__(self, config: MpcConfig, scene: Scene) -> None:
+        self._centres = lane_centres(config, scene)
+        self._steps, self._dt = config.horizon, scene.dt
+        self._solver = RiccatiSolver(config, scene)
+        self._everywhere = config.search == "everywhere"
+
+    def __call__(
+        self, solved: Bools, start: Floats, old: tuple[Floats, Floats], others: tuple[Floats, Floats]
+    ) -> SearchResult:
+        """See ``Search``."""
+        n = len(solved)
+        fresh, initial = np.flatnonzero(~solved), self._initial_guesses(start[~solved])
+        # one entry per solve: row of the particle, number of the guess, its inputs
+        rows = np.concatenate([np.flatnonzero(solved), np.repeat(fresh, initial.shape[1])])
+        numbers = np.concatenate(
+            [np.zeros(solved.sum(), int), np.tile(np.arange(initial.shape[1]), len(fresh))]
+        )
+        guesses = np.concatenate([old[1][solved], initial.reshape(-1, self._steps, 2)])
+        valid = _valid(start, *others)[rows] & np.isfinite(guesses).all(axis=(1, 2))
+        solution = self._solver.solve(start, *others, rows[valid], guesses[valid])
+        searched = self._search_everywhere(solution, start, others, rows[valid], solved)
+        cost = np.full((n, initial.shape[1]), np.inf)
+        place = np.full(cost.shape, -1)
+        cost[rows[valid], numbers[valid]] = np.where(solution.found, solution.cost, np.inf)
+        place[rows[valid], numbers[valid]] = np.arange(valid.sum())
+        chosen = cheapest(cost)
+        found = chosen >= 0
+        states, inputs = np.zeros((n, self._steps + 1, 4)), np.zeros((n, self._steps, 2))
+        best = place[found, chosen[found]]
+        states[found], inputs[found] = solution.states[best], solution.inputs[best]
+        retries = np.bincount(rows[valid][solution.retried], minlength=n)
+        solves = np.bincount(rows, minlength=n) + np.bincount(searched, minlength=n)
+        return SearchResult(states, inputs, found, solves, retries, chosen)
+
+    def _search_everywhere(
+        self, solution: Solutions, start: Floats, others: tuple[Floats, Floats], rows: Integers, solved: Bools
+    ) -> Integers:
+        index = np.flatnonzero(solved[rows] & self._everywhere)
+        initial = self._initial_guesses(start[rows[index]])
+        for number in range(initial.shape[1] if len(index) else 0):
+            self._solver.improve(solution, index, start, *others, rows[index], initial[:, number])
+        return np.repeat(rows[index], initial.shape[1])
+
+    def _initial_guesses(self, start: Floats) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return initial_guesses(start, self._centres, self._steps, self._dt)[1]
+
+
+def _valid(start: Floats, other_x: Floats, other_y: Floats) -> Bools:
+    others = (np.abs(other_x) <= MAX_MAGNITUDE) & (np.abs(other_y) <= MAX_MAGNITUDE)
+    return np.asarray((np.abs(start) <= MAX_MAGNITUDE).all(axis=1) & others.all(axis=(1, 2)))

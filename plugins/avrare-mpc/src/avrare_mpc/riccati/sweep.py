@@ -1,20 +1,28 @@
-"""Riccati recursion over the stages: the Newton direction of the whole drive.
+"""Riccati recursion over the stages: the Newton direction of all inputs.
 
-The state of the recursion is x, y, v, h and the turn rate before (w). From the last node backwards, ``Value``
-is the second-order model of the cost to go; each stage adds its own and minimises over its two inputs.
+With state s = (x, y, v, h, previous w), inputs u = (a, w), dynamics ds+ = A ds + B du and stage cost (l_s,
+l_u, L_ss, L_su, L_uu), go from the last node backwards with the quadratic model V of the cost to go:
+
+1. Add the soft bounds of y, v, h at the next node to V.
+2. Expand the stage: Q_s = l_s + A^T V_s, Q_u = l_u + B^T V_s, Q_ss = L_ss + A^T V_ss A,
+   Q_su = L_su + A^T V_ss B, Q_uu = L_uu + B^T V_ss B.
+3. Minimise over du: du = k + K ds with k = -Q_uu^-1 Q_u, K = -Q_uu^-1 Q_su^T.
+4. Update: V_s = Q_s + Q_su k, V_ss = Q_ss + Q_su K; the slope of the cost along k is Q_u^T k.
+
+The products are written out, because most entries of A, B and L are 0.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from avrare_mpc.riccati.cost import Stage, stage_model
 from avrare_mpc.riccati.jit import kernel
-from avrare_mpc.riccati.stage import Stage, stage_model
 from avrare_mpc.riccati.values import Floats, Others, Path, Programme, Workspace
 
 
 class Value(NamedTuple):
-    """Gradient and Hessian of the cost to go by x, y, v, h, w."""
+    """Gradient and Hessian V of the cost to go by x, y, v, h, previous w."""
 
     x: float
     y: float
@@ -38,8 +46,8 @@ class Value(NamedTuple):
     ww: float
 
 
-class Ahead(NamedTuple):
-    """The model of a stage with the cost to go, by x, y, v, h and the inputs a and w."""
+class Expansion(NamedTuple):
+    """Gradient and Hessian Q of stage and cost to go by x, y, v, h and the inputs a and w."""
 
     x: float
     y: float
@@ -70,12 +78,12 @@ class Ahead(NamedTuple):
     ww: float
 
 
-class Inputs(NamedTuple):
-    """Weights and bounds of a stage's inputs: gradient, Hessian, and the pull to the turn rate before.
+class InputModel(NamedTuple):
+    """Gradient and Hessian of weights and bounds of a stage's inputs, and of the change of the turn rate.
 
     Attributes:
-        change: Second derivative of the turn rate's change.
-        lag: Its first derivative.
+        change: Second derivative of the cost of the change.
+        lag: First derivative of the cost of the change.
     """
 
     a: float
@@ -90,19 +98,19 @@ class Inputs(NamedTuple):
 def sweep(
     p: Programme, path: Path, work: Workspace, others: Others, bounds: int, mu: float, damping: float
 ) -> float:
-    """Fill ``work.gains``.
+    """Compute the gains of every stage into ``work.gains``.
 
     Args:
         p: The programme.
-        path: The drive.
+        path: The current trajectory.
         work: Memory; its multipliers are read.
-        others: Where the other vehicles will be.
-        bounds: How many soft bounds count.
+        others: Predicted positions of the other vehicles.
+        bounds: Number of soft bounds that count.
         mu: Barrier parameter.
-        damping: Added to the curvature in the inputs.
+        damping: Added to Q_uu, in units of the inputs' bounds.
 
     Returns:
-        The slope of the barrier cost along the direction.
+        Slope of the barrier cost along the direction.
     """
     steps = len(path.inputs)
     model = stage_model(p, path, steps, 0.0, others)
@@ -118,11 +126,14 @@ def sweep(
     )  # fmt: skip
     slope = 0.0
     for k in range(steps - 1, -1, -1):
+        # 1. soft bounds
         value = _add_bounds(p, path, work, k, bounds, mu, value)
+        # 2. expansion
         model = stage_model(p, path, k, path.inputs[k, 0], others)
         inputs = _input_model(p, path, work, k, mu, damping)
-        ahead = _through_dynamics(p, path, k, value, model, inputs)
-        value, along = _minimise(ahead, inputs, work.gains, k)
+        expansion = _expand(p, path, k, value, model, inputs)
+        # 3. and 4. gains and cost to go
+        value, along = _minimise(expansion, inputs, work.gains, k)
         slope += along
     return slope
 
@@ -131,7 +142,6 @@ def sweep(
 def _add_bounds(
     p: Programme, path: Path, work: Workspace, k: int, bounds: int, mu: float, to: Value
 ) -> Value:
-    """Soft bounds of y, v, h at node k + 1."""
     gy, hy = _soft_bound(p, path, work, k, 0, mu)
     gv = hv = gh = hh = 0.0
     if bounds > 1:
@@ -149,20 +159,17 @@ def _add_bounds(
 
 @kernel
 def _soft_bound(p: Programme, path: Path, work: Workspace, k: int, j: int, mu: float) -> tuple[float, float]:
-    """Slope of the barrier and its primal-dual curvature."""
     low, high = 2 * j, 2 * j + 1
     curvature = 0.0
     for side in range(low, high + 1):
         multiplier = work.soft[k, side]
         inside, outside = path.inside[k, side], path.outside[k, side]
         curvature += 1.0 / (inside / multiplier + outside / (p.penalty[j] - multiplier))
-    slope = mu / path.inside[k, high] - mu / path.inside[k, low]
-    return slope, curvature
+    return mu / path.inside[k, high] - mu / path.inside[k, low], curvature  # curvature: primal-dual
 
 
 @kernel
-def _through_dynamics(p: Programme, path: Path, k: int, to: Value, at: Stage, own: Inputs) -> Ahead:
-    """The cost to go after the stage, seen from before it, plus the stage's own."""
+def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputModel) -> Expansion:
     dt, c, s, v = p.dt, path.cosine[k], path.sine[k], path.states[k, 2]
     xv, xh, yv, yh = dt * c, -dt * s * v, dt * s, dt * c * v
     v_x, v_y = to.xv + xv * to.xx + yv * to.xy, to.yv + xv * to.xy + yv * to.yy
@@ -171,7 +178,7 @@ def _through_dynamics(p: Programme, path: Path, k: int, to: Value, at: Stage, ow
     h_v, h_h = to.vh + xh * to.xv + yh * to.yv, to.hh + xh * to.xh + yh * to.yh
     w_x, w_y, w_v = dt * to.xh + to.xw, dt * to.yh + to.yw, dt * to.vh + to.vw
     w_h, w_w = dt * to.hh + to.hw, dt * to.hw + to.ww
-    return Ahead(
+    return Expansion(
         x=at.x + to.x,
         y=at.y + to.y,
         v=at.v + to.v + xv * to.x + yv * to.y,
@@ -203,14 +210,14 @@ def _through_dynamics(p: Programme, path: Path, k: int, to: Value, at: Stage, ow
 
 
 @kernel
-def _input_model(p: Programme, path: Path, work: Workspace, k: int, mu: float, damping: float) -> Inputs:
+def _input_model(p: Programme, path: Path, work: Workspace, k: int, mu: float, damping: float) -> InputModel:
     a, w = path.inputs[k, 0], path.inputs[k, 1]
     change = 2.0 * p.turn_rate_change_weight if k > 0 else 0.0
     lag = change * (w - path.inputs[k - 1, 1]) if k > 0 else 0.0
     low_a, high_a = a + p.acceleration_max, p.acceleration_max - a
     low_w, high_w = w + p.turn_rate_max, p.turn_rate_max - w
     rate, box = 2.0 * p.turn_rate_weight, work.box[k]
-    return Inputs(
+    return InputModel(
         a=mu / high_a - mu / low_a,
         w=rate * w + lag + mu / high_w - mu / low_w,
         aa=box[0] / low_a + box[1] / high_a + damping / (p.acceleration_max * p.acceleration_max),
@@ -221,8 +228,7 @@ def _input_model(p: Programme, path: Path, work: Workspace, k: int, mu: float, d
 
 
 @kernel
-def _minimise(q: Ahead, own: Inputs, gains: Floats, k: int) -> tuple[Value, float]:
-    """Least cost to go over the stage's inputs, and the slope along them."""
+def _minimise(q: Expansion, own: InputModel, gains: Floats, k: int) -> tuple[Value, float]:
     scale = 1.0 / (q.aa * q.ww - q.aw * q.aw)
     aa, aw, ww = q.ww * scale, -q.aw * scale, q.aa * scale
     a, w = -(aa * q.a + aw * q.w), -(aw * q.a + ww * q.w)

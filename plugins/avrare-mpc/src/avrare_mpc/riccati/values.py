@@ -1,4 +1,4 @@
-"""What the kernels work on: named tuples, which compiled and plain Python read alike.
+"""Arguments of the kernels: named tuples, which compiled and plain Python read alike.
 
 H is the number of steps, V of other vehicles, C of lanes. States are x, y, speed, heading; inputs are
 acceleration, turn rate. Soft bounds are those of y, speed and heading, in this order.
@@ -17,18 +17,19 @@ Floats = NDArray[np.float64]
 
 
 class Programme(NamedTuple):
-    """Weights, goals and bounds, as ``MpcConfig`` and the scene have them; SI units.
+    """Weights, goals and bounds of ``MpcConfig`` and the scene; SI units.
 
     Attributes:
         dt: Step.
-        reach_x: (V,) wanted distance of the centres along the road at standstill.
+        centres: (C,) lane centres.
+        reach_x: (V,) wanted distance between centres along the road at standstill.
         reach_y: (V,) the same across the road.
-        lead_speed: What the speed adds to the lateral reach, times sin(heading).
-        lead_acceleration: What the acceleration adds, times sin(heading).
-        final_turn_rate: Weight of the last turn rate: what the last node costs, its input solved for.
+        lead_speed: Factor of speed x sin(heading) in the lateral reach.
+        lead_acceleration: Factor of acceleration x sin(heading) in the lateral reach.
+        final_turn_rate: Weight of the last turn rate: cost of the last node with its optimal input.
         low: (3,) lower soft bounds.
         high: (3,) upper soft bounds.
-        penalty: (3,) weight of each unit outside.
+        penalty: (3,) weight of each unit beyond a soft bound.
     """
 
     dt: float
@@ -58,21 +59,21 @@ class Programme(NamedTuple):
 
 
 class Others(NamedTuple):
-    """Where the other vehicles will be, x and y (V, H + 1)."""
+    """Predicted positions of the other vehicles, x and y (V, H + 1)."""
 
     x: Floats
     y: Floats
 
 
 class Tuning(NamedTuple):
-    """How the barrier goes down and when the search ends.
+    """Schedule of the barrier and end of the search.
 
     Attributes:
         start: First barrier parameter, relative to the cost.
         end: Last one, relative to the cost.
         reduce: Factor from one barrier parameter to the next.
-        step: Inputs that move by less, relative to their bounds, have arrived.
-        iterations: Most iterations.
+        step: Move of the inputs, relative to their bounds, below which the search has converged.
+        iterations: Maximum number of iterations.
     """
 
     start: float
@@ -83,7 +84,7 @@ class Tuning(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A drive with what its derivatives share with its cost.
+    """Trajectory with the terms that its cost and its derivatives share.
 
     Attributes:
         inputs: (H, 2).
@@ -91,8 +92,8 @@ class Path(NamedTuple):
         cosine: (H + 1,) of the heading.
         sine: (H + 1,) of the heading.
         overlap: (H + 1, V) smoothed missing clearance [m].
-        slope: (H + 1, V) its derivative by the missing clearance.
-        along: (H + 1, V) 1 where the clearance along the road counts, 0 across.
+        slope: (H + 1, V) its derivative with respect to the missing clearance.
+        along: (H + 1, V) 1 where the clearance along the road counts, 0 where that across does.
         inside: (H, 6) distances to the soft bounds plus slack: low y, high y, low speed, ...
         outside: (H, 6) the slacks.
     """
@@ -109,14 +110,14 @@ class Path(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Memory of one search, used again for every particle.
+    """Memory of one search, reused for every particle.
 
     Attributes:
         box: (H, 4) multipliers of the input bounds: low a, high a, low w, high w.
-        box_move: (H, 4) their direction.
+        box_move: (H, 4) their Newton direction.
         soft: (H, 6) multipliers of the soft bounds.
-        soft_move: (H, 6) their direction.
-        gains: (H, 12) change of a, then of w: constant, by x, y, v, h, turn rate before.
+        soft_move: (H, 6) their Newton direction.
+        gains: (H, 12) change of a, then of w: constant, and by x, y, v, h, previous w.
         move: (H, 2) direction of the inputs.
         drift: (H, 3) direction of y, v, h at nodes 1..H.
     """
@@ -132,7 +133,7 @@ class Workspace(NamedTuple):
 
 @kernel
 def new_workspace(steps: int) -> Workspace:
-    """Memory for plans of ``steps`` steps."""
+    """Allocate memory for plans of ``steps`` steps."""
     return Workspace(
         np.zeros((steps, 4)),
         np.zeros((steps, 4)),
@@ -146,7 +147,7 @@ def new_workspace(steps: int) -> Workspace:
 
 @kernel
 def new_path(steps: int, others: int) -> Path:
-    """Memory for a drive of ``steps`` steps around ``others`` vehicles."""
+    """Allocate a trajectory of ``steps`` steps around ``others`` vehicles."""
     nodes = steps + 1
     return Path(
         np.zeros((steps, 2)),

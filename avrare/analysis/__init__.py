@@ -1,0 +1,1 @@
+"""Questions asked of finished estimates and recorded drives; nothing here prints."""

@@ -1,0 +1,1 @@
+"""The regression gate: thresholds and baselines, decided with known error rates."""

@@ -1,0 +1,230 @@
+"""Baselines: numbered JSON files in a folder that can be committed; a check compares with the newest.
+
+Two estimates of a specification are comparable if the world, its perception, the length of a rollout and the
+specification are the same. Everything else may differ: the tracker and the controller are under test; the
+estimator, its seed and its budget only set the precision.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from avrare.analysis.check.confidence_distributions import (
+    ConfidenceDistribution,
+    decode_distribution,
+    derive_distribution,
+    encode_distribution,
+)
+from avrare.base.errors import UsageError
+from avrare.base.files import write_text
+from avrare.estimation.result import Result, finite
+from avrare.results.run_folder import provenance
+from avrare.scenario.fingerprint import digests, fingerprint
+from avrare.scenario.schema import Scenario
+
+SCHEMA = 1
+_NAME = re.compile(r"(\d{4,})\.json")
+_HINT = "restore the file, or remove it to use the previous baseline"
+SHARED_KEYS = ("steps", "simulator", "perception")
+"""Keys of a resolved scenario that belong to the problem of every specification."""
+_MAX_LISTED = 5
+
+
+@dataclass(frozen=True)
+class BaselineEntry:
+    """Stored estimate of one specification.
+
+    Attributes:
+        specification: Name of the specification.
+        probability: The estimate.
+        distribution: Its confidence distribution.
+        relative_error: Standard error over probability; NaN where the probability is 0.
+        rollouts: Rollouts of the estimate.
+        simulated_steps: Simulated steps of the estimate.
+        seconds: Wall time of the estimate.
+        health: Names of its health warnings.
+        relation: Definition of failure, as in ``Result``.
+    """
+
+    specification: str
+    probability: float
+    distribution: ConfidenceDistribution
+    relative_error: float
+    rollouts: int
+    simulated_steps: int
+    seconds: float
+    health: tuple[str, ...]
+    relation: str
+
+    @staticmethod
+    def from_result(result: Result) -> BaselineEntry:
+        """Return what a baseline stores of a result."""
+        return BaselineEntry(
+            result.specification, result.probability, derive_distribution(result), result.relative_error,
+            result.rollouts, result.simulated_steps, result.seconds, tuple(result.health), result.relation,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Saved run.
+
+    Attributes:
+        path: Path of the file.
+        scenario: The resolved scenario.
+        versions: Versions of avrare and the plugins.
+        commit: Commit of the scenario's repository, or None.
+        entries: Entry of each specification, by name.
+        files: Digest of the content of each file that an option names.
+    """
+
+    path: Path
+    scenario: Mapping[str, Any]
+    versions: Mapping[str, str]
+    commit: str | None
+    entries: Mapping[str, BaselineEntry]
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+def default_folder(scenario: Scenario) -> Path:
+    """Return ``baselines/NAME`` next to the scenario's file."""
+    return Path(scenario.path).parent / "baselines" / scenario.name
+
+
+def read_newest(folder: Path) -> Baseline | None:
+    """Read the baseline with the highest number; None if there is none.
+
+    Raises:
+        UsageError: The baseline cannot be read.
+    """
+    numbers = _numbers(folder)
+    return read(folder / numbers[max(numbers)]) if numbers else None
+
+
+def read(path: Path) -> Baseline:
+    """Read one baseline.
+
+    Raises:
+        UsageError: The baseline cannot be read.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["schema"] != SCHEMA:
+            raise UsageError(f"has schema {content['schema']!r}, this avrare reads schema {SCHEMA}")
+        entries = {entry["specification"]: _decode_entry(entry) for entry in content["estimates"]}
+        resolved, versions = dict(content["resolved"]), dict(content["versions"])
+        return Baseline(path, resolved, versions, content["commit"], entries, dict(content.get("files", {})))
+    except UsageError as error:
+        raise UsageError(f"{path}: {error.message}", _HINT) from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise UsageError(f"{path}: not a baseline that can be read: {reason}", _HINT) from None
+
+
+def save(folder: Path, scenario: Scenario, results: Sequence[Result]) -> Path:
+    """Write the results as the baseline with the next number.
+
+    Raises:
+        UsageError: The folder cannot be written to.
+    """
+    content = {
+        "schema": SCHEMA,
+        "scenario": scenario.name,
+        "fingerprint": fingerprint(scenario),
+        "commit": provenance(scenario)["commit"],
+        "versions": scenario.versions,
+        "estimates": [_encode_result(result) for result in results],
+        "resolved": scenario.resolved,
+        "files": digests(scenario),
+    }
+    path = folder / f"{max(_numbers(folder), default=0) + 1:04d}.json"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(path, json.dumps(content, indent=1) + "\n")
+    except OSError as error:
+        text = f"{path}: cannot save the baseline: {error.strerror or error}"
+        raise UsageError(text, "choose another folder with --baseline") from None
+    return path
+
+
+def _numbers(folder: Path) -> dict[int, str]:
+    try:
+        names = [path.name for path in folder.iterdir()] if folder.exists() else []
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot list the baselines: {error.strerror or error}") from None
+    return {int(found[1]): name for name in names if (found := _NAME.fullmatch(name))}
+
+
+def _encode_result(result: Result) -> dict[str, Any]:
+    entry = BaselineEntry.from_result(result)
+    content = vars(entry) | {
+        "seconds": round(entry.seconds, 3),
+        "estimator": result.estimator,
+        "interval": result.interval,
+        "confidence": result.confidence,
+        "evidence": encode_distribution(entry.distribution),
+    }
+    del content["distribution"]
+    return dict(finite(content))
+
+
+def _decode_entry(content: Mapping[str, Any]) -> BaselineEntry:
+    error = content["relative_error"]
+    return BaselineEntry(
+        str(content["specification"]), float(content["probability"]),
+        decode_distribution(content["evidence"]), float("nan") if error is None else float(error),
+        int(content["rollouts"]), int(content["simulated_steps"]), float(content["seconds"]),
+        tuple(content["health"]), str(content["relation"]),
+    )  # fmt: skip
+
+
+def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specifications: list[str]) -> list[str]:
+    """List how two resolved scenarios differ in their problem, as ``simulator.dt 0.1 -> 0.05``.
+
+    Args:
+        old: Resolved scenario of the baseline.
+        new: Resolved scenario of this run.
+        specifications: Specifications to compare; one that only one scenario has is no difference.
+    """
+    found = [line for key in SHARED_KEYS for line in _list_differences(key, old.get(key), new.get(key))]
+    definitions = [scenario.get("specifications", {}) for scenario in (old, new)]
+    for name in specifications:
+        if all(name in one for one in definitions):
+            found += _list_differences(f"specifications.{name}", *(one[name] for one in definitions))
+    return found
+
+
+def summarise_differences(lines: Sequence[str]) -> str:
+    """Return the first few differences on one line."""
+    more = len(lines) - _MAX_LISTED
+    return ", ".join(lines[:_MAX_LISTED]) + (f", and {more} more" if more > 0 else "")
+
+
+def _list_differences(path: str, old: Any, new: Any) -> Iterator[str]:
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        if old.get("plugin") != new.get("plugin"):  # their options have nothing in common
+            yield f"{path}.plugin {_shorten(old.get('plugin'))} -> {_shorten(new.get('plugin'))}"
+            return
+        for key in [*old, *(key for key in new if key not in old)]:
+            # A score orders particles for the estimator and is no part of the specification.
+            if not (path.startswith("specifications.") and key == "score"):
+                yield from _list_differences(f"{path}.{key}", old.get(key), new.get(key))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (before, after) in enumerate(zip(old, new, strict=True)):
+            yield from _list_differences(f"{path}.{index}", before, after)
+    elif old != new:
+        yield f"{path} {_shorten(old)} -> {_shorten(new)}"
+
+
+def _shorten(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, Mapping):
+        return str(value.get("plugin", "{...}"))
+    text = str(value)
+    return text if len(text) <= 60 else text[:57] + "..."

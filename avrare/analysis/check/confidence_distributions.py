@@ -1,0 +1,214 @@
+"""Confidence distributions: estimates as p-values, exact for known laws, else tabulated from intervals.
+
+An estimate with one-sided confidence limits at every level gives two p-values for any value q: of "the
+probability is at most q" and of "the probability is at least q".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.base.special import beta_cdf
+from avrare.estimation import intervals
+from avrare.estimation.result import Interval, Result
+
+
+class ConfidenceDistribution(Protocol):
+    """Confidence distribution of a failure probability, as baselines store it."""
+
+    def interval_at(self, confidence: float) -> Interval:
+        """Return the estimate's own interval."""
+
+    def p_value_at_most(self, value: float) -> float:
+        """Return the p-value of "the probability is at most ``value``"; 0 to 1, increasing."""
+
+    def p_value_at_least(self, value: float) -> float:
+        """Return the p-value of "the probability is at least ``value``"; 0 to 1, decreasing."""
+
+
+@dataclass(frozen=True)
+class _Counts:
+    failures: int
+    trials: int
+    undecided: int = 0
+
+    def p_value_at_most(self, value: float) -> float:
+        """Return P(as many failures or more | value), or P(the last failure as early or earlier | value)."""
+        return beta_cdf(value, self.failures, self.trials - self.failures + 1) if self.failures else 1.0
+
+
+@dataclass(frozen=True)
+class Binomial(_Counts):
+    """Failures among a number of rollouts that was fixed beforehand (Clopper and Pearson).
+
+    Attributes:
+        failures: Rollouts that failed.
+        trials: All rollouts.
+        undecided: Rollouts that ended in an error; ``p_value_at_least`` counts them as failures.
+    """
+
+    def interval_at(self, confidence: float) -> Interval:
+        """Return the interval of Clopper and Pearson."""
+        return intervals.clopper_pearson(self.failures, self.trials, confidence, self.undecided)
+
+    def p_value_at_least(self, value: float) -> float:
+        """Return P(as few failures or fewer | value)."""
+        worst = self.failures + self.undecided
+        return 1.0 if worst >= self.trials else beta_cdf(1.0 - value, self.trials - worst, worst + 1)
+
+
+@dataclass(frozen=True)
+class InverseBinomial(_Counts):
+    """Rollouts until a number of failures that was fixed beforehand; attributes as in ``Binomial``."""
+
+    def interval_at(self, confidence: float) -> Interval:
+        """Return the interval of Monte Carlo with ``relative_error``."""
+        return intervals.inverse_binomial(self.failures, self.trials, confidence, self.undecided)
+
+    def p_value_at_least(self, value: float) -> float:
+        """Return P(the last failure comes as late or later | value)."""
+        worst = self.failures + self.undecided
+        return 1.0 if worst >= self.trials else beta_cdf(1.0 - value, self.trials - worst, worst)
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """Mean whose logarithm follows Student's t (docs/statistics.md).
+
+    Attributes:
+        mean: Positive mean.
+        relative_variance: Variance of the mean over its square.
+        freedom: Degrees of freedom; 0: the variance is taken as known.
+        undecided: Share of errors; ``p_value_at_least`` counts them as failures.
+    """
+
+    mean: float
+    relative_variance: float
+    freedom: int
+    undecided: float = 0.0
+
+    def interval_at(self, confidence: float) -> Interval:
+        """Return the interval of splitting and of weighted samples."""
+        return intervals.log_normal(
+            self.mean, self.relative_variance, confidence, freedom=self.freedom, errors=self.undecided
+        )
+
+    def p_value_at_most(self, value: float) -> float:
+        """Return P(log mean as large or larger | value)."""
+        return self._tail(self.mean, value) if value > 0.0 else 0.0
+
+    def p_value_at_least(self, value: float) -> float:
+        """Return P(log mean as small or smaller | value)."""
+        return 1.0 - self._tail(self.mean, value - self.undecided) if value > self.undecided else 1.0
+
+    def _tail(self, observed: float, value: float) -> float:
+        # P(T > t) with t = (log observed - log value) / width
+        width = math.sqrt(math.log1p(self.relative_variance))
+        gap = math.log(observed) - math.log(value) if width else observed - value
+        t = gap / width if width else math.copysign(math.inf, gap)
+        if math.isinf(t) or not self.freedom:
+            return 0.5 * math.erfc(t / math.sqrt(2.0))
+        half = 0.5 * beta_cdf(self.freedom / (self.freedom + t * t), self.freedom / 2.0, 0.5)
+        return half if t >= 0.0 else 1.0 - half
+
+
+_COMMON_TAILS = (0.2, 0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.001)
+_TAILS = tuple(sorted({*np.geomspace(0.999, 1e-9, 40).tolist(), *_COMMON_TAILS}, reverse=True))
+
+
+@dataclass(frozen=True)
+class Tabulated:
+    """Estimate of any other law: its intervals at many confidences.
+
+    A p-value above 1/2 is given as 1, since intervals do not resolve it. Where one end carries no information
+    (0 or 1 at any confidence), the other is taken as one-sided.
+
+    Attributes:
+        tails: 1 - confidence, decreasing.
+        lower: Lower ends, decreasing.
+        upper: Upper ends, increasing.
+    """
+
+    tails: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    @staticmethod
+    def from_intervals(interval_at: Callable[[float], Interval]) -> Tabulated:
+        """Tabulate an estimate's own intervals."""
+        ends = [interval_at(1.0 - tail) for tail in _TAILS]
+        return Tabulated(_TAILS, tuple(low for low, _ in ends), tuple(high for _, high in ends))
+
+    def interval_at(self, confidence: float) -> Interval:
+        """Return the next wider interval of the table; (0, 1) beyond its end."""
+        tail = (1.0 - confidence) * (1.0 + 1e-9)
+        found = next((i for i, known in enumerate(self.tails) if known <= tail), None)
+        return (0.0, 1.0) if found is None else (self.lower[found], self.upper[found])
+
+    def p_value_at_most(self, value: float) -> float:
+        """Return the tail of the last interval whose lower end excludes ``value``."""
+        return self._tail([-low for low in self.lower], -value, self.upper[0] >= 1.0)
+
+    def p_value_at_least(self, value: float) -> float:
+        """Return the tail of the last interval whose upper end excludes ``value``."""
+        return self._tail(self.upper, value, self.lower[0] <= 0.0)
+
+    def _tail(self, ends: Any, value: float, one_sided: bool) -> float:
+        excluding = [tail for tail, end in zip(self.tails, ends, strict=True) if end < value]
+        return excluding[-1] * (1.0 if one_sided else 0.5) if excluding else 1.0
+
+
+_LAWS: dict[str, type[Any]] = {
+    "binomial": Binomial, "inverse_binomial": InverseBinomial, "log_normal": LogNormal,
+    "tabulated": Tabulated,
+}  # fmt: skip
+_LAWS_BY_INTERVAL: dict[Any, type[Any]] = {
+    intervals.clopper_pearson: Binomial, intervals.inverse_binomial: InverseBinomial,
+    intervals.log_normal: LogNormal,
+}  # fmt: skip
+_FIELDS = {"errors": "undecided"}
+"""Argument of an interval -> field of its law, whose name baseline files hold."""
+
+
+def derive_distribution(result: Result) -> ConfidenceDistribution:
+    """Return a result's confidence distribution: exact for intervals of the core, else tabulated."""
+    at = result.interval_at
+    if isinstance(at, partial) and at.func in _LAWS_BY_INTERVAL:
+        fields = {_FIELDS.get(name, name): value for name, value in at.keywords.items()}
+        found: ConfidenceDistribution = _LAWS_BY_INTERVAL[at.func](*at.args, **fields)
+        return found
+    owner = getattr(at, "__self__", None)
+    if isinstance(owner, (Binomial, InverseBinomial, LogNormal, Tabulated)):
+        return owner
+    return Tabulated.from_intervals(at)
+
+
+def encode_distribution(distribution: ConfidenceDistribution) -> dict[str, Any]:
+    """Return a distribution as JSON-ready data."""
+    name = next(name for name, law in _LAWS.items() if isinstance(distribution, law))
+    return {"law": name, **asdict(distribution)}  # type: ignore[call-overload]
+
+
+def decode_distribution(content: Mapping[str, Any]) -> ConfidenceDistribution:
+    """Return the distribution that ``encode_distribution`` wrote.
+
+    Raises:
+        UsageError: The content is not a valid distribution.
+    """
+    try:
+        fields = {key: tuple(v) if isinstance(v, list) else v for key, v in content.items() if key != "law"}
+        found: ConfidenceDistribution = _LAWS[content["law"]](**fields)
+        low, high = found.interval_at(0.95)
+        p_values = found.p_value_at_most(0.5) + found.p_value_at_least(0.5)
+        if not (0.0 <= low <= high <= 1.0 and 0.0 <= p_values <= 2.0):
+            raise ValueError(f"its interval is {low} .. {high}")
+    except (LookupError, TypeError, ValueError, ArithmeticError) as error:
+        raise UsageError(f"not an estimate: {error}") from None
+    return found

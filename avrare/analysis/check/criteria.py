@@ -1,0 +1,219 @@
+"""Criteria of a check, thresholds and regressions, and the verdicts on them (docs/ci.md).
+
+A check fails if any criterion fails, so with many criteria one would fail by chance. Holm's step-down
+procedure ("A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6 (1979)) keeps the
+chance that any of them does so at that of a single one, whatever their dependence, and never fails less than
+Bonferroni. A check passes only if every criterion passes, which errs no more often than one of them does
+(Berger 1982), so passing needs no correction.
+
+Several looks share the error rate (Bonferroni over looks).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.confidence_distributions import derive_distribution
+from avrare.analysis.check.melded_intervals import (
+    p_value_ratio_at_least,
+    p_value_ratio_at_most,
+    ratio_interval,
+)
+from avrare.estimation.intervals import Interval
+from avrare.estimation.result import Result, finite
+from avrare.scenario.schema import Regression, Threshold
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """Condition on the failure probability of one specification.
+
+    Attributes:
+        scenario: Name of the scenario.
+        specification: Name of the specification.
+        condition: Bound of the probability, or allowed regression against ``baseline``.
+        baseline: Stored estimate that is compared with; None for a threshold.
+    """
+
+    scenario: str
+    specification: str
+    condition: Threshold | Regression
+    baseline: BaselineEntry | None = None
+
+    @property
+    def kind(self) -> str:
+        """Either "threshold" or "regression"."""
+        return "threshold" if isinstance(self.condition, Threshold) else "regression"
+
+    @property
+    def question(self) -> str:
+        """Condition in symbols: ``< 0.02``, ``< 0.02 at 0.99``, ``<= baseline``, ``<= 1.5 x baseline``."""
+        if isinstance(self.condition, Threshold):
+            confidence = self.condition.confidence
+            default = confidence == Threshold.model_fields["confidence"].default
+            # Two thresholds of one specification need different names: servers keep one test of a name.
+            return str(self.condition.probability) + ("" if default else f" at {confidence:g}")
+        ratio = self.condition.ratio
+        return "<= baseline" if ratio == 1.0 else f"<= {ratio:g} x baseline"
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Estimate weighed against one criterion.
+
+    Attributes:
+        normalised_p_value: p-value of "the criterion holds" over the level at which it alone would fail: it
+            fails at a value of at most 1, or less where there are several criteria.
+        passes: True if the estimate shows that the criterion holds.
+    """
+
+    normalised_p_value: float
+    passes: bool
+
+
+def assess(criterion: Criterion, result: Result, share: float) -> Assessment:
+    """Weigh a result against a criterion.
+
+    Args:
+        criterion: The criterion.
+        result: Estimate of its specification.
+        share: Share of the error rate that this look uses; 1 for a single look.
+    """
+    distribution = derive_distribution(result)
+    condition, baseline = criterion.condition, criterion.baseline
+    tail = (1.0 - condition.confidence) / 2.0
+    if isinstance(condition, Threshold):
+        limit = condition.limit
+        _, high = distribution.interval_at(1.0 - share * (1.0 - condition.confidence))
+        passes = high < limit or (high == limit and not condition.strict)
+        impossible = condition.strict and limit == 0.0
+        return Assessment(0.0 if impossible else distribution.p_value_at_most(limit) / tail, passes)
+    if baseline is None or baseline.relation != result.relation:
+        return Assessment(math.inf, False)
+    failing = p_value_ratio_at_most(condition.ratio, distribution, baseline.distribution) / tail
+    if result.probability == 0.0 and baseline.probability == 0.0:
+        # The ratio of two zeros is undefined: require an upper end as good as the baseline's.
+        ends = [one.interval_at(condition.confidence)[1] for one in (distribution, baseline.distribution)]
+        return Assessment(failing, ends[0] < 1.0 and ends[0] <= condition.excluded * ends[1])
+    passing = p_value_ratio_at_least(condition.excluded, distribution, baseline.distribution)
+    return Assessment(failing, passing <= share * tail)
+
+
+def decide_criteria(
+    criteria: Sequence[Criterion],
+    results: Callable[[Criterion], Result | None],
+    share: float,
+    decided: Mapping[int, str],
+) -> dict[int, str]:
+    """Return "pass" or "fail" by number of the criterion after one more look; undecided ones are left out.
+
+    Args:
+        criteria: All criteria of the check.
+        results: Gives the estimate of a criterion's specification, or None.
+        share: Share of the error rate that this look uses.
+        decided: Mapping[int, str] of earlier looks; they stay.
+    """
+    assessments = {
+        number: assess(criterion, result, share)
+        for number, criterion in enumerate(criteria)
+        if number not in decided and (result := results(criterion)) is not None
+    }
+    verdicts = dict(decided)
+    verdicts |= dict.fromkeys(_find_failing(assessments, share, decided, len(criteria)), "fail")
+    for number in assessments.keys() - verdicts.keys():
+        criterion = criteria[number]
+        if assessments[number].passes and not find_objections(criterion, results(criterion)):
+            verdicts[number] = "pass"
+    return verdicts
+
+
+def _find_failing(
+    assessments: Mapping[int, Assessment], share: float, decided: Mapping[int, str], criteria: int
+) -> list[int]:
+    # Holm's procedure; criteria that passed at an earlier look still count as hypotheses.
+    left = criteria - sum(verdict == "fail" for verdict in decided.values())
+    failing: list[int] = []
+    # 1. From the smallest p-value to the largest ...
+    for number in sorted(assessments, key=lambda number: assessments[number].normalised_p_value):
+        # 2. ... stop at the first one above the level that its rank allows.
+        if assessments[number].normalised_p_value > share / (left - len(failing)):
+            break
+        failing.append(number)
+    return failing
+
+
+def find_objections(criterion: Criterion, result: Result | None) -> list[str]:
+    """Return the reasons why a criterion must not pass, however good its numbers are."""
+    found = [f"{name}: {text}" for name, text in result.health.items()] if result is not None else []
+    baseline = criterion.baseline
+    if baseline is not None and baseline.health:
+        found.append(f"the baseline has health warnings: {', '.join(baseline.health)}")
+    if baseline is not None and result is not None and baseline.relation != result.relation:
+        found.append(f"failure is {result.relation} here, {baseline.relation} in the baseline")
+    return found
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Verdict on one criterion, with the numbers that it rests on.
+
+    Attributes:
+        scenario: Name of the scenario.
+        specification: Name of the specification.
+        kind: "threshold" or "regression".
+        question: The condition in symbols.
+        verdict: "pass", "fail" or "inconclusive".
+        reason: Reason of the verdict; may be empty.
+        probability: The estimate, or None.
+        interval: Its interval at the confidence of the criterion.
+        baseline: Probability in the baseline, or None.
+        change: Probability over that of the baseline, or None.
+        change_interval: Interval of this ratio at the confidence of the criterion; infinity: unbounded.
+        rollouts: Rollouts of the estimate.
+        seconds: Wall time of the estimate.
+    """
+
+    scenario: str
+    specification: str
+    kind: str
+    question: str
+    verdict: str
+    reason: str
+    probability: float | None = None
+    interval: Interval | None = None
+    baseline: float | None = None
+    change: float | None = None
+    change_interval: Interval | None = None
+    rollouts: int = 0
+    seconds: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Specification and condition; unique within the scenario."""
+        return f"{self.specification} {self.question}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON-ready data; infinities become null."""
+        return dict(finite(dict(vars(self))))
+
+
+def make_decision(criterion: Criterion, verdict: str, reason: str, result: Result | None) -> Decision:
+    """Return the decision on a criterion, with the numbers of its estimate and baseline."""
+    names = (criterion.scenario, criterion.specification, criterion.kind, criterion.question)
+    baseline = criterion.baseline
+    before = baseline.probability if baseline else None
+    if result is None:
+        return Decision(*names, verdict, reason, baseline=before)
+    confidence, distribution = criterion.condition.confidence, derive_distribution(result)
+    change = interval = None
+    if baseline is not None:
+        change = result.probability / before if before else None if not result.probability else math.inf
+        interval = ratio_interval(confidence, distribution, baseline.distribution)
+    return Decision(
+        *names, verdict, reason, result.probability, distribution.interval_at(confidence), before, change,
+        interval, result.rollouts, result.seconds,
+    )  # fmt: skip

@@ -1,0 +1,254 @@
+"""Regression gate: estimate, decide every criterion, look again where needed, and save baselines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from avrare.analysis.check import baseline
+from avrare.analysis.check.criteria import (
+    Criterion,
+    Decision,
+    assess,
+    decide_criteria,
+    find_objections,
+    make_decision,
+)
+from avrare.analysis.check.pooling import pool
+from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, estimate_look
+from avrare.base.errors import ExitCode, UsageError
+from avrare.base.format import format_interval
+from avrare.estimation.result import Result, worst_verdict
+from avrare.results import run_folder as rundir
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Result of a check.
+
+    Attributes:
+        decisions: One for each criterion, and for each specification without a baseline.
+        results: Scenario -> its estimates, with the verdicts of their thresholds.
+        notes: Remarks for the reader.
+        looks: Number of looks.
+    """
+
+    decisions: tuple[Decision, ...]
+    results: dict[str, tuple[Result, ...]]
+    notes: tuple[str, ...] = ()
+    looks: int = 1
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """Exit code: too many errors take precedence over the worst verdict."""
+        if any("errors" in one.health for results in self.results.values() for one in results):
+            return ExitCode.ROLLOUT_ERRORS
+        codes = {"fail": ExitCode.FAIL, "inconclusive": ExitCode.INCONCLUSIVE, "pass": ExitCode.PASS}
+        return codes[self.verdict]
+
+    @property
+    def verdict(self) -> str:
+        """Worst verdict of all decisions: "pass", "fail" or "inconclusive"."""
+        return worst_verdict(one.verdict for one in self.decisions) or "pass"
+
+    def has_errors(self, decision: Decision) -> bool:
+        """Return whether the estimate of a decision has more errors than allowed."""
+        results = self.results.get(decision.scenario, ())
+        return any("errors" in one.health for one in results if one.specification == decision.specification)
+
+    def to_dict(self, targets: Sequence[CheckTarget]) -> dict[str, Any]:
+        """Return the content of check.json."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "exit_code": int(self.exit_code),
+            "looks": self.looks,
+            "rows": [one.to_dict() for one in self.decisions],
+            "notes": list(self.notes),
+            "results": [rundir.document(one.definition, self.results[one.name]) for one in targets],
+        }
+
+
+@dataclass
+class _CheckState:
+    criteria: list[Criterion]
+    verdicts: dict[int, str] = field(default_factory=dict)  # by number of the criterion
+    batches: dict[tuple[str, str], list[Result]] = field(default_factory=dict)  # by scenario, specification
+    looks: int = 0
+
+    def specifications_to_estimate(self, target: CheckTarget, save: bool) -> list[str]:
+        specifications = list(target.definition.estimated)
+        # A target that will be saved takes every look: optional stopping would bias its baseline.
+        if not self.looks or save or (target.compared and target.baseline is None):
+            return specifications
+        undecided = {
+            criterion.specification
+            for number, criterion in enumerate(self.criteria)
+            if number not in self.verdicts and criterion.scenario == target.name
+        }
+        return [name for name in specifications if name in undecided]
+
+
+def check(
+    targets: Sequence[CheckTarget], looks: Sequence[Look], execution: ExecutionSettings, save: bool
+) -> CheckResult:
+    """Decide, and save first baselines of healthy results and those asked for; arguments as in ``decide``."""
+    outcome = decide(targets, looks, execution, save)
+    decisions, notes = list(outcome.decisions), []
+    for target in targets:
+        results = outcome.results[target.name]
+        notes += [f"{target.name}: {note}" for note in target.notes]
+        if not target.compared:
+            continue
+        healthy = not any(result.health or result.verdict == "fail" for result in results)
+        path, obstacle = None, ""
+        if save or (target.baseline is None and healthy):
+            path, note = _try_to_save(target, results)
+            notes.append(f"{target.name}: {note}")
+            obstacle = "the file could not be written"
+        known = target.baseline.entries if target.baseline is not None else {}
+        decisions += [
+            _decide_without_baseline(target, result, path, obstacle)
+            for result in results
+            if result.specification not in known
+        ]
+    order = {target.name: number for number, target in enumerate(targets)}
+    decisions.sort(key=lambda one: order[one.scenario])
+    return replace(outcome, decisions=tuple(decisions), notes=tuple(notes))
+
+
+def decide(
+    targets: Sequence[CheckTarget], looks: Sequence[Look], execution: ExecutionSettings, save: bool = False
+) -> CheckResult:
+    """Decide the criteria of several scenarios, which share one error rate.
+
+    Args:
+        targets: The scenarios.
+        looks: The planned looks.
+        execution: Settings of the estimates.
+        save: The results will be saved as baselines: take every look.
+
+    Raises:
+        UsageError: An estimator cannot take the problem or the budget.
+    """
+    state = _CheckState([criterion for target in targets for criterion in target.criteria])
+    max_error_rates = {target.name: target.definition.max_error_rate for target in targets}
+
+    def result(criterion: Criterion) -> Result | None:
+        batches = state.batches.get((criterion.scenario, criterion.specification))
+        return pool(batches, max_error_rates[criterion.scenario]) if batches else None
+
+    for look in looks:
+        # 1. Select what is still open.
+        work = [(one, names) for one in targets if (names := state.specifications_to_estimate(one, save))]
+        if not work:
+            break
+        # 2. Draw a batch of each.
+        for target, names in work:
+            for found in _estimate(target, names, look, execution):
+                state.batches.setdefault((target.name, found.specification), []).append(found)
+        # 3. Decide on all batches so far.
+        state.verdicts = decide_criteria(state.criteria, result, look.share, state.verdicts)
+        state.looks += 1
+    decisions = [_decide(state, number, one, result(one)) for number, one in enumerate(state.criteria)]
+    results = {target.name: _pool_results(target, state, decisions) for target in targets}
+    return CheckResult(tuple(decisions), results, looks=state.looks)
+
+
+def _estimate(
+    target: CheckTarget, specifications: list[str], look: Look, execution: ExecutionSettings
+) -> list[Result]:
+    try:
+        return estimate_look(target.scenario, specifications, look, execution)
+    except UsageError as error:
+        if look.share == 1.0 or "does not pay" not in error.message:
+            raise
+        hint = f"--spend is divided into looks; the first has {look.share:g} of it"
+        raise UsageError(error.message, hint) from None
+
+
+def _decide(state: _CheckState, number: int, criterion: Criterion, result: Result | None) -> Decision:
+    verdict = state.verdicts.get(number, "inconclusive")
+    if result is None:
+        reason = "not estimated: estimator.specifications leaves it out"
+        return make_decision(criterion, verdict, reason, None)
+    decision = make_decision(criterion, verdict, "", result)
+    return replace(decision, reason=_find_reason(criterion, decision, result, len(state.criteria)))
+
+
+def _find_reason(criterion: Criterion, decision: Decision, result: Result, criteria: int) -> str:
+    if decision.verdict == "pass":
+        no_failures = criterion.baseline is not None and decision.probability == decision.baseline == 0.0
+        return "no failures here or in the baseline: the ratio is unknown" if no_failures else ""
+    objections = find_objections(criterion, result)
+    interval = _describe_interval(decision)
+    if decision.verdict == "fail":
+        return "; ".join([interval, *objections])
+    if objections:
+        return "; ".join(objections)
+    if assess(criterion, result, 1.0).normalised_p_value <= 1.0:
+        corrected = f"not after correction for {criteria} criteria or several looks"
+        return f"{interval}: fails on its own, but {corrected}"
+    return f"{interval}: use more rollouts"
+
+
+def _describe_interval(decision: Decision) -> str:
+    if decision.change_interval is None:
+        assert decision.interval is not None
+        return f"the probability is {format_interval(decision.interval)}"
+    low, high = decision.change_interval
+    if math.isfinite(high):
+        return f"{low:.2g} .. {high:.2g} times the baseline"
+    return f"more than {low:.2g} times the baseline" if low else "the ratio to the baseline is unknown"
+
+
+def _pool_results(
+    target: CheckTarget, state: _CheckState, decisions: Sequence[Decision]
+) -> tuple[Result, ...]:
+    verdicts: dict[str, list[str]] = {}
+    for one in decisions:
+        if one.scenario == target.name and one.kind == "threshold":
+            verdicts.setdefault(one.specification, []).append(one.verdict)
+    return tuple(
+        replace(
+            pool(state.batches[target.name, name], target.definition.max_error_rate),
+            verdict=worst_verdict(verdicts.get(name, ())),
+        )
+        for name in target.definition.estimated
+    )
+
+
+def _try_to_save(target: CheckTarget, results: Sequence[Result]) -> tuple[Path | None, str]:
+    try:
+        path = baseline.save(target.folder, target.definition, results)
+    except UsageError as error:  # a full disk must not cost the verdicts
+        return None, f"NOT saved: {error.message}"
+    return path, f"saved as baseline {path}; commit it"
+
+
+def _decide_without_baseline(
+    target: CheckTarget, result: Result, path: Path | None, obstacle: str
+) -> Decision:
+    if path is not None:
+        verdict, reason = "pass", "nothing to compare with yet: saved as the first baseline"
+        if result.health:
+            verdict, reason = "inconclusive", f"saved, with health warnings: {', '.join(result.health)}"
+    elif target.baseline is None:
+        if result.health:
+            cause = f"health warnings: {', '.join(result.health)}"
+        elif result.verdict == "fail":
+            cause = "it fails a threshold"
+        else:
+            cause = "another specification of this scenario is unhealthy or fails"
+        verdict, reason = "inconclusive", f"no baseline, and none was saved: {obstacle or cause}"
+    else:
+        verdict, reason = "inconclusive", "the baseline lacks this specification: --save makes a new one"
+    return Decision(
+        target.name, result.specification, "regression", "baseline", verdict, reason,
+        result.probability, result.interval, rollouts=result.rollouts, seconds=result.seconds,
+    )  # fmt: skip

@@ -1,0 +1,189 @@
+"""Power analysis: cost of a verdict, predicted from the cost and the precision of an earlier estimate.
+
+The relative variance of an estimate times its rollouts does not depend on their number. From it follows how
+many rollouts give an error small enough to reach a verdict with a probability of 90 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import NormalDist
+from typing import Any
+
+from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.confidence_distributions import Binomial, InverseBinomial
+from avrare.analysis.check.criteria import Criterion
+from avrare.base.special import beta_cdf
+from avrare.scenario.schema import Regression, Threshold
+
+POWER = 0.9
+PRECISION = 0.2
+"""Half width of the relative interval that is priced for every specification."""
+_MAX_FAILURES = 200
+_quantile = NormalDist().inv_cdf
+
+
+@dataclass(frozen=True)
+class CostEstimate:
+    """Predicted cost of one verdict.
+
+    Attributes:
+        scenario: Name of the scenario.
+        specification: Name of the specification.
+        question: The criterion in symbols.
+        rollouts: Rollouts needed; None where they cannot be predicted.
+        steps: Simulated steps.
+        seconds: Wall time with one worker, at the speed of the earlier estimate.
+        reason: Source of the numbers, or why there are none.
+    """
+
+    scenario: str
+    specification: str
+    question: str
+    rollouts: int | None
+    steps: int
+    seconds: float
+    reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON-ready data."""
+        return asdict(self)
+
+
+_Need = tuple[float | None, str]  # rollouts needed, None if unknown, and the reason
+
+
+def estimate_costs(
+    scenario: str,
+    criteria: Sequence[Criterion],
+    earlier: Mapping[str, BaselineEntry],
+    source: str,
+    confidence: float,
+) -> list[CostEstimate]:
+    """Predict the cost of a verdict on each criterion, and of +-20 % for each specification.
+
+    Args:
+        scenario: Name of the scenario.
+        criteria: Its criteria.
+        earlier: Specification -> an earlier estimate.
+        source: Description of the earlier estimates.
+        confidence: Confidence of the intervals that are to be +-20 %.
+    """
+    needs = [
+        (criterion.question, entry, _need_for_criterion(criterion, entry, len(criteria)))
+        for criterion in criteria
+        if (entry := earlier.get(criterion.specification)) is not None
+    ]
+    needs += [("+-20 %", entry, _need_for_precision(entry, confidence)) for entry in earlier.values()]
+    return [_price(scenario, question, entry, *need, source) for question, entry, need in needs]
+
+
+def _price(
+    scenario: str, question: str, entry: BaselineEntry, rollouts: float | None, reason: str, source: str
+) -> CostEstimate:
+    if rollouts is None:
+        return CostEstimate(scenario, entry.specification, question, None, 0, 0.0, reason)
+    digits = max(0, math.floor(math.log10(rollouts)) - 1)  # the prediction is good to two digits at most
+    needed = math.ceil(rollouts / 10**digits) * 10**digits
+    share = needed / entry.rollouts
+    text = f"{reason}, by {source}" if reason else f"by {source}"
+    steps = round(entry.simulated_steps * share)
+    return CostEstimate(scenario, entry.specification, question, needed, steps, entry.seconds * share, text)
+
+
+def _need_for_precision(entry: BaselineEntry, confidence: float) -> _Need:
+    if not _has_variance(entry):
+        return None, _no_failures(entry)
+    return _work(entry) * (_quantile(1.0 - (1.0 - confidence) / 2.0) / math.log1p(PRECISION)) ** 2, ""
+
+
+def _need_for_criterion(criterion: Criterion, entry: BaselineEntry, criteria: int) -> _Need:
+    tail = (1.0 - criterion.condition.confidence) / 2.0
+    if isinstance(criterion.condition, Threshold):
+        return _need_for_threshold(criterion.condition.limit, entry, tail, criteria)
+    return _need_for_regression(criterion.condition, entry, criterion.baseline, tail / criteria)
+
+
+def _need_for_threshold(limit: float, entry: BaselineEntry, tail: float, criteria: int) -> _Need:
+    p = entry.probability
+    if p == limit or limit in (0.0, 1.0) or p == 1.0:
+        reason = "the estimate equals the bound, or one of them is 0 or 1: no number of rollouts may decide"
+        return None, reason
+    fails = p > limit
+    reason = "expected to fail" if fails else "" if p > 0.0 else "if nothing fails"
+    if isinstance(entry.distribution, (Binomial, InverseBinomial)):
+        exact = _rollouts_to_fail(p, limit, tail / criteria) if fails else _rollouts_to_pass(p, limit, tail)
+        if exact is not None:
+            return exact, reason
+    if not _has_variance(entry):
+        return None, _no_failures(entry)
+    level = tail / criteria if fails else tail
+    return _work(entry) * ((_quantile(1.0 - level) + _quantile(POWER)) / math.log(limit / p)) ** 2, reason
+
+
+def _rollouts_to_pass(p: float, limit: float, tail: float) -> int | None:
+    # Monte Carlo rollouts that prove the bound with ``POWER``; None beyond 200 failures
+    for failures in range(_MAX_FAILURES):
+        # Without failures the interval is one-sided.
+        level = 2.0 * tail if failures == 0 else tail
+
+        def proven(trials: int, failures: int = failures, level: float = level) -> bool:
+            return beta_cdf(1.0 - limit, trials - failures, failures + 1) <= level
+
+        rollouts = _find_first(proven, failures + 1)
+        if beta_cdf(1.0 - p, rollouts - failures, failures + 1) >= POWER:
+            return rollouts
+    return None
+
+
+def _rollouts_to_fail(p: float, limit: float, tail: float) -> int | None:
+    # Monte Carlo rollouts that refute the bound with ``POWER``; None beyond 200 failures
+    for failures in range(1, _MAX_FAILURES):
+
+        def likely(trials: int, failures: int = failures) -> bool:
+            return beta_cdf(limit, failures, trials - failures + 1) > tail
+
+        rollouts = _find_first(likely, failures) - 1  # the most for which so many failures refute the bound
+        if rollouts >= failures and beta_cdf(p, failures, rollouts - failures + 1) >= POWER:
+            return rollouts
+    return None
+
+
+def _find_first(holds: Callable[[int], bool], start: int) -> int:
+    low, high = start - 1, start
+    while not holds(high):
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
+def _need_for_regression(
+    regression: Regression, entry: BaselineEntry, baseline: BaselineEntry | None, tail: float
+) -> _Need:
+    if not (_has_variance(entry) and (baseline is None or _has_variance(baseline))):
+        return None, "no failures: the ratio cannot be estimated; use a threshold"
+    ratio = regression.excluded / regression.ratio
+    allowed = (math.log(ratio) / (_quantile(1.0 - tail) + _quantile(POWER))) ** 2
+    if baseline is None:
+        return 2.0 * _work(entry) / allowed, f"for the baseline and each check, to see a factor of {ratio:g}"
+    left = allowed - baseline.relative_error**2
+    if left <= 0.1 * allowed:
+        needed = f"{math.ceil(2.0 * _work(baseline) / allowed):,} rollouts"
+        return None, f"the baseline is too imprecise: it needs {needed}, and each check as many"
+    return _work(entry) / left, f"to see a factor of {ratio:g}"
+
+
+def _has_variance(entry: BaselineEntry) -> bool:
+    return entry.probability > 0.0 and math.isfinite(entry.relative_error)
+
+
+def _no_failures(entry: BaselineEntry) -> str:
+    return f"no failures in {entry.rollouts:,} rollouts: the number needed is unknown"
+
+
+def _work(entry: BaselineEntry) -> float:  # relative variance times rollouts
+    return entry.relative_error**2 * entry.rollouts

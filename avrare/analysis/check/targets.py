@@ -1,0 +1,185 @@
+"""Targets of a check, scenarios with their baselines and criteria, and the looks that estimate them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from avrare.analysis.check.baseline import (
+    SHARED_KEYS,
+    Baseline,
+    find_differences,
+    read_newest,
+    summarise_differences,
+)
+from avrare.analysis.check.criteria import Criterion
+from avrare.base.errors import UsageError
+from avrare.estimation.budget import Budget
+from avrare.estimation.result import Result
+from avrare.estimation.scenario_estimates import Watch, estimate_specifications
+from avrare.rollout.executors.build import build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.fingerprint import changed_files, digests
+from avrare.scenario.schema import Regression, Scenario
+
+SHARES = (0.125, 0.125, 0.25, 0.5)
+"""Share of the budget and of the error rate that each look uses; each from the second doubles the total."""
+_SEED_STRIDE = 0x9E3779B97F4A7C15
+_SEED_RANGE = 2**63
+
+
+@dataclass(frozen=True)
+class CheckTarget:
+    """Scenario under check.
+
+    Attributes:
+        scenario: The scenario with its stack.
+        folder: Folder of its baselines.
+        compared: True if it is compared with a baseline.
+        baseline: The newest baseline, or None.
+        notes: Remarks on the comparison.
+    """
+
+    scenario: LoadedScenario
+    folder: Path
+    compared: bool
+    baseline: Baseline | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def definition(self) -> Scenario:
+        """Definition of the scenario."""
+        return self.scenario.definition
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        return self.definition.name
+
+    @property
+    def criteria(self) -> list[Criterion]:
+        """Thresholds, then comparisons with the baseline."""
+        definition = self.definition
+        found = [Criterion(self.name, one.specification, one) for one in definition.thresholds]
+        entries = self.baseline.entries if self.baseline is not None else {}
+        for name in definition.estimated:
+            if (entry := entries.get(name)) is not None:
+                health = tuple(warning for warning in entry.health if warning not in definition.suppress)
+                found.append(Criterion(self.name, name, self._regression, replace(entry, health=health)))
+        return found
+
+    @property
+    def planned_criteria(self) -> list[Criterion]:
+        """Criteria, and those that a first baseline will add."""
+        if not self.compared or self.baseline is not None:
+            return self.criteria
+        added = [Criterion(self.name, name, self._regression) for name in self.definition.estimated]
+        return self.criteria + added
+
+    @property
+    def _regression(self) -> Regression:
+        return self.definition.regression or Regression.model_validate({})
+
+
+def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool) -> CheckTarget:
+    """Pair a scenario with its newest baseline.
+
+    Args:
+        definition: The scenario.
+        folder: Folder of its baselines.
+        compared: True to look for a baseline.
+        accept: Compare even if the problem has changed.
+
+    Raises:
+        UsageError: The baseline cannot be read, or is of another problem.
+    """
+    baseline = read_newest(folder) if compared else None
+    scenario = LoadedScenario(definition)
+    if baseline is None:
+        return CheckTarget(scenario, folder, compared, None)
+    changes = find_differences(baseline.scenario, definition.resolved, list(baseline.entries))
+    keys = (*SHARED_KEYS, *(f"specifications.{name}" for name in baseline.entries))
+    changes += changed_files(baseline.files, digests(definition), keys)
+    if changes and not accept:
+        raise UsageError(
+            f"{definition.path}: not comparable with {baseline.path}: {summarise_differences(changes)}",
+            "undo the change; or --accept-changes to compare anyway, with --save to make this run the new "
+            "baseline",
+        )
+    notes = [f"compared although the problem changed: {summarise_differences(changes)}"] if changes else []
+    versions = [
+        f"{name} {baseline.versions.get(name, 'none')} -> {version}"
+        for name, version in definition.versions.items()
+        if baseline.versions.get(name) != version
+    ]
+    notes += [f"the baseline was made with other versions: {', '.join(versions)}"] if versions else []
+    removed = [name for name in baseline.entries if name not in definition.estimated]
+    notes += [f"no longer estimated: {', '.join(removed)}"] if removed else []
+    return CheckTarget(scenario, folder, compared, baseline, tuple(notes))
+
+
+@dataclass(frozen=True)
+class Look:
+    """Interim look and the batch that is drawn for it.
+
+    Attributes:
+        number: Number of the look, from 1.
+        share: Share of the error rate.
+        budget: Budget of each estimate; None: the estimator's own options decide.
+    """
+
+    number: int
+    share: float
+    budget: Budget | None
+
+    def seed(self, seed: int) -> int:
+        """Return the seed of this look, so that the batches of all looks are independent."""
+        return (seed + (self.number - 1) * _SEED_STRIDE) % _SEED_RANGE
+
+
+def plan_looks(budget: Budget | None, spend: Budget | None) -> list[Look]:
+    """Return the planned looks.
+
+    Args:
+        budget: Budget of a single look.
+        spend: Budget of all looks together; None: there is one look.
+    """
+    if spend is None:
+        return [Look(1, 1.0, budget)]
+    return [
+        Look(number, share, Budget(spend.kind, spend.amount * share))
+        for number, share in enumerate(SHARES, 1)
+    ]
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """Settings of how estimates run; no result depends on them.
+
+    Attributes:
+        workers: Number of processes.
+        executor: Name and options of the executor; None: serial, or processes for several workers.
+        watch: Shows the progress of each estimate.
+    """
+
+    workers: int
+    executor: str | None
+    watch: Watch
+
+
+def estimate_look(
+    scenario: LoadedScenario, specifications: Sequence[str], look: Look, execution: ExecutionSettings
+) -> list[Result]:
+    """Estimate specifications of a scenario for one look.
+
+    Raises:
+        UsageError: The estimator cannot take the problem or the budget.
+    """
+    note = f"  look {look.number}" if look.share < 1.0 else ""
+    start_executor = partial(build_executor, execution.workers, execution.executor)
+    return estimate_specifications(
+        scenario, specifications, look.budget, start_executor, execution.watch,
+        seed=look.seed(scenario.definition.seed), note=note,
+    )  # fmt: skip

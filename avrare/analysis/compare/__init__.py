@@ -1,0 +1,1 @@
+"""Comparisons: estimators on one problem, or two versions of a stack on the same noise."""

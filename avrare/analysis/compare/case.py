@@ -1,0 +1,170 @@
+"""Case of a comparison: one specification of a scenario, or a reference problem, and its true probability."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.estimation.loop import DEFAULT_MAX_ERROR_RATE
+from avrare.estimation.result import Interval, Result
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+from avrare.scenario.schema import Block, Scenario
+from avrare.testing.problems import reference_problem
+
+REFERENCE_PREFIX = "problem:"
+ENOUGH_FAILURES = 100
+"""Failures that make a Monte Carlo estimate precise enough to compare with: a relative error of 10 %."""
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Failure probability in (0, 1).
+
+    Attributes:
+        probability: Value of the probability.
+        source: "exact", "given", "monte carlo" (a long run of its own) or "pooled monte carlo" (the
+            comparison's own repetitions).
+        interval: Interval, if the probability is estimated and not pooled.
+        failures: Failures that it rests on, if it is estimated.
+    """
+
+    probability: float
+    source: str
+    interval: Interval | None = None
+    failures: int | None = None
+
+    @staticmethod
+    def from_monte_carlo(result: Result) -> GroundTruth:
+        """Return the truth that a long Monte Carlo run found.
+
+        Raises:
+            UsageError: No rollout failed, or all of them did.
+        """
+        if not 0.0 < result.probability < 1.0:
+            which = "no" if result.probability == 0.0 else "every"
+            raise UsageError(
+                f"--truth: {which} rollout of {result.rollouts} failed, so the probability is not known",
+                "give more rollouts, or omit --truth",
+            )
+        return GroundTruth(result.probability, "monte carlo", result.interval, result.failures.count)
+
+
+@dataclass(frozen=True)
+class ComparisonCase:
+    """Problem with one specification, and the settings that all estimators share.
+
+    Attributes:
+        name: Name of the scenario, or id of the reference problem.
+        specification: Name of the specification; empty for a reference problem.
+        problem: The problem.
+        truth: Its failure probability, if known.
+        scene: Scene of the driving simulator, if it is one.
+        estimator: The scenario's own estimator block.
+        seed: Seed of the scenario.
+        confidence: Confidence of the intervals.
+        max_error_rate: Share of errors above which a result is unhealthy.
+        fingerprint: Fingerprint of the scenario; None for a reference problem.
+        versions: Versions of the distributions that the scenario uses.
+    """
+
+    name: str
+    specification: str
+    problem: Problem
+    truth: GroundTruth | None = None
+    scene: object | None = None
+    estimator: Block | None = None
+    seed: int = 0
+    confidence: float = 0.95
+    max_error_rate: float = DEFAULT_MAX_ERROR_RATE
+    fingerprint: str | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Name and, for a scenario, specification."""
+        return f"{self.name}  {self.specification}" if self.specification else self.name
+
+
+def reference_case(id: str) -> ComparisonCase:
+    """Return a reference problem with its exact probability.
+
+    Raises:
+        UsageError: There is no such problem.
+    """
+    try:
+        reference = reference_problem(id)
+    except UsageError as error:
+        raise UsageError(error.message, error.hint or "avrare compare problem: lists them") from None
+    return ComparisonCase(id, "", reference.problem(), GroundTruth(reference.probability, "exact"))
+
+
+def scenario_case(path: str, specification: str | None, overrides: Sequence[str] = ()) -> ComparisonCase:
+    """Return one specification of a scenario.
+
+    Args:
+        path: Path of the scenario.
+        specification: Name of the specification; None if the scenario estimates only one.
+        overrides: ``KEY=VALUE`` settings of the scenario.
+
+    Raises:
+        ScenarioError: The scenario is invalid.
+        UsageError: There is no such specification, or several and none was chosen.
+    """
+    definition = load(path, overrides)
+    scenario = LoadedScenario(definition)
+    name = _select(definition, specification)
+    return ComparisonCase(
+        name=definition.name,
+        specification=name,
+        problem=scenario.problem(name),
+        scene=scenario.scene,
+        estimator=definition.estimator,
+        seed=definition.seed,
+        confidence=definition.confidence,
+        max_error_rate=definition.max_error_rate,
+        fingerprint=fingerprint(definition),
+        versions=definition.versions,
+    )
+
+
+def parse_truth(text: str) -> GroundTruth | int:
+    """Return the given probability, or the rollouts of the Monte Carlo run that is to estimate it.
+
+    Args:
+        text: ``1.2e-4`` or ``mc=1e6``.
+
+    Raises:
+        UsageError: The text is neither.
+    """
+    word, equals, amount = text.partition("=")
+    try:
+        value = float((amount if equals else word).replace("_", ""))
+    except ValueError:
+        value = -1.0
+    if equals and word.strip() == "mc" and 1.0 <= value < 2**40 and value == int(value):
+        return int(value)
+    if not equals and 0.0 < value < 1.0:
+        return GroundTruth(value, "given")
+    raise UsageError(
+        f"--truth {text}: should be a probability between 0 and 1, or mc=ROLLOUTS",
+        "for example --truth 1.2e-4 or --truth mc=1e6",
+    )
+
+
+def _select(definition: Scenario, specification: str | None) -> str:
+    known = definition.specifications
+    if specification is not None and specification not in known:
+        raise UsageError(
+            f"--specification: scenario {definition.name!r} has no specification {specification!r}",
+            did_you_mean(specification, known),
+        )
+    if specification is None and len(definition.estimated) > 1:
+        raise UsageError(
+            f"scenario {definition.name!r} has {len(definition.estimated)} specifications: choose one",
+            f"--specification {' | '.join(definition.estimated)}",
+        )
+    return definition.estimated[0] if specification is None else specification

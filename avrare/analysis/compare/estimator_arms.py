@@ -1,0 +1,157 @@
+"""Arms of a comparison: estimators with their options, as the command line names them.
+
+    mc,ams,ams:particles=100:discard=10
+
+Commas separate the arms, colons an estimator from its options. Inside brackets and braces neither does, so
+that a value may be any YAML.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.estimation.plan import Estimator
+from avrare.plugin.component import Component
+from avrare.plugin.registry import Registry
+from avrare.scenario.marked_values import Mark, Node
+from avrare.scenario.overrides import override
+from avrare.scenario.schema import Block
+from avrare.scenario.validation import check_options
+from avrare.scenario.yaml import parse_value
+
+_SCENARIO = "scenario"  # prefix of a --set key of the scenario itself
+_EXAMPLE = "for example mc,ams,ams:particles=100:discard=10"
+_MARK = Mark("--estimators")
+_SHARED_SETTINGS = ("seed", "budget", "workers", "confidence")
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Estimator with its options.
+
+    Attributes:
+        label: Label as the user wrote it.
+        name: Name of the estimator.
+        options: Options that are set; the others have their defaults.
+        config: All options, validated.
+        component: Component of the estimator.
+        distribution: Distribution that provides it.
+        version: Version of the distribution.
+    """
+
+    label: str
+    name: str
+    options: Mapping[str, Any]
+    config: Any
+    component: Component
+    distribution: str = ""
+    version: str = ""
+
+    @property
+    def label_parts(self) -> list[str]:
+        """Name and options as they are written in the label."""
+        return _split_outside_brackets(self.label, ":")
+
+    def build(self, scene: object | None = None) -> Estimator:
+        """Build the estimator; ``scene`` as component factories take it."""
+        return self.component.load_factory()(self.config, scene)  # type: ignore[no-any-return]
+
+
+def make_arm(registry: Registry, name: str, options: Mapping[str, Any], label: str | None = None) -> Arm:
+    """Make an arm from an estimator's name and options.
+
+    Raises:
+        UsageError: The options are invalid.
+        PluginError: No installed plugin provides the estimator.
+    """
+    component = registry.require("estimator", name)
+    row = registry.find("estimator", name)
+    if shared := [option for option in _SHARED_SETTINGS if option in options]:
+        problem = f"{shared[0]!r} is a setting of the whole comparison, not an option of an estimator"
+        raise UsageError(f"{label or name}: {problem}")
+    config = check_options(component.load_config(), name, dict(options))
+    return Arm(label or name, name, options, config, component, row.distribution, row.version)
+
+
+def parse_arms(
+    text: str, settings: Sequence[str], scenario_block: Block | None, registry: Registry
+) -> list[Arm]:
+    """Parse ``--estimators``.
+
+    Args:
+        text: Value of ``--estimators``.
+        settings: ``NAME.OPTION=VALUE`` for all arms of an estimator; an arm's own options take precedence.
+        scenario_block: The scenario's estimator block, whose options are that estimator's defaults.
+        registry: Registry of the estimators.
+
+    Raises:
+        UsageError: The text, an option or a setting is invalid.
+        PluginError: No installed plugin provides one of the estimators.
+    """
+    parts = [_split_outside_brackets(part.strip(), ":") for part in _split_outside_brackets(text, ",")]
+    labels = [":".join(part) for part in parts]
+    for label in labels:
+        if not label or labels.count(label) > 1:
+            problem = f"{label!r} appears twice" if label else "an estimator's name is missing"
+            raise UsageError(f"--estimators: {problem}", _EXAMPLE)
+    _check_settings(settings, {part[0] for part in parts})
+    return [
+        make_arm(registry, part[0], _collect_options(part, settings, scenario_block), label)
+        for part, label in zip(parts, labels, strict=True)
+    ]
+
+
+def split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Split ``--set`` values into those of the scenario, without their prefix, and those of estimators."""
+    prefix = f"{_SCENARIO}."
+    of_scenario = [setting.removeprefix(prefix) for setting in settings if setting.startswith(prefix)]
+    return of_scenario, [setting for setting in settings if not setting.startswith(prefix)]
+
+
+def _collect_options(
+    part: Sequence[str], settings: Sequence[str], scenario_block: Block | None
+) -> dict[str, Any]:
+    name, own = part[0], part[1:]
+    for option in own:
+        if "=" not in option:
+            problem = f"{option!r} in {':'.join(part)!r} should be OPTION=VALUE"
+            raise UsageError(f"--estimators: {problem}", _EXAMPLE)
+    # In rising precedence: the scenario, --set, the arm itself.
+    start: dict[str, Any] = {}
+    if scenario_block is not None and scenario_block.plugin == name:
+        start = scenario_block.config.model_dump(mode="json", exclude_unset=True)
+    tree = Node({name: parse_value(json.dumps(start), _MARK)}, _MARK)
+    shared = [setting for setting in settings if _estimator_of(setting) == name]
+    return dict(override(tree, [*shared, *(f"{name}.{option}" for option in own)]).plain()[name])
+
+
+def _check_settings(settings: Sequence[str], names: set[str]) -> None:
+    for setting in settings:
+        name = _estimator_of(setting)
+        if name not in names:
+            key = setting.partition("=")[0]
+            raise UsageError(
+                f"--set {key}: should be NAME.OPTION=VALUE, for an estimator that is compared, or "
+                f"{_SCENARIO}.KEY=VALUE",
+                did_you_mean(name or key, [*names, _SCENARIO]),
+            )
+
+
+def _estimator_of(setting: str) -> str:
+    name, dot, _ = setting.partition("=")[0].partition(".")
+    return name.strip() if dot else ""
+
+
+def _split_outside_brackets(text: str, separator: str) -> list[str]:
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter in "[{") - (letter in "]}")
+        if letter == separator and depth <= 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts

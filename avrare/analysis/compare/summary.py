@@ -1,0 +1,166 @@
+"""Statistics of one estimator's repetitions (docs/compare.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from avrare.analysis.compare.case import GroundTruth
+from avrare.analysis.compare.study import Repetition
+from avrare.base.special import t_factor
+from avrare.estimation import intervals
+from avrare.estimation.result import Interval
+from avrare.protocols import Floats
+
+MIN_REPETITIONS = 2
+"""Repetitions below which there is no spread."""
+_BIAS_SHARE = 0.5
+"""Share of the mean squared error above which a mean whose interval misses the truth counts as biased."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Distance of the repetitions from the truth.
+
+    Attributes:
+        ratio: Mean estimate over truth.
+        covered: Repetitions whose interval contains the truth.
+        covered_interval: Interval of their share (Clopper and Pearson).
+        relative_rmse: Root of the mean of (estimate / truth - 1)^2.
+        work: Its square times the mean cost in full rollouts: the work-normalised variance.
+        work_interval: Interval of ``work`` from the spread of the repetitions; None if they are equal.
+        missed: True if no estimate has a failure, or if the mean's interval misses the truth and its bias
+            makes up most of the mean squared error.
+        speed_up: Monte Carlo's ``work`` (1 - p) / p over this one's; None if the mean misses the truth,
+            since more work does not reduce a bias.
+        speed_up_interval: Interval of ``speed_up``.
+    """
+
+    ratio: float
+    covered: int
+    covered_interval: Interval
+    relative_rmse: float
+    work: float
+    work_interval: Interval | None
+    missed: bool
+    speed_up: float | None
+    speed_up_interval: Interval | None
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics of an estimator's repetitions.
+
+    Attributes:
+        repetitions: Number of repetitions.
+        mean: Mean of the estimates.
+        interval: Interval of the mean; None with a single repetition.
+        steps: Mean simulated steps of a repetition.
+        rollouts: Mean rollouts of a repetition.
+        simulations: Mean cost in full rollouts: steps over those of a rollout; rollouts if it has none.
+        zeros: Estimates that are zero.
+        warned: Repetitions with health warnings.
+        warnings: Repetitions by warning.
+        accuracy: Distance from the truth; None without a truth, or with a single repetition.
+    """
+
+    repetitions: int
+    mean: float
+    interval: Interval | None
+    steps: float
+    rollouts: float
+    simulations: float
+    zeros: int
+    warned: int
+    warnings: dict[str, int]
+    accuracy: Accuracy | None
+
+
+def summarise(
+    repetitions: Sequence[Repetition], truth: GroundTruth | None, steps: int, confidence: float
+) -> Summary | None:
+    """Return the statistics of an estimator; None if it has no repetitions.
+
+    Args:
+        repetitions: Its estimates.
+        truth: The true probability, or None.
+        steps: Steps of a full rollout.
+        confidence: Confidence of the intervals.
+    """
+    if not repetitions:
+        return None
+    values = np.array([one.probability for one in repetitions])
+    cost = np.array([one.simulated_steps / steps if steps else one.rollouts for one in repetitions])
+    names = sorted({name for one in repetitions for name in one.health})
+    several = len(values) >= MIN_REPETITIONS
+    return Summary(
+        repetitions=len(values),
+        mean=float(values.mean()),
+        interval=_mean_interval(repetitions, confidence) if several else None,
+        steps=float(np.mean([one.simulated_steps for one in repetitions])),
+        rollouts=float(np.mean([one.rollouts for one in repetitions])),
+        simulations=float(cost.mean()),
+        zeros=int((values == 0.0).sum()),
+        warned=sum(bool(one.health) for one in repetitions),
+        warnings={name: sum(name in one.health for one in repetitions) for name in names},
+        accuracy=_accuracy(repetitions, values, cost, truth, confidence) if truth and several else None,
+    )
+
+
+def find_disagreements(labels: Sequence[str], summaries: Sequence[Summary | None]) -> list[tuple[str, str]]:
+    """Return pairs of estimators whose means have disjoint intervals."""
+    known = [(label, s.interval) for label, s in zip(labels, summaries, strict=True) if s and s.interval]
+    return [(one, other) for (one, a), (other, b) in combinations(known, 2) if a[1] < b[0] or b[1] < a[0]]
+
+
+def _accuracy(
+    repetitions: Sequence[Repetition], values: Floats, cost: Floats, truth: GroundTruth, confidence: float
+) -> Accuracy:
+    p = truth.probability
+    squares = (values / p - 1.0) ** 2
+    covered = sum(one.interval[0] <= p <= one.interval[1] for one in repetitions)
+    work = float(squares.mean() * cost.mean())
+    work_interval = _log_delta_interval(squares * cost.mean(), confidence)
+    low, high = _mean_interval(repetitions, confidence)
+    bias = float(values.mean()) / p - 1.0
+    missed = not values.any() or (not low <= p <= high and bias**2 > _BIAS_SHARE * float(squares.mean()))
+    monte_carlo = (1.0 - p) / p
+    return Accuracy(
+        ratio=float(values.mean()) / p,
+        covered=covered,
+        covered_interval=intervals.clopper_pearson(covered, len(values), confidence),
+        relative_rmse=math.sqrt(squares.mean()),
+        work=work,
+        work_interval=work_interval,
+        missed=missed,
+        speed_up=None if missed or not work else monte_carlo / work,
+        speed_up_interval=None
+        if missed or work_interval is None
+        else (monte_carlo / work_interval[1], monte_carlo / work_interval[0]),
+    )
+
+
+def _mean_interval(repetitions: Sequence[Repetition], confidence: float) -> Interval:
+    values = np.array([one.probability for one in repetitions])
+    mean = float(values.mean())
+    if mean == 0.0:
+        return intervals.unknown(confidence)
+    variance = float(values.var(ddof=1)) / mean**2
+    if variance == 0.0:  # all estimates are equal: use their own relative errors
+        known = [one.relative_error**2 for one in repetitions if math.isfinite(one.relative_error)]
+        variance = float(np.mean(known)) if known else 0.0
+    return intervals.log_normal(mean, variance / len(values), confidence, freedom=len(values) - 1)
+
+
+def _log_delta_interval(values: Floats, confidence: float) -> Interval | None:
+    # Mean of positive, skewed values (R,), by the delta method on the logarithm; None if they are equal
+    mean = float(values.mean())
+    if mean == 0.0 or values.min() == values.max():
+        return None
+    spread = math.log1p(float(values.var(ddof=1)) / (len(values) * mean**2))
+    width = t_factor(confidence, len(values) - 1) * math.sqrt(spread)
+    return mean * math.exp(-width), mean * math.exp(width)

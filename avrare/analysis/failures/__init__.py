@@ -1,0 +1,1 @@
+"""Stored failures: database, replay, shrinking, search and clustering."""

@@ -1,0 +1,151 @@
+"""Descriptions of noise: which vehicle was missed and when, wrong positions and speeds, raw channels.
+
+Every observation is compared with the neutral one, which the perception model makes of the same world from
+zero noise. Zeros mean rank one half, so a vehicle that is detected less than half of the time is missed in
+the neutral observation, and detecting it is a disturbance too. Errors are observation minus truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.base import batch
+from avrare.protocols import Bools, Floats
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import replay_tape
+from avrare.stack.closed_loop import LoopState
+
+_MAX_DISTURBANCES = 8
+_NEUTRAL_FACTOR = 3.0
+"""Errors are reported above this multiple of the largest neutral error."""
+_MIN_ERRORS = (0.1, 0.1, 0.3)
+"""Smallest reported errors along and across the road [m] and of the speed [m/s]."""
+_DIRECTIONS = (
+    ("m too far ahead", "m too far behind"),
+    ("m too far left", "m too far right"),
+    ("m/s too fast", "m/s too slow"),
+)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """One disturbance of a rollout.
+
+    Attributes:
+        vehicle: Name of the vehicle; empty for raw channels.
+        text: Description, for example ``missed from t = 2.1 to 2.4 s``.
+        step: First step.
+        magnitude: Importance, by which a long list is shortened.
+    """
+
+    vehicle: str
+    text: str
+    step: int
+    magnitude: float
+
+
+def describe(scenario: LoadedScenario, tape: Floats) -> str:
+    """Describe noise (steps + 1, noise_size) in one sentence; zero noise by the vehicles missed with it."""
+    return join_disturbances(find_disturbances(scenario, tape))
+
+
+def find_disturbances(scenario: LoadedScenario, tape: Floats) -> list[Disturbance]:
+    """Return the disturbances of a rollout in order of time."""
+    loop = scenario.stack.loop
+    states = [
+        state
+        for state in replay_tape(scenario.problem(scenario.specifications[0]), tape).states
+        if isinstance(state, LoopState) and state.observation is not None
+    ]
+    if loop.perception is None or scenario.scene is None or not states:
+        return _describe_channels(tape)
+    worlds = batch.concatenate([state.world for state in states])
+    actual: Any = batch.concatenate([state.observation for state in states])
+    zeros = np.zeros((len(states), loop.perception.noise_size))
+    neutral = loop.perception.observe(worlds, zeros)
+    names = [f"car {name}" if name.isdecimal() else name for name in scenario.scene.names]
+    dt = loop.simulator.dt
+    found = _find_detections(actual.detected, neutral.detected, names, dt, bool(tape.any()))
+    found += _find_errors(_compute_errors(worlds, actual), _compute_errors(worlds, neutral), names, dt)
+    found += _describe_channels(tape[:, : loop.simulator.noise_size] if found else tape)
+    return sorted(found, key=lambda one: one.step)
+
+
+def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
+    """Join disturbances to one sentence; of a long list the smallest ones are only counted."""
+    if not disturbances:
+        return "nothing is disturbed"
+    largest = sorted(disturbances, key=lambda one: -one.magnitude)[:_MAX_DISTURBANCES]
+    largest.sort(key=lambda one: one.step)
+    phrases, previous = [], ""
+    for one in largest:
+        phrases.append(one.text if one.vehicle == previous else f"{one.vehicle} {one.text}".strip())
+        previous = one.vehicle
+    rest = len(disturbances) - len(largest)
+    return ", then ".join(phrases) + (f", and {rest} smaller ones" if rest else "")
+
+
+def _compute_errors(worlds: Any, observation: Any) -> Floats:
+    # (3, T, V) of the positions and the speed; NaN where missed
+    others = worlds.others
+    speed = others.speed * np.cos(others.heading)
+    return np.stack([observation.x - others.x, observation.y - others.y, observation.speed_x - speed])
+
+
+def _find_detections(
+    detected: Bools, neutral: Bools, names: Sequence[str], dt: float, noisy: bool
+) -> list[Disturbance]:
+    # Detections (T, V) that differ from the neutral ones; for zero noise, all misses.
+    kinds = [(~detected & neutral, "missed"), (detected & ~neutral, "detected (missed without noise)")]
+    return [
+        Disturbance(names[v], f"{verb} {_format_interval(first, last, dt)}", first, 1.0 + last - first)
+        for mask, verb in (kinds if noisy else [(~detected, "missed")])
+        for v in range(mask.shape[1])
+        for first, last in _find_stretches(mask[:, v])
+    ]
+
+
+def _find_errors(actual: Floats, neutral: Floats, names: Sequence[str], dt: float) -> list[Disturbance]:
+    found = []
+    for axis, (least, directions) in enumerate(zip(_MIN_ERRORS, _DIRECTIONS, strict=True)):
+        usual = np.nan_to_num(np.abs(neutral[axis]), nan=0.0).max(axis=0, initial=0.0)
+        limits = np.maximum(_NEUTRAL_FACTOR * usual, least)
+        disturbed = actual[axis] != neutral[axis]
+        error = np.where(disturbed, np.nan_to_num(actual[axis], nan=0.0), 0.0)
+        for v, sign in np.ndindex(error.shape[1], 2):
+            signed = error[:, v] if sign == 0 else -error[:, v]
+            for first, last in _find_stretches(signed > limits[v]):
+                peak = float(signed[first - 1 : last].max())
+                text = f"{peak:.2g} {directions[sign]} {_format_interval(first, last, dt)}"
+                found.append(Disturbance(names[v], text, first, peak / limits[v]))
+    return found
+
+
+def _find_stretches(mask: Bools) -> list[tuple[int, int]]:
+    # First and last step of each stretch in which the mask (T,) of steps 1..T holds.
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(begin) + 1, int(end)) for begin, end in edges.reshape(-1, 2)]
+
+
+def _format_interval(first: int, last: int, dt: float) -> str:
+    digits = max(1, int(np.ceil(-np.log10(dt) - 1e-9))) if dt < 1.0 else 1
+    times = [f"{step * dt:.{digits}f}" for step in (first, last)]
+    return f"at t = {times[0]} s" if first == last else f"from t = {times[0]} to {times[1]} s"
+
+
+def _describe_channels(tape: Floats) -> list[Disturbance]:
+    # Each stretch of noise of each channel by its largest number.
+    found = []
+    for channel in range(tape.shape[1]):
+        for begin, end in _find_stretches(tape[:, channel] != 0.0):
+            first, last = begin - 1, end - 1  # row 0 is the noise of the initial state
+            part = tape[first : last + 1, channel]
+            peak = float(part[np.argmax(np.abs(part))])
+            steps = f"step {first}" if first == last else f"steps {first}-{last}"
+            text = f"channel {channel} at {steps}: {peak:+.2g} sigma"
+            found.append(Disturbance("", text, first, float(np.linalg.norm(part))))
+    return sorted(found, key=lambda one: one.step)

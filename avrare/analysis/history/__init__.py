@@ -1,0 +1,1 @@
+"""Estimates over commits, kept in a database."""

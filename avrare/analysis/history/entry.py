@@ -1,0 +1,136 @@
+"""Entry of a history: one estimate at one commit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from avrare.results.reader import RunFolder, StoredEstimate, read_run_folder
+
+
+@dataclass(frozen=True)
+class HistoryEntry:
+    """Stored estimate.
+
+    Attributes:
+        id: Digest of the estimate without its wall time; equal for equal estimates.
+        written: Time of the run, as ``2026-11-21T19:57:03+00:00``.
+        revision: Commit of the scenario's folder, or empty.
+        changed: True if there were uncommitted changes.
+        scenario: Name of the scenario.
+        fingerprint: Fingerprint of scenario and versions; estimates with different ones are not comparable.
+        specification: Name of the specification.
+        estimator: Name of the estimator.
+        seed: Seed of the run.
+        probability: The estimate.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        confidence: Confidence of the interval.
+        rollouts: Number of rollouts.
+        steps: Simulated steps.
+        failures: Rollouts that failed.
+        errors: Rollouts that ended in an error.
+        seconds: Wall time.
+        health: Names of the health warnings, separated by commas.
+        verdict: "pass", "fail", "inconclusive", or empty.
+    """
+
+    id: str
+    written: str
+    revision: str
+    changed: bool
+    scenario: str
+    fingerprint: str
+    specification: str
+    estimator: str
+    seed: int
+    probability: float
+    low: float
+    high: float
+    confidence: float
+    rollouts: int
+    steps: int
+    failures: int
+    errors: int
+    seconds: float
+    health: str
+    verdict: str
+
+    @property
+    def when(self) -> datetime:
+        """Time of the run as a datetime."""
+        return datetime.fromisoformat(self.written)
+
+    @property
+    def commit(self) -> str:
+        """Short commit, with a star for uncommitted changes."""
+        return f"{self.revision[:10] or 'no commit'}{'*' if self.changed else ''}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return JSON-ready data."""
+        return asdict(self)
+
+
+def read_entries(folder: Path) -> list[HistoryEntry]:
+    """Read the estimates of a run folder, or of all runs in a folder of several.
+
+    Raises:
+        UsageError: The folder has no run, or its files are damaged.
+    """
+    several = [] if (folder / "result.json").exists() else sorted(folder.glob("*/result.json"))
+    if several:
+        return [entry for one in several for entry in read_entries(one.parent)]
+    run = read_run_folder(folder)
+    pairs = zip(run.result.estimates, run.content["estimates"], strict=True)
+    return [_make_entry(run, estimate, stored) for estimate, stored in pairs]
+
+
+def group_series(entries: Sequence[HistoryEntry]) -> Iterator[tuple[tuple[str, str], list[HistoryEntry]]]:
+    """Yield each (scenario, specification) with its entries, the oldest first."""
+
+    def name(entry: HistoryEntry) -> tuple[str, str]:
+        return entry.scenario, entry.specification
+
+    for key, group in groupby(sorted(entries, key=lambda one: (*name(one), one.when)), name):
+        yield key, list(group)
+
+
+def find_breaks(series: Sequence[HistoryEntry]) -> list[bool]:
+    """Return for each entry of a series whether its fingerprint differs from the one before."""
+    return [k > 0 and series[k - 1].fingerprint != one.fingerprint for k, one in enumerate(series)]
+
+
+def _make_entry(run: RunFolder, estimate: StoredEstimate, stored: dict[str, Any]) -> HistoryEntry:
+    result, revision = run.result, run.provenance.commit
+    same = {key: value for key, value in stored.items() if key != "seconds"}
+    content = [result.scenario, result.fingerprint, result.seed, revision, same]
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    low, high = estimate.interval
+    return HistoryEntry(
+        id=digest[:32],
+        written=run.written.isoformat(timespec="seconds"),
+        revision=revision,
+        changed=run.provenance.uncommitted_changes,
+        scenario=result.scenario,
+        fingerprint=result.fingerprint,
+        specification=estimate.specification,
+        estimator=estimate.estimator,
+        seed=result.seed,
+        probability=estimate.probability,
+        low=low,
+        high=high,
+        confidence=estimate.confidence,
+        rollouts=estimate.rollouts,
+        steps=estimate.simulated_steps,
+        failures=estimate.failures,
+        errors=estimate.errors,
+        seconds=estimate.seconds,
+        health=",".join(estimate.health),
+        verdict=estimate.verdict or "",
+    )

@@ -1,0 +1,1 @@
+"""Recorded drives under a specification: robustness over time and its causes."""

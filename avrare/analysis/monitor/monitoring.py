@@ -1,0 +1,297 @@
+"""Monitoring of a recorded drive under a specification: robustness over time, and its causes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.logic.explanation import Cause, Explanation, Link
+from avrare.logic.formula import Formula, find_formula
+from avrare.logic.syntax import nodes
+from avrare.protocols import (
+    Bools,
+    ExcludesVehicles,
+    Floats,
+    NamesVehicles,
+    SelectsSamples,
+    Specification,
+    find_ability,
+)
+from avrare.results.recordings.recording import Recording
+
+Inputs = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class DecisiveSample:
+    """Sample of a drive with the vehicles and the sub-formula that decide a formula there.
+
+    Attributes:
+        sample: Index of the sample.
+        robustness: Robustness of the specification there.
+        vehicles: Maps each quantified variable to the vehicle that decides.
+        formula: Deciding sub-formula, with the names of the vehicles; empty if unknown.
+        value: Robustness of the sub-formula.
+        formula_sample: Sample at which the sub-formula has that value: another one if the formula looks ahead
+            or back.
+        existential: Variables of ``vehicles`` for which one vehicle is enough. If the specification is
+            violated, theirs is the vehicle that comes nearest.
+    """
+
+    sample: int
+    robustness: float
+    vehicles: dict[str, str]
+    formula: str
+    value: float
+    formula_sample: int
+    existential: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MonitoringResult:
+    """A recording under one specification.
+
+    Attributes:
+        name: Name of the specification.
+        formula: Text of its formula; empty if it has none.
+        recording: The recording.
+        prefix: (T,) robustness of samples 0..t.
+        prefix_violated: (T,) samples 0..t violate the specification.
+        body: For ``always φ``, the robustness of φ at each sample (T,); otherwise None.
+        first: Earliest violation; None if it is satisfied, or if no single sample can violate it.
+        worst: Sample that decides the robustness; None if unknown.
+        pointwise: A single sample can violate it, as with ``always``; ``worst`` then has the least
+            robustness.
+        no_vehicles: It quantifies over vehicles, and the recording has none of them.
+        excluded: Vehicles of the recording that the specification ignores.
+    """
+
+    name: str
+    formula: str
+    recording: Recording
+    prefix: Floats
+    prefix_violated: Bools
+    body: Floats | None
+    first: DecisiveSample | None
+    worst: DecisiveSample | None
+    pointwise: bool = True
+    no_vehicles: bool = False
+    excluded: tuple[str, ...] = ()
+
+    @property
+    def robustness(self) -> float:
+        """Robustness of the complete recording."""
+        return float(self.prefix[-1])
+
+    @property
+    def violated(self) -> bool:
+        """Verdict on the complete recording."""
+        return bool(self.prefix_violated[-1])
+
+
+def monitor_recording(name: str, specification: Specification, recording: Recording) -> MonitoringResult:
+    """Run the monitor of a specification along a recording; one with a formula is also explained.
+
+    Raises:
+        UsageError: Signals are missing, or the formula has no value for them.
+    """
+    prefix, violated = _run_monitor(specification, recording)
+    formula = find_formula(specification)
+    if formula is None:
+        first = None
+        if violated[-1]:
+            sample = int(np.argmax(violated))
+            first = DecisiveSample(sample, float(prefix[sample]), {}, "", math.nan, sample)
+        return MonitoringResult(name, "", recording, prefix, violated, None, first, None)
+    inputs = select_inputs(specification, recording)
+    inner = _find_always_body(formula.node)
+    body = None if inner is None else dataclasses.replace(formula, node=inner).robustness(inputs)[0]
+    names = list_vehicle_names(specification, recording)
+    members = {"others": names} if names else {}
+    explanation = formula.explain(inputs, members)
+    causes = _CauseFinder(formula, inputs, members, body)
+    pointwise = _is_pointwise(formula.node)
+    quantified = any(isinstance(part, nodes.Quantifier) for part in nodes.walk(formula.node))
+    excluding = find_ability(specification, ExcludesVehicles)
+    return MonitoringResult(
+        name,
+        formula.text,
+        recording,
+        prefix,
+        violated,
+        body,
+        first=causes.find(explanation, earliest=True) if violated[-1] and pointwise else None,
+        worst=causes.find(explanation, earliest=False),
+        pointwise=pointwise,
+        no_vehicles=not names and quantified,
+        excluded=() if excluding is None else tuple(excluding.excluded),
+    )
+
+
+def select_inputs(specification: Specification, recording: Recording) -> Inputs:
+    """Return the signals of the specification's formula, (1, T, ...) each."""
+    # Predicates take batches of one sample: time serves as their batch axis.
+    selecting = find_ability(specification, SelectsSamples)
+    values = recording.signals if selecting is None else selecting.sample(recording.signals)
+    return {key: np.asarray(x)[None] for key, x in values.items()}
+
+
+def list_vehicle_names(specification: Specification, recording: Recording) -> tuple[str, ...]:
+    """Return the names of the vehicles that the specification's quantifiers range over."""
+    naming = find_ability(specification, NamesVehicles)
+    return tuple(recording.names if naming is None else naming.names)
+
+
+def _run_monitor(specification: Specification, recording: Recording) -> tuple[Floats, Bools]:
+    prefix, violated = np.zeros(recording.samples), np.zeros(recording.samples, dtype=bool)
+    state = specification.start(1)
+    for t in range(recording.samples):
+        sample = {key: values[t : t + 1] for key, values in recording.signals.items()}
+        state, verdict = specification.update(state, sample)
+        prefix[t], violated[t] = verdict.robustness[0], verdict.violated[0]
+        if math.isnan(prefix[t]):
+            message = f"the formula has no value (NaN) at {recording.time(t):g} s"
+            raise UsageError(f"{recording.source}: {message}", "look for a difference of infinities, or 0/0")
+    return prefix, violated
+
+
+@dataclass(frozen=True)
+class _CauseFinder:
+    formula: Formula
+    inputs: Inputs  # (1, T, ...) each
+    members: dict[str, tuple[str, ...]]  # vehicles of each group
+    body: Floats | None  # as in the result
+
+    def find(self, explanation: Explanation, earliest: bool) -> DecisiveSample:
+        # The earliest violation, or the sample that decides the robustness.
+        cause = _select_cause(explanation, earliest)
+        robustness = cause.chain[0].value if self.body is None else float(self.body[cause.sample])
+        consequent = self._explain_consequent(cause, earliest) if robustness <= 0.0 else None
+        bindings, leaf = consequent or (cause.bindings, cause.chain[-1])
+        vehicles = {variable: str(name) for variable, name in bindings.items()}
+        existential = _find_existential(self.formula.node)
+        nearest = tuple(variable for variable in vehicles if variable in existential)
+        return DecisiveSample(cause.sample, robustness, vehicles, leaf.text, leaf.value, leaf.sample, nearest)
+
+    def _explain_consequent(self, cause: Cause, earliest: bool) -> tuple[dict[str, str | int], Link] | None:
+        # Why C of ``always (A -> C)`` fails at the sample; None if it does not.
+        inner = _find_always_body(self.formula.node)
+        found = None if inner is None else _find_consequent(inner)
+        if found is None:
+            return None
+        quantifiers, node = found
+        chosen = {}
+        for quantifier in quantifiers:
+            label = cause.bindings.get(quantifier.variable)
+            names = self.members.get(quantifier.group, ())
+            if label is None:
+                return None  # the group is empty
+            chosen[quantifier.variable] = str(label), label if isinstance(label, int) else names.index(label)
+        bound, inputs = _bind_variables(node, chosen, self.inputs)
+        at_sample = dataclasses.replace(
+            self.formula, node=nodes.Window("always", cause.sample, cause.sample, bound)
+        )
+        explanation = at_sample.explain(inputs, self.members)
+        if not explanation.violated:
+            return None
+        inner_cause = _select_cause(explanation, earliest)
+        bindings = {variable: cause.bindings[variable] for variable in chosen} | inner_cause.bindings
+        return bindings, inner_cause.chain[-1]
+
+
+def _find_always_body(node: nodes.Node) -> nodes.Node | None:
+    # φ of ``always φ``; ``forall o in others: always φ`` counts as ``always forall o ...: φ``
+    match node:
+        case nodes.Window(op="always", lo=0, hi=math.inf, child=child):
+            return child
+        case nodes.Quantifier(op="forall", child=child):
+            inner = _find_always_body(child)
+            return None if inner is None else dataclasses.replace(node, child=inner)
+    return None
+
+
+def _is_pointwise(node: nodes.Node) -> bool:
+    # One sample can violate the formula, so that there is a first violation.
+    match node:
+        case nodes.Window(op="always"):
+            return True
+        case nodes.Quantifier(op="forall", child=child):
+            return _is_pointwise(child)
+        case nodes.Connective(op="and", left=left, right=right):
+            return _is_pointwise(left) and _is_pointwise(right)
+    return False
+
+
+def _find_existential(node: nodes.Node, positive: bool = True) -> frozenset[str]:
+    # One vehicle is enough for the variables of exists, and for those of forall below a negation.
+    match node:
+        case nodes.Not(child):
+            return _find_existential(child, not positive)
+        case nodes.Connective(op="implies", left=left, right=right):
+            return _find_existential(left, not positive) | _find_existential(right, positive)
+    variables = frozenset[str]()
+    if isinstance(node, nodes.Quantifier) and (node.op != "forall") == positive:
+        variables = frozenset([node.variable])
+    return variables.union(*(_find_existential(child, positive) for child in nodes.children(node)))
+
+
+def _select_cause(explanation: Explanation, earliest: bool) -> Cause:
+    worst = Cause(explanation.worst, explanation.bindings, explanation.chain)
+    return explanation.earliest if earliest else worst
+
+
+def _find_consequent(node: nodes.Node) -> tuple[Sequence[nodes.Quantifier], nodes.Node] | None:
+    # C of ``forall o in others: A -> C`` and the quantifiers around it; None for other formulas.
+    quantifiers = []
+    while isinstance(node, nodes.Quantifier) and node.op == "forall":
+        quantifiers.append(node)
+        node = node.child
+    if not isinstance(node, nodes.Connective) or node.op != "implies":
+        return None
+    while isinstance(node, nodes.Connective) and node.op == "implies":
+        node = node.right
+    return quantifiers, node
+
+
+def _bind_variables(
+    node: nodes.Node, chosen: Mapping[str, tuple[str, int]], inputs: Inputs
+) -> tuple[nodes.Node, Inputs]:
+    # Makes a closed formula of a part of one, with its signals: each quantifier around the part, outermost
+    # first, is replaced by the vehicle (name, index) chosen for its variable.
+    indices = [index for _, index in chosen.values()]
+    names = {variable: name for variable, (name, _) in chosen.items()}
+    selected: dict[str, NDArray[Any]] = {}
+
+    def bind_signal(item: nodes.Signal) -> nodes.Signal:
+        values = inputs[item.name]
+        depths = item.axes if item.arguments else tuple(range(values.ndim - 2))
+        for axis in reversed(range(len(depths))):
+            if depths[axis] < len(indices):
+                single = values.shape[2 + axis] == 1
+                values = np.take(values, 0 if single else indices[depths[axis]], axis=2 + axis)
+        arguments = tuple(names.get(argument, argument) for argument in item.arguments)
+        key = f"{item.name} of {', '.join(arguments)}" if arguments else item.name
+        selected[key] = values
+        axes = tuple(depth - len(indices) for depth in item.axes if depth >= len(indices))
+        return nodes.Signal(key, arguments, axes)
+
+    def bind(item: Any) -> Any:
+        if isinstance(item, nodes.Signal):
+            return bind_signal(item)
+        if isinstance(item, tuple):
+            return tuple(map(bind, item))
+        if not isinstance(item, nodes.Node | nodes.Term):
+            return item
+        parts = {field.name: bind(getattr(item, field.name)) for field in dataclasses.fields(item)}
+        if isinstance(item, nodes.Quantifier):
+            parts["depth"] = item.depth - len(indices)
+        return type(item)(**parts)
+
+    return bind(node), selected or inputs

@@ -1,0 +1,1 @@
+"""Foundations that know nothing of the domain: batches, errors, files, number formats."""

@@ -1,0 +1,116 @@
+"""Errors that a user can act on, and the exit codes of the command line.
+
+Every error carries a hint (what to do next) and the exit code of the command. Any other exception is a bug of
+avrare and exits with ``ExitCode.BUG``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """Exit codes of the command line."""
+
+    PASS = 0
+    """The run finished; for ``check``: every threshold holds."""
+    FAIL = 1
+    """A threshold or a regression failed."""
+    INTERRUPTED = 2
+    """Stopped by the user; the checkpoint is kept."""
+    INCONCLUSIVE = 3
+    """The interval contains a threshold."""
+    USAGE = 4
+    """The scenario or the command is wrong."""
+    PLUGIN = 5
+    """A plugin is missing, broken or incompatible."""
+    ROLLOUT_ERRORS = 6
+    """More rollouts ended in an error than the scenario allows."""
+    BUG = 70
+    """A bug of avrare itself."""
+
+
+class AvrareError(Exception):
+    """Base class of all errors that are shown without a traceback.
+
+    Args:
+        message: Description of what is wrong and where.
+        hint: Advice on what to do next, or None.
+    """
+
+    exit_code = ExitCode.USAGE
+
+    def __init__(self, message: str, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.message, self.hint)
+
+    def lines(self) -> list[str]:
+        """Return the lines to print on stderr."""
+        return [self.message] + ([f"hint: {self.hint}"] if self.hint else [])
+
+
+class UsageError(AvrareError):
+    """A wrong argument, option or call."""
+
+
+class ScenarioError(AvrareError):
+    """An invalid scenario file: one or more problems, each with its position.
+
+    Args:
+        problems: (message, hint) pairs; the message starts with ``file:line:column: path:``.
+        exit_code: ``ExitCode.PLUGIN`` where missing plugins are the only problem.
+    """
+
+    def __init__(self, problems: list[tuple[str, str | None]], exit_code: ExitCode = ExitCode.USAGE) -> None:
+        super().__init__("\n".join(message for message, _ in problems))
+        self.problems = problems
+        self.exit_code = exit_code
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.problems, self.exit_code)
+
+    def lines(self) -> list[str]:
+        """Return every problem, each followed by its hint."""
+        return [
+            line
+            for message, hint in self.problems
+            for line in ([message] + ([f"hint: {hint}"] if hint else []))
+        ]
+
+
+class FormulaError(UsageError):
+    """A formula that cannot be parsed or does not fit the signals."""
+
+
+class Interrupted(AvrareError):
+    """An estimate that was interrupted; its saved chunks are kept."""
+
+    exit_code = ExitCode.INTERRUPTED
+
+
+class PluginError(AvrareError):
+    """A plugin that is missing, broken, or lacks a dependency."""
+
+    exit_code = ExitCode.PLUGIN
+
+
+def did_you_mean(word: str, candidates: Iterable[str]) -> str | None:
+    """Return a hint with the closest candidate, or with all of them if there are few, or None.
+
+    Args:
+        word: Unknown word of the user.
+        candidates: Valid words.
+    """
+    known = sorted(set(candidates))
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    if known and len(known) <= 12:
+        return "known: " + ", ".join(known)
+    return None

@@ -1,0 +1,59 @@
+"""Health warnings: names, which a scenario may suppress, and messages."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from avrare.base.errors import UsageError, did_you_mean
+
+MESSAGES = {
+    "errors": "{errors} of {rollouts} rollouts ended in an error, more than {allowed:.1%} allowed: {message}",
+    "extinct": "all {runs} runs died out before they reached a failure: the probability is unknown; "
+    "use more particles or fewer discards",
+    "extinct_runs": "{extinct} of {runs} runs died out and count as 0; use more particles or fewer discards",
+    "single_run": "only one run: its interval relies on its genealogy and is too narrow for rare events",
+    "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles",
+    "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
+    "ties": "half of the levels discarded more than {share:.0%} of the particles instead of {discard}: "
+    "the score takes too few values for splitting",
+    "horizon_short": "the formula looks {horizon} samples ahead but a rollout has {steps} step(s): windows "
+    "are clipped at its last sample",
+    "solver_failures": "{fallbacks} of {solves} solves of the controller failed: it reused its last plan",
+    "not_deterministic": "the same noise gave robustness {first:.6g} and then {again:.6g}: the system "
+    "depends on more than its noise, and this result cannot be reproduced",
+    "all_failed": "every rollout failed: the scenario cannot show how rare failures are",
+    "no_failures": "no rollout failed: the proposal does not reach a failure, and the probability is known "
+    "only to lie below the upper end of the interval",
+    "weight_mean": "the mean weight is {mean:.3g} +- {error:.2g} instead of 1: the weights are "
+    "wrong, or the sample misses much of the target; raise `defensive`",
+    "weight_degenerate": "the effective number of failures is {effective:.1f}, the largest weight "
+    "has a share of {largest:.0%}: the interval is widened to hold for any weights; use more rollouts "
+    "or a proposal closer to the failures",
+    "cross_check": "a small splitting run finds failures that are likelier than those of the sample "
+    "({surprise:.1f} standard errors, {unseen:.0%} of larger weight than any): the proposal misses some, "
+    "and the interval is widened to hold whatever it misses",
+    "unchecked": "the cross-check did not reach a failure: missed failure modes cannot be ruled out; "
+    "use more rollouts, or compare with splitting",
+    "heuristic_kernel": "{note}",
+    "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} "
+    "allows, by up to {most:.3g} per unit of length: it is not a bound, and the estimate may be biased; "
+    "raise it, or use kernel shrink",
+    "model_error": "{note}",
+    "flow_tails": "{note}",
+    "paper_weights": "{note}",
+    "unreached": "after {stages} stages the elite has not reached failure: the proposal is unsuitable; use "
+    "more stages or more rollouts",
+}
+
+
+def check_names(suppress: Collection[str]) -> None:
+    """Check that the warnings of these names may be suppressed.
+
+    Raises:
+        UsageError: There is no such warning, or it cannot be suppressed.
+    """
+    for name in suppress:
+        if name not in MESSAGES:
+            raise UsageError(f"there is no health warning {name!r}", did_you_mean(name, MESSAGES))
+        if name == "errors":
+            raise UsageError("health warning 'errors' cannot be suppressed", "raise max_error_rate instead")

@@ -1,1 +1,0 @@
-"""Estimators side by side: the same problem, the same budget, many repetitions."""

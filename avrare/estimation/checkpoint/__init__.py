@@ -1,0 +1,1 @@
+"""Checkpoints: the outcome of every finished chunk, from which an estimate resumes."""

@@ -1,0 +1,230 @@
+"""Checkpoint folder: the identity of an estimate and the outcome of every finished chunk, one file each.
+
+    FOLDER/checkpoint.json              the task: what must be equal to resume
+    FOLDER/NAME/000012-000003.npz       estimate NAME, stage 12, chunk 3
+    FOLDER/SCENARIO/scenario.yaml       of `avrare run`: the resolved scenario
+
+An estimate is a deterministic function of its outcomes, so it resumes by reading them in order. Files are
+written atomically, survive a loss of power, and hold arrays only: nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from avrare.base.errors import ExitCode, UsageError
+from avrare.base.files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
+from avrare.estimation.checkpoint.chunk_codec import decode, decode_seconds, digest, encode
+from avrare.rollout.request import Request, Rollouts
+
+FOLDER = "checkpoint"
+INDEX = "checkpoint.json"
+SCHEMA = 1
+SCENARIO = "scenario.yaml"
+_OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+)?")
+"""Names of checkpoint files, and of temporary ones that a killed process has left."""
+_MAX_DIFFERENCES = 5
+
+
+class SaveError(UsageError):
+    """Failure to save a chunk; all chunks before it are saved."""
+
+    exit_code = ExitCode.INTERRUPTED
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A folder with the outcomes of a task.
+
+    Attributes:
+        folder: Path of the folder.
+        task: Identity of the estimate, as plain JSON data.
+    """
+
+    folder: Path
+    task: Mapping[str, Any]
+
+    @staticmethod
+    def open(folder: Path, task: Mapping[str, Any], about: Mapping[str, Any] | None = None) -> Checkpoint:
+        """Resume the checkpoint in ``folder``, or create it.
+
+        Args:
+            folder: Path of the folder.
+            task: Identity of the estimate, as plain JSON data: it must be equal to resume.
+            about: Further plain JSON data, which may change.
+
+        Raises:
+            UsageError: The folder holds another task, or cannot be used.
+        """
+        wanted = json.loads(json.dumps(task))  # tuples become lists, as they do in the file
+        stored = read_index(folder)
+        if stored is None:
+            index = json.dumps({"schema": SCHEMA, "task": wanted, "about": about or {}}, indent=2)
+            with _explain_folder_errors(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+                if not all(_OWN_FILES.fullmatch(path.name) for path in folder.iterdir()):
+                    raise UsageError(f"{folder}: is not empty and not a checkpoint", "choose another folder")
+                write_atomic(folder / INDEX, index.encode(), durable=True)
+        elif changes := differences(stored["task"], wanted):
+            more = len(changes) - _MAX_DIFFERENCES
+            listed = "; ".join(changes[:_MAX_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
+            raise UsageError(
+                f"{folder}: this checkpoint belongs to another estimate: {listed}",
+                "undo the change to resume, or choose another folder to start afresh",
+            )
+        return Checkpoint(folder, wanted)
+
+    def journal(self, name: str) -> FileJournal:
+        """Return the journal of one of the estimates of the task.
+
+        Raises:
+            UsageError: Its folder cannot be made.
+        """
+        folder = self.folder / name
+        with _explain_folder_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            for temporary in folder.glob(".*.npz.*"):  # left by a killed process
+                temporary.unlink()
+        owner = hashlib.sha256(json.dumps([self.task, name], sort_keys=True).encode()).hexdigest()[:32]
+        return FileJournal(folder, owner)
+
+    @property
+    def chunks(self) -> int:
+        """Number of saved chunks."""
+        return sum(1 for _ in self.folder.rglob("*.npz"))
+
+    @contextmanager
+    def held(self) -> Iterator[Checkpoint]:
+        """Hold the lock of the folder: two processes must not resume in it at once.
+
+        Raises:
+            UsageError: Another process holds it.
+        """
+        try:
+            with _explain_folder_errors(self.folder), exclusive_lock(self.folder / INDEX):
+                yield self
+        except LockHeld:
+            raise UsageError(
+                f"{self.folder}: another process is using this folder",
+                "wait until it ends, or choose another folder",
+            ) from None
+
+    def remove(self) -> None:
+        """Delete the checkpoint, the index last; files of others in the folder stay."""
+        with suppress(OSError):
+            for path in sorted(self.folder.rglob("*"), reverse=True):
+                if path.is_dir():
+                    with suppress(OSError):  # not empty: it holds files of others
+                        path.rmdir()
+                elif _OWN_FILES.fullmatch(path.name) and path != self.folder / INDEX:
+                    path.unlink()
+            (self.folder / INDEX).unlink()
+            self.folder.rmdir()
+
+
+@dataclass(frozen=True)
+class FileJournal:
+    """Outcomes of one estimate (``avrare.estimation.plan.Journal``).
+
+    Attributes:
+        folder: Folder of the files.
+        owner: Identity of the estimate, part of every key.
+    """
+
+    folder: Path
+    owner: str
+
+    def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
+        """Return the outcome of a chunk and the seconds that had passed by then; None where it is not stored.
+
+        Raises:
+            UsageError: The file is damaged, or belongs to another estimate.
+        """
+        path = self._path(stage, index)
+        with explain_file_errors(f"{path}: cannot be read"):
+            if not path.exists():
+                return None
+            content = path.read_bytes()
+        try:
+            return decode(content, self._key(chunk))
+        except ValueError as error:
+            hint = "remove this file: its rollouts are then run again"
+            raise UsageError(f"{path}: {error}", hint) from None
+
+    def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
+        """Store the outcome of a chunk.
+
+        Raises:
+            SaveError: It cannot be written; chunks stored before are not touched.
+        """
+        path = self._path(stage, index)
+        with explain_file_errors(f"{path}: cannot save", "free some disk space", SaveError):
+            write_atomic(path, encode(outcome, self._key(chunk), seconds), durable=True)
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of the estimate when the newest chunk was stored [s]; 0 where there is none."""
+        newest = max(self.folder.glob("*.npz"), default=None)
+        try:
+            return decode_seconds(newest.read_bytes()) if newest else 0.0
+        except (OSError, ValueError):  # reported when the chunk is read
+            return 0.0
+
+    def _path(self, stage: int, index: int) -> Path:
+        return self.folder / f"{stage:06d}-{index:06d}.npz"
+
+    def _key(self, chunk: Request) -> str:
+        return f"{self.owner}-{digest(chunk)}"
+
+
+def _explain_folder_errors(folder: Path) -> AbstractContextManager[None]:
+    return explain_file_errors(f"{folder}: cannot save a checkpoint here", "choose another folder")
+
+
+def read_index(folder: Path) -> dict[str, Any] | None:
+    """Return ``task`` and ``about`` of the checkpoint in ``folder``, None where there is none.
+
+    Raises:
+        UsageError: The index cannot be read.
+    """
+    path = folder / INDEX
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        schema, index = content["schema"], {key: dict(content[key]) for key in ("task", "about")}
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError):
+        raise UsageError(f"{path}: this is not a checkpoint", "start afresh in another folder") from None
+    if schema != SCHEMA:
+        raise UsageError(f"{path}: written by another version of avrare (schema {schema!r})")
+    return index
+
+
+def differences(before: Any, after: Any, path: str = "") -> list[str]:
+    """List the differences of two values of plain data, for example ``simulator.dt 0.1 -> 0.05``."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        names = [*before, *(name for name in after if name not in before)]
+        return [
+            line
+            for name in names
+            for line in differences(before.get(name), after.get(name), f"{path}.{name}" if path else name)
+        ]
+    same = json.dumps(before) == json.dumps(after)  # 1 is not 1.0, and NaN is NaN
+    return [] if same else list(_change(before, after, path))
+
+
+def _change(before: Any, after: Any, path: str) -> Iterator[str]:
+    if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for index, (one, two) in enumerate(zip(before, after, strict=True)):
+            yield from differences(one, two, f"{path}.{index}")
+    else:
+        yield f"{path} {json.dumps(before)} -> {json.dumps(after)}"

@@ -1,0 +1,111 @@
+"""The public function ``avrare.estimate``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from avrare.base import version
+from avrare.base.errors import UsageError
+from avrare.estimation.budget import Budget
+from avrare.estimation.checkpoint.store import Checkpoint
+from avrare.estimation.loop import Settings, run
+from avrare.estimation.plan import Estimator
+from avrare.estimation.result import Result
+from avrare.logic.formula import find_formula
+from avrare.plugin.registry import default_registry
+from avrare.rollout.executors.build import build_executor
+from avrare.rollout.problem import Problem
+from avrare.scenario.validation import check_options
+
+
+def estimate(
+    problem: Problem,
+    estimator: str = "mc",
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    confidence: float = 0.95,
+    budget: Budget | Mapping[str, float] | str | None = None,
+    suppress: Sequence[str] = (),
+    checkpoint: str | os.PathLike[str] | None = None,
+    **options: Any,
+) -> Result:
+    """Estimate the failure probability of ``problem``.
+
+    Args:
+        problem: Problem with one specification.
+        estimator: Name of an installed estimator: "mc", "ams", ...
+        seed: The same seed gives the same bits, for any number of workers.
+        workers: Number of processes.
+        confidence: Level of the interval, in (0, 1).
+        budget: "steps=1e6", {"rollouts": 1000}, ...; None: the estimator's own options decide.
+        suppress: Names of health warnings to leave out of the result.
+        checkpoint: Folder in which the outcome of every chunk (``Problem(chunk=...)``) is kept until the
+            estimate is complete. After an interruption the same call resumes from there with the same bits,
+            for any number of workers; a call that differs is refused.
+        **options: The estimator's options, per run: ``rollouts``, ``particles``, ``discard``, ``runs``, ...
+
+    Raises:
+        UsageError: Arguments are unknown or invalid, or the checkpoint belongs to another call.
+        PluginError: No installed plugin provides the estimator.
+    """
+    if not isinstance(problem, Problem):
+        raise UsageError(
+            f"estimate needs a Problem, not {type(problem).__name__}",
+            "avrare.Problem(system, specification, steps), or avrare.load(path).problem(name)",
+        )
+    if len(problem.names) != 1:
+        raise UsageError(
+            f"the problem has {len(problem.names)} specifications; estimate one at a time",
+            "make a Problem for each, or use `avrare run`",
+        )
+    settings = Settings(seed, confidence, Budget.parse(budget), suppress=tuple(suppress))
+    built, executor = _estimator(estimator, options), build_executor(workers)
+    if checkpoint is None:
+        return run(problem, built, executor, settings)[0]
+    if not isinstance(checkpoint, (str, os.PathLike)):
+        raise UsageError(f"checkpoint must be the path of a folder, not {checkpoint!r}")
+    task = _task(problem, estimator, built, settings)
+    with Checkpoint.open(Path(checkpoint), task).held() as saved:
+        result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
+        saved.remove()
+    return result
+
+
+_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint")
+"""Arguments of ``estimate`` that are not options: suggested for a misspelt option."""
+
+
+def _estimator(name: str, options: dict[str, Any]) -> Estimator:
+    component = default_registry().get("estimator", name)
+    config = check_options(component.load_config(), name, options, other_keys=_ARGUMENTS)
+    return component.load_factory()(config, None)  # type: ignore[no-any-return]
+
+
+def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings) -> dict[str, Any]:
+    # names do not identify a system or a score: the loop replays a stored chunk to compare those
+    row = default_registry().find("estimator", name)
+    formula = find_formula(problem.monitors[0])
+    task = {
+        "estimator": name,
+        "options": getattr(getattr(estimator, "config", None), "model_dump", dict)(),
+        "settings": dataclasses.asdict(settings),
+        "problem": {
+            "system": type(problem.system).__qualname__, "steps": problem.steps, "chunk": problem.chunk,
+            "noise_size": problem.noise_size, "formula": formula.text if formula is not None else None,
+            "score": getattr(problem.score, "text", problem.score),
+        },
+        "versions": {"avrare": version.__version__, row.distribution: row.version},
+    }  # fmt: skip
+    return json.loads(json.dumps(task, default=_plain))  # type: ignore[no-any-return]
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return getattr(value, "__qualname__", type(value).__qualname__)

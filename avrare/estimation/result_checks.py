@@ -1,0 +1,69 @@
+"""Health checks of a finished result that need its problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation import health
+from avrare.estimation.result import Result
+from avrare.logic.formula import find_formula
+from avrare.logic.syntax.nodes import bounded_span
+from avrare.protocols import find_notes
+from avrare.rollout.problem import Problem
+
+_FALLBACK = "fallback_solves"
+_MAX_FALLBACKS = 0.01
+
+
+def examined(
+    problem: Problem, result: Result, column: int, *, replay: bool, suppress: Collection[str]
+) -> Result:
+    """Add the warnings that need the problem to a result, the ``notes`` of a simulator among them.
+
+    Args:
+        problem: The estimated problem.
+        result: Result of specification number ``column``.
+        column: Number of the specification.
+        replay: Replay the least robust rollout and compare.
+        suppress: Names of warnings to leave out.
+    """
+    found = {
+        **result.health,
+        **find_notes(problem.system),
+        **_horizon(problem, column),
+        **_solver(result.counts),
+    }
+    if replay:
+        found |= _determinism(problem, result, column)
+    return replace(result, health={name: text for name, text in found.items() if name not in suppress})
+
+
+def _horizon(problem: Problem, column: int) -> dict[str, str]:
+    formula = find_formula(problem.monitors[column])
+    span = bounded_span(formula.node) if formula is not None else 0
+    if span <= problem.steps:
+        return {}
+    return health.warn("horizon_short", horizon=span, steps=problem.steps)
+
+
+def _solver(counts: Mapping[str, int]) -> dict[str, str]:
+    solves, fallbacks = counts.get("solves", 0), counts.get(_FALLBACK, 0)
+    if fallbacks <= _MAX_FALLBACKS * solves:
+        return {}
+    return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
+
+
+def _determinism(problem: Problem, result: Result, column: int) -> dict[str, str]:
+    first: float = result.worst.robustness
+    if math.isnan(first):
+        return {}
+    again: Any = problem.replay(result.worst.noise[None])
+    value = math.nan if again.error[0] else float(again.robustness[0, column])
+    if np.array_equal(first, value):
+        return {}
+    return health.warn("not_deterministic", first=first, again=value)

@@ -1,0 +1,1 @@
+"""Monitors: formulas followed one sample at a time."""

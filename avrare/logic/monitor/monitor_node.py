@@ -1,0 +1,274 @@
+"""Base of monitor nodes, and the samples at which they are evaluated.
+
+A monitor node is a sub-formula followed one sample at a time. With delay d (samples that it looks ahead,
+unbounded operators counting 0) its value at sample t - d is settled once sample t is seen: as a table over
+corners (see ``corner_tables``), no later sample changes it. Values at later samples are open: they are given
+for the trace as it is (nominal), or as bounds over all samples to come.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from avrare.logic.monitor.corner_tables import evaluate, stack
+from avrare.logic.semantics.terms import align
+from avrare.logic.semantics.value_algebra import IntervalAlgebra, Range, RobustnessAlgebra
+from avrare.logic.semantics.window_operators import Array, get_neutral
+
+
+class MonitorNode:
+    """Sub-formula of a monitor.
+
+    Args:
+        children: Operands.
+        ahead: Samples that it looks ahead at its operands.
+        behind: Samples that it looks back at its operands.
+
+    Attributes:
+        index: Position among the nodes of the monitor; operands come first.
+        delay: Samples until a value is settled.
+        keep: Settled values that other nodes need, in addition to the newest.
+        depends: Corner axes that its values depend on.
+        obligation: Corner axis of an unbounded future operator, else None.
+        join: ``np.minimum`` or ``np.maximum``, by which a temporal operator joins its samples.
+    """
+
+    obligation: int | None = None
+    join: np.ufunc
+
+    def __init__(self, children: Sequence[MonitorNode] = (), ahead: int = 0, behind: int = 0) -> None:
+        self.index = 0
+        self.keep = 0
+        self.children = tuple(children)
+        self.delay: int = max((child.delay for child in children), default=0) + ahead
+        self.depends: frozenset[int] = frozenset().union(*(child.depends for child in children))
+        for child in children:
+            child.keep = max(child.keep, self.delay - child.delay + behind)
+
+    def value(self, now: SampleContext, i: int) -> Array:
+        """Return the value (corners, N, ...) at sample ``i``, from those of the operands."""
+        raise NotImplementedError
+
+    def settle(self, now: SampleContext) -> Array:
+        """Return the value that the newest sample settles."""
+        return self.value(now, now.t - self.delay)
+
+    def open(self, samples: OpenSamples) -> Array:
+        """Return the values (P, ...) at all open samples."""
+        raise NotImplementedError
+
+
+@dataclass(slots=True)
+class SampleContext:
+    """Values of the nodes at the newest sample t.
+
+    Attributes:
+        t: Newest sample.
+        rows: N.
+        sample: name -> (N, ...).
+        algebra: Algebra of the values.
+        tables: Newest settled values (corners, N, ...) of each node, oldest first; those before this sample
+            until the node has settled.
+        n: Number of corner axes.
+        values: Newly settled value of each unbounded future operator, None until then.
+    """
+
+    t: int
+    rows: int
+    sample: Mapping[str, Array]
+    algebra: RobustnessAlgebra
+    tables: list[tuple[Array, ...]]
+    n: int
+    values: list[Array | None]
+    _open: dict[tuple[int, int], Array] = field(default_factory=dict)
+
+    def at(self, node: MonitorNode, i: int) -> Array:
+        """Return the node's value at sample ``i``, nominal if that is open.
+
+        Open values are available only without corners, and a few samples ahead: nodes ask each other.
+        """
+        ahead = i - self.t + node.delay
+        if ahead <= 0:
+            return self.tables[node.index][ahead - 1]
+        key = node.index, i
+        if key not in self._open:
+            self._open[key] = node.value(self, i)
+        return self._open[key]
+
+    def before(self, node: MonitorNode, i: int) -> Array | None:
+        """Return the value before sample ``i`` to a node that needs its own; None at sample 0."""
+        if i > self.t - node.delay:
+            return self.at(node, i - 1) if i else None
+        settled = self.tables[node.index]
+        return settled[-1] if settled else None
+
+
+@dataclass(frozen=True)
+class UnseenSamples:
+    """Samples not seen yet, as rows of an array.
+
+    Attributes:
+        count: Number of rows.
+        common: Row that represents many equal samples, counted from the first one not seen.
+        common_last: Last sample that it represents, counted alike; ``math.inf`` in an endless trace.
+        length: Samples of the complete trace; None: endless.
+    """
+
+    count: int = 0
+    common: int = 0
+    common_last: float = 0
+    length: int | None = None
+
+
+def lay_out_unseen(seen: int, settling: int, horizon: int, length: int | None) -> UnseenSamples:
+    """Lay out the unseen samples of a trace in few rows.
+
+    Values are constant from ``settling`` samples after the last one seen to ``horizon`` samples before the
+    end: one row represents all of them.
+    """
+    if length is None:
+        return UnseenSamples(settling + 1, settling, math.inf)
+    left, needed = length - seen, settling + 1 + horizon
+    if left <= needed:
+        return UnseenSamples(left, left, left, length)
+    return UnseenSamples(needed, settling, left - 1 - horizon, length)
+
+
+class OpenSamples:
+    """Values of nodes at the samples after their settled ones: (P, N, ...), or (P, 2, N, ...) as bounds.
+
+    Args:
+        now: Newest sample, all nodes settled.
+        obligations: Unbounded future operators, by corner axis.
+        unseen: Samples not seen yet; None gives nominal values, of the trace as it is.
+
+    Attributes:
+        last: Last row, counting rows as samples.
+        end: Last sample; ``math.inf`` in an endless trace.
+    """
+
+    def __init__(
+        self, now: SampleContext, obligations: Sequence[MonitorNode], unseen: UnseenSamples | None = None
+    ) -> None:
+        self.now = now
+        self.exact: RobustnessAlgebra = now.algebra
+        self.bounded = unseen is not None
+        self.unseen = unseen or UnseenSamples()
+        endless = math.isinf(self.unseen.common_last)
+        self.algebra = IntervalAlgebra(now.algebra, 0, endless) if self.bounded else now.algebra
+        self.lead = 3 if self.bounded else 2
+        self.last = now.t + self.unseen.count
+        self.end = self.last + self.unseen.common_last - self.unseen.common
+        self._obligations = obligations
+        self._values: dict[int, Array] = {}
+
+    def start(self, node: MonitorNode) -> int:
+        """Return the first open sample of the node."""
+        return max(0, self.now.t - node.delay + 1)
+
+    def count(self, node: MonitorNode) -> int:
+        """Return the number of open samples of the node."""
+        return self.last - self.start(node) + 1
+
+    def open(self, node: MonitorNode) -> Array:
+        """Return the node's open values."""
+        if node.index not in self._values:
+            self._values[node.index] = node.open(self)
+        return self._values[node.index]
+
+    def rows(self, node: MonitorNode, first: int) -> Array:
+        """Return the node's values from sample ``first`` on."""
+        wanted = self.start(node) - first
+        if wanted <= 0:
+            return self.open(node)[-wanted:]
+        settled = self.settled(node, wanted)
+        assert settled is not None
+        return join_rows(settled, self.open(node)) if self.count(node) else settled
+
+    def settled(self, node: MonitorNode, count: int) -> Array | None:
+        """Return the node's newest settled values, ``count`` of them; None before the first."""
+        newest = self.now.tables[node.index][-count:]
+        if not newest:
+            return None
+        return self.collapse(stack(newest), node, 1)
+
+    def collapse(self, table: Array, node: MonitorNode, rows: int = 0) -> Array:
+        """Evaluate tables (rows..., corners, N, ...) at the obligations' open values."""
+        n = self.now.n
+        if rows and n:
+            table = np.moveaxis(table, 0, n)
+        if self.bounded:
+            table = np.expand_dims(table, n + rows)
+        if not n:
+            return table
+        lead = self.lead - 1
+        values = [self._first_open(x) if i in node.depends else None for i, x in enumerate(self._obligations)]
+        return evaluate(table, values, lead, table.ndim - n - rows - lead)
+
+    def fill(self, known: Range, trailing: tuple[int, ...]) -> Array:
+        """Return the same values at all unseen samples."""
+        count = self.unseen.count
+        shape = (count, 2, 1, *trailing) if self.bounded else (count, 1, *trailing)
+        values = np.empty(shape)
+        if self.bounded:
+            values[:, 0], values[:, 1] = known
+        return values
+
+    def ahead(self, x: Array, by: int) -> Array:
+        """Return the values extended by ``by`` samples, if the trace is endless."""
+        return self.algebra.ahead(x, by) if len(x) else x
+
+    def within(self, first: int, lo: int, hi: float) -> slice:
+        """Return the slice of the values from sample ``first`` on that is at the samples ``lo .. hi``."""
+        begin, end = min(self._row(lo), self.last + 1), min(self._row(hi), self.last) + 1
+        return slice(max(0, int(begin) - first), max(0, int(end) - first))
+
+    def common_row(self, sample: int) -> int | None:
+        """Return the row of a sample, if an earlier sample has it too."""
+        unseen = self.unseen
+        shared = unseen.common < sample - self.now.t - 1 <= unseen.common_last
+        return self.now.t + 1 + unseen.common if shared else None
+
+    def like(self, node: MonitorNode, value: float) -> Array:
+        """Return the same value for every particle and vehicle of a node."""
+        if self.count(node):
+            return np.full_like(self.open(node)[0], value)
+        settled = self.settled(node, 1)
+        assert settled is not None
+        return np.full_like(settled[0], value)
+
+    def _row(self, sample: float) -> float:
+        unseen, first = self.unseen, self.now.t + 1
+        ahead = sample - first
+        if ahead <= unseen.common:
+            return sample
+        if ahead <= unseen.common_last:
+            return first + unseen.common
+        return math.inf if math.isinf(sample) else sample - (unseen.common_last - unseen.common)
+
+    def _first_open(self, node: MonitorNode) -> Array:
+        if self.count(node):
+            return np.asarray(self.open(node)[0])
+        return np.full((2, 1) if self.bounded else 1, get_neutral(node.join))
+
+
+def broadcast(left: Array, right: Array) -> tuple[Array, Array]:
+    """Return two operands with all their axes."""
+    if left.shape == right.shape:
+        return left, right
+    left, right = np.broadcast_arrays(*align(left, right))
+    return left, right
+
+
+def join_rows(settled: Array, rows: Array) -> Array:
+    """Concatenate values that may differ in axes that broadcast."""
+    ndim = max(settled.ndim, rows.ndim)
+    settled, rows = (x.reshape(x.shape + (1,) * (ndim - x.ndim)) for x in (settled, rows))
+    shape = np.broadcast_shapes(settled.shape[1:], rows.shape[1:])
+    both = np.empty((len(settled) + len(rows), *shape))
+    both[: len(settled)], both[len(settled) :] = settled, rows
+    return both

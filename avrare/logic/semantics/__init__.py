@@ -1,0 +1,1 @@
+"""Semantics of formulas on complete traces."""

@@ -1,0 +1,126 @@
+"""Input checks: signals from the user, laid out for evaluation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import FormulaError, did_you_mean
+from avrare.logic.semantics.window_operators import Array
+
+_BLOCK = 14_000
+"""Numbers per array of a block, at most: it should fit the processor's cache."""
+_FLOAT = np.dtype(np.float64)
+_SHAPE_HINT = "give arrays (N, T), or (T,) for one trace"
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Checked signals over time.
+
+    Attributes:
+        samples: name -> (T, N, ...), views of the user's arrays.
+        steps: T.
+        rows: N.
+        single: True if the user gave (T,) arrays, one trace without a batch axis.
+    """
+
+    samples: dict[str, Array]
+    steps: int
+    rows: int
+    single: bool
+
+    def at(self, t: int) -> dict[str, Array]:
+        """Return sample ``t``, (N, ...) each."""
+        return {name: x[t] for name, x in self.samples.items()}
+
+    def blocks(self) -> list[slice]:
+        """Split the rows into blocks of similar size whose arrays fit the processor's cache."""
+        size = max(x[:, :1].size for x in self.samples.values()) if self.rows else 1
+        rows, most = max(self.rows, 1), max(1, _BLOCK // max(size, 1))
+        count = math.ceil(rows / math.ceil(rows / most))
+        return [slice(first, first + count) for first in range(0, rows, count)]
+
+    def take(self, rows: slice) -> Trace:
+        """Return the traces ``rows``."""
+        samples = {name: x[:, rows] for name, x in self.samples.items()}
+        return Trace(samples, self.steps, next(iter(samples.values())).shape[1], self.single)
+
+
+def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
+    """Check the signals ``names`` of complete traces, (N, T, ...) each or (T,) each.
+
+    Raises:
+        FormulaError: A signal is missing, is not an array of numbers, contains NaN, or the shapes disagree.
+    """
+    arrays = _select(signals, names)
+    for name, array in arrays.items():
+        if array.ndim == 0:
+            raise FormulaError(f"signal {name!r} is a single number", _SHAPE_HINT)
+    single = any(array.ndim == 1 for array in arrays.values())
+    shapes = {array.shape[: 1 if single else 2] for array in arrays.values()}
+    if len(shapes) > 1 or (single and any(array.ndim > 1 for array in arrays.values())):
+        found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise FormulaError(f"signals of different shapes: {found}", _SHAPE_HINT)
+    for name, array in arrays.items():
+        _reject_nan(name, array)
+    if single:
+        arrays = {name: array[None] for name, array in arrays.items()}
+    rows, steps = next(iter(arrays.values())).shape[:2]
+    if steps == 0:
+        raise FormulaError("the signals have no samples", "a trace has at least one sample")
+    samples = {name: array.swapaxes(0, 1) for name, array in arrays.items()}
+    return Trace(samples, steps, rows, single)
+
+
+def read_sample(signals: Mapping[str, Any], names: Sequence[str], rows: int) -> dict[str, Array]:
+    """Check the signals ``names`` at one sample, (N, ...) each; others and NaN are let through.
+
+    Raises:
+        FormulaError: A signal is missing, is not an array of numbers, or does not have N rows.
+    """
+    if type(signals) is dict and names and _are_plain(signals, names, rows):
+        return signals
+    arrays = _select(signals, names) if names else {}
+    for name, array in arrays.items():
+        if array.ndim == 0 or len(array) != rows:
+            raise FormulaError(f"signal {name!r} has shape {array.shape}, expected ({rows},) or ({rows}, V)")
+    return arrays
+
+
+def _are_plain(signals: dict[str, Any], names: Sequence[str], rows: int) -> bool:
+    # The most frequent case, in which there is nothing to convert.
+    for name in names:
+        x = signals.get(name)
+        if type(x) is not np.ndarray or x.dtype is not _FLOAT or not x.ndim or len(x) != rows:
+            return False
+    return True
+
+
+def _select(signals: Mapping[str, Any], names: Sequence[str]) -> dict[str, Array]:
+    if not isinstance(signals, Mapping):
+        raise FormulaError(f"signals must be a mapping from names to arrays, not {type(signals).__name__}")
+    if not names and not signals:
+        raise FormulaError("no signals are given", "give any signal: it tells the number of samples")
+    found = {}
+    for name in names or list(signals)[:1]:
+        if name not in signals:
+            raise FormulaError(f"signal {name!r} is missing", did_you_mean(name, map(str, signals)))
+        values = signals[name]
+        if not isinstance(values, np.ndarray):
+            raise FormulaError(f"signal {name!r} must be a NumPy array, not {type(values).__name__}")
+        if values.dtype.kind not in "biuf":
+            raise FormulaError(f"signal {name!r} holds {values.dtype} values, not real numbers")
+        found[name] = values.astype(np.float64, copy=False)
+    return found
+
+
+def _reject_nan(name: str, array: Array) -> None:
+    missing = np.isnan(array)
+    if missing.any():
+        place = tuple(int(i) for i in np.argwhere(missing)[0])
+        raise FormulaError(f"signal {name!r} is NaN at index {place}", "infinity is a value, NaN is not")

@@ -1,0 +1,1 @@
+"""Syntax of formulas: parser, syntax tree and printer."""

@@ -1,0 +1,192 @@
+"""Definitions of a text, ``name = formula`` or ``name(o) = formula``, and the scope of vehicle names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from avrare.logic.syntax.syntax_errors import make_error, suggest
+
+_NUMERIC = {"number", "negative", "arithmetic", "call", "group"}
+_SIMILAR = 0.75
+
+
+@dataclass(frozen=True)
+class Definition:
+    """Named formula or term.
+
+    Attributes:
+        name: Lark token at its definition; None for an unnamed last statement.
+        parameters: Names of the vehicles that it takes.
+        body: Lark tree.
+        index: Number of statements before it.
+    """
+
+    name: Any
+    parameters: tuple[str, ...]
+    body: Any
+    index: int
+
+
+class Definitions:
+    """Definitions of a text.
+
+    Args:
+        text: Text of the formula.
+        statements: Its statements (lark trees).
+
+    Attributes:
+        all: name -> definition, in order; includes the last statement if it has a name.
+        last: Last statement: a definition without parameters, or one without a name.
+        used: Names that some statement uses.
+
+    Raises:
+        FormulaError: An unnamed statement is not the last, a name is defined twice, or the last statement is
+            not a formula.
+    """
+
+    def __init__(self, text: str, statements: list[Any]) -> None:
+        self.text = text
+        self.all: dict[str, Definition] = {}
+        self.used: set[str] = set()
+        for index, tree in enumerate(statements):
+            definition = self._read(tree, index)
+            if definition.name is not None:
+                self._add(definition)
+            elif index + 1 < len(statements):
+                hint = "join it to the line before with and, or, ->; or name the formula before: name = ..."
+                raise make_error(text, statements[index + 1].meta, "a formula ended before this one", hint)
+            self.last = definition
+        self._check_last(statements[-1])
+
+    def look_up(self, name: str, place: Any, index: int) -> Definition | None:
+        """Return the definition of ``name`` for statement ``index``; None if it is a signal.
+
+        Raises:
+            FormulaError: The name is defined at or below that statement.
+        """
+        found = self.all.get(name)
+        if found is None:
+            return None
+        if found.index == index:
+            hint = "a definition can only use earlier ones"
+            raise make_error(self.text, place, f"{name} is defined by itself", hint)
+        if found.index > index:
+            hint = f"move it up from line {found.name.line}"
+            raise make_error(self.text, place, f"{name} is defined below its use", hint)
+        self.used.add(name)
+        return found
+
+    def resolve_number(self, token: Any, index: int) -> Any:
+        """Return the number (token) that the name in a bound stands for.
+
+        Raises:
+            FormulaError: The name is not a constant.
+        """
+        found = self.look_up(str(token), token, index)
+        if found is None or found.body.data != "number":
+            message = f"{token} is {'not a number of zero or above' if found else 'not defined'}"
+            raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
+        return found.body.children[0]
+
+    def _read(self, tree: Any, index: int) -> Definition:
+        if tree.data != "definition":
+            return Definition(None, (), tree, index)
+        head, _, body = tree.children
+        if not hasattr(head, "data"):
+            return Definition(head, (), body, index)
+        name, _, *parameters = head.children
+        return Definition(name, tuple(self._parameter(each) for each in parameters), body, index)
+
+    def _parameter(self, tree: Any) -> str:
+        if tree.data != "signal":
+            hint = "a parameter is a name that stands for a vehicle: cut_in_begins(o) = ..."
+            raise make_error(self.text, tree.meta, "a parameter must be a name", hint)
+        return str(tree.children[0])
+
+    def _add(self, definition: Definition) -> None:
+        name = str(definition.name)
+        if name in self.all:
+            hint = f"it is first defined in line {self.all[name].name.line}"
+            raise make_error(self.text, definition.name, f"{name} is defined twice", hint)
+        if len(set(definition.parameters)) < len(definition.parameters):
+            raise make_error(self.text, definition.name, f"two parameters of {name} have the same name")
+        self.all[name] = definition
+
+    def _check_last(self, tree: Any) -> None:
+        last = self.last
+        if last.parameters:
+            hint = f"add the formula that uses it, such as: forall o in others: always {last.name}(o)"
+            raise make_error(self.text, last.name, f"{last.name} is defined but there is no formula", hint)
+        if last.name is not None and {part.data for part in last.body.iter_subtrees()} <= _NUMERIC:
+            hint = "write == to compare; the last statement is the formula"
+            raise make_error(self.text, tree.children[1], "'=' defines a number, not a formula", hint)
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Names visible at a place in a formula.
+
+    Attributes:
+        statement: Index of the statement that contains the place; it may use the ones before it.
+        names: Quantified variables and parameters of that statement -> the vehicles they stand for.
+        bound: Quantified vehicles -> (depth, group), including those of the statements that use this one.
+    """
+
+    statement: int
+    names: Mapping[str, str] = field(default_factory=dict)
+    bound: Mapping[str, tuple[int, str]] = field(default_factory=dict)
+
+    def quantify(self, variable: str, group: str, words: set[str]) -> tuple[str, Scope]:
+        """Return the name of a new quantified vehicle, and the scope of the quantifier's body.
+
+        The vehicle is renamed if the formula that uses a definition has given the name another meaning.
+
+        Args:
+            variable: Name as written.
+            group: Group that it ranges over.
+            words: All words of the text, from which a new name must differ.
+        """
+        vehicle = variable
+        if variable in {*self.bound, *self.names.values()}:
+            used = words | set(self.bound)
+            vehicle = next(new for k in range(2, len(used) + 3) if (new := f"{variable}_{k}") not in used)
+        bound = {**self.bound, vehicle: (len(self.bound), group)}
+        return vehicle, replace(self, names={**self.names, variable: vehicle}, bound=bound)
+
+    def enter(self, statement: int, parameters: tuple[str, ...], vehicles: tuple[str, ...]) -> Scope:
+        """Return the scope of a definition's body."""
+        return Scope(statement, dict(zip(parameters, vehicles, strict=True)), self.bound)
+
+    def resolve_vehicle(self, text: str, word: Any) -> str:
+        """Return the vehicle that the argument ``word`` (a token) stands for.
+
+        Raises:
+            FormulaError: The word is a group, a misspelt variable, or bound only where a definition is used.
+        """
+        name = str(word)
+        if name in self.names:
+            return self.names[name]
+        self.refuse_capture(text, word)
+        groups = {"others", *(group for _, group in self.bound.values())}
+        if name in groups:
+            hint = f"write: forall o in {name}: ... with o as the argument"
+            raise make_error(text, word, f"{name} is a group, not a vehicle", hint)
+        known = {*self.names, *self.bound} - {"ego"}
+        close = suggest(name, known, _SIMILAR) if name != "ego" else None
+        if close:
+            hint = f"did you mean {close!r}? if not, give the quantified variable another name"
+            raise make_error(text, word, f"{name} is not bound by a quantifier", hint)
+        return name
+
+    def refuse_capture(self, text: str, word: Any) -> None:
+        """Refuse a name that is bound by a quantifier outside the definition.
+
+        Raises:
+            FormulaError: The word is such a name.
+        """
+        if str(word) in self.bound and str(word) not in self.names:
+            message = f"this definition cannot see {word}, which is bound by a quantifier around its use"
+            hint = f"make {word} a parameter of the definition, as in: name({word}) = ..."
+            raise make_error(text, word, message, hint)

@@ -1,0 +1,108 @@
+"""Lint warnings: text that is a legal formula but often not what its author means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from avrare.logic.syntax.definitions import Definitions
+from avrare.logic.syntax.syntax_errors import add_place
+
+_SIGNLESS = {
+    "iff": "-|l - r|: at most 0, whether it holds or not",
+    "xor": "|l - r|: at least 0, whether it holds or not",
+    "==": "-|l - r|: 0 where it holds, never above",
+    "!=": "|l - r|: 0 where it is false, never below",
+}
+_SAME = {"<->": "iff", "!==": "!="}
+_TERMS = ("signal", "arithmetic", "negative", "call")
+_BINARY = ("connective", "implication", "until")
+
+
+@dataclass(frozen=True)
+class LintWarning:
+    """Warning about a formula's text.
+
+    Attributes:
+        message: Place, text and mark in the layout of an error's message:
+            ``line 1, column 3: what is odd``, the source line, and a mark below the place.
+        hint: Suggestion, if there is one.
+    """
+
+    message: str
+    hint: str | None = None
+
+
+_Placed = tuple[tuple[int, int], LintWarning]
+
+
+def find_lint_warnings(text: str, definitions: Definitions, trees: list[Any]) -> tuple[LintWarning, ...]:
+    """Return the warnings about a text that has been parsed, sorted by place.
+
+    Args:
+        text: Text of the formula.
+        definitions: Names that it defines and uses.
+        trees: Its statements (lark trees).
+    """
+    found = [*_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
+    parts = [part for tree in trees for part in tree.iter_subtrees()]
+    for part in parts:
+        if part.data in _BINARY:
+            found += _early_end(text, part)
+    found += _signless(text, parts)
+    return tuple(warning for _, warning in sorted(found, key=lambda pair: pair[0]))
+
+
+def _warn(text: str, place: Any, message: str, hint: str) -> _Placed:
+    return (place.line, place.column), LintWarning(add_place(text, place, message), hint)
+
+
+def _unused(text: str, definitions: Definitions) -> list[_Placed]:
+    hint = "delete it, or use it in the last statement"
+    return [
+        _warn(text, each.name, f"{name} is defined but never used", hint)
+        for name, each in definitions.all.items()
+        if each is not definitions.last and name not in definitions.used
+    ]
+
+
+def _assigned_signal(text: str, definitions: Definitions, tree: Any) -> list[_Placed]:
+    # ``p = q`` or ``p = q + 1`` as the last statement defines p as ``q > 0``.
+    last = definitions.last
+    if last.name is None or last.body.data not in _TERMS or str(last.body.children[0]) in definitions.all:
+        return []
+    message = f"'=' does not compare: it names the formula {last.name}, which is the right side above 0"
+    return [_warn(text, tree.children[1], message, f"write {last.name} == ... to compare")]
+
+
+def _early_end(text: str, tree: Any) -> list[_Placed]:
+    # In ``always p and q`` the operand ends before ``and``; that is fine if another always follows.
+    op, operand = None, tree.children[0]
+    while operand.data in (*_BINARY, "window", "step", "negation"):
+        if operand.data in ("window", "step"):
+            op = op or operand.children[0]
+        elif operand.data in _BINARY:
+            op = None
+        operand = operand.children[-1]
+    if op is None or operand.data == "group" or tree.children[-1].data in ("window", "step"):
+        return []
+    joint = tree.children[1]
+    message = f"{op!s} binds tighter than {joint!s}: its operand ends before {joint!s}"
+    hint = f"write ({op} ...) {joint} ... if that is meant, {op} (... {joint} ...) if not"
+    return [_warn(text, op, message, hint)]
+
+
+def _signless(text: str, parts: list[Any]) -> list[_Placed]:
+    # Only the first use of each operator is reported.
+    first: dict[str, Any] = {}
+    for part in parts:
+        if part.data in ("connective", "compared"):
+            token = part.children[1]
+            op = _SAME.get(str(token), str(token))
+            if op in _SIGNLESS and (op not in first or token.start_pos < first[op].start_pos):
+                first[op] = token
+    hint = "verdicts are exact; where robustness matters write it with and, or, not, < and >"
+    return [
+        _warn(text, token, f"the robustness of {token!s} is {_SIGNLESS[op]}", hint)
+        for op, token in first.items()
+    ]

@@ -1,0 +1,121 @@
+"""Parser: rtamt's syntax, with rational time bounds and errors that point at their place."""
+
+from __future__ import annotations
+
+import functools
+import re
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from avrare.base.errors import FormulaError
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.definitions import Definitions
+from avrare.logic.syntax.lint import LintWarning, find_lint_warnings
+from avrare.logic.syntax.syntax_errors import make_error, translate_error
+from avrare.logic.syntax.time_bounds import read_period
+from avrare.logic.syntax.tokens import INFIX_LETTERS, WORDS, TokenClassifier, TokenError
+from avrare.logic.syntax.transformer import FormulaTransformer
+
+if TYPE_CHECKING:
+    from lark import Lark
+
+MAX_DEPTH = 100
+"""Deeper nesting is refused, as evaluation is recursive."""
+
+_NAME = r"[^\W\d][\w.]*"
+_TYPES = ("float", "double", "real", "int", "long", "bool", "complex", "float32", "float64")
+_IMPORT = rf"from\s+{_NAME}\s+import\s+({_NAME})"
+_RESERVED = "|".join(sorted({*WORDS, *INFIX_LETTERS}))
+_STARTS = r"(?<![^\n;])([ \t]*)"
+_ENDS = r"(?=[ \t]*(?:;|\r?\n|#|//|/\*|\Z))"
+
+
+def parse(text: str, dt: float | Fraction = 1.0) -> nodes.Node:
+    """Parse a formula; see ``parse_with_warnings``."""
+    return parse_with_warnings(text, dt)[0]
+
+
+def parse_with_warnings(text: str, dt: float | Fraction = 1.0) -> tuple[nodes.Node, tuple[LintWarning, ...]]:
+    """Parse a formula and lint its text.
+
+    Results are cached: a process parses the same text with the same period once.
+
+    Args:
+        text: Formula, or statements with definitions, the last of which is the formula.
+        dt: Sampling period [s].
+
+    Raises:
+        FormulaError: The text is not a formula; the message has line, column, source line and a mark.
+    """
+    if not isinstance(text, str):
+        raise FormulaError(f"a formula must be text, not {type(text).__name__}")
+    return _parse(text, read_period(dt))
+
+
+@functools.lru_cache(maxsize=256)
+def _parse(text: str, period: Fraction) -> tuple[nodes.Node, tuple[LintWarning, ...]]:
+    trees = _parse_statements(text)
+    try:
+        definitions = Definitions(text, trees)
+        node = FormulaTransformer(text, period, definitions, _words(trees)).transform()
+        too_deep = nodes.nesting_depth(node) > MAX_DEPTH
+    except RecursionError:
+        too_deep = True
+    if too_deep:
+        message = f"the formula is nested more than {MAX_DEPTH} levels deep"
+        raise FormulaError(message, "compute parts of the formula as signals of the system")
+    return node, find_lint_warnings(text, definitions, trees)
+
+
+def _parse_statements(text: str) -> list[Any]:
+    from lark.exceptions import UnexpectedInput
+
+    try:
+        tree: Any = _lark_parser().parse(_blank_declarations(text))
+    except UnexpectedInput as error:
+        raise translate_error(text, error) from None
+    except TokenError as error:
+        raise make_error(text, error.token, error.message, error.hint) from None
+    return list(tree.children)
+
+
+def _blank_declarations(text: str) -> str:
+    """Replace rtamt's declarations by blanks, so that every place in the text stays where it is.
+
+    ``float x``, ``input float x``, ``output T y``, ``specification name``, ``from m import T`` and
+    ``@topic(x, name)`` are removed; of ``const float c = 3.0`` the definition ``c = 3.0`` remains.
+    """
+    types = "|".join((*_TYPES, *(re.escape(name) for name in re.findall(_IMPORT, text))))
+    other = rf"(?!(?:{_RESERVED})\b){_NAME}"
+    declarations = (
+        rf"specification[ \t]+{other}",
+        rf"(?:from[ \t]+{_NAME}[ \t]+)?import[ \t]+{_NAME}",
+        rf"@[ \t]*topic[ \t]*\([ \t]*{_NAME}[ \t]*,[^()\n]*\)",
+        rf"(?:input|output|internal)[ \t]+{_NAME}[ \t]+{other}",
+        rf"(?:{types})[ \t]+{other}",
+    )
+    text = re.sub(rf"{_STARTS}(?:{'|'.join(declarations)}){_ENDS}", _blanks, text)
+    return re.sub(rf"{_STARTS}const[ \t]+{_NAME}(?=[ \t]+{_NAME}[ \t]*=(?!=))", _blanks, text)
+
+
+def _blanks(match: re.Match[str]) -> str:
+    return " " * len(match[0])
+
+
+def _words(trees: list[Any]) -> set[str]:
+    tokens = (token for tree in trees for part in tree.iter_subtrees() for token in part.children)
+    return {str(token) for token in tokens if not hasattr(token, "data")}
+
+
+@functools.cache
+def _lark_parser() -> Lark:
+    from lark import Lark
+
+    return Lark.open(
+        "grammar.lark",
+        rel_to=__file__,
+        parser="lalr",
+        lexer="basic",
+        postlex=TokenClassifier(),
+        propagate_positions=True,
+    )

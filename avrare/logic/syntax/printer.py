@@ -1,0 +1,62 @@
+"""Printer: formulas as text that parses to the same formula at any sampling period."""
+
+from __future__ import annotations
+
+import math
+
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.tokens import PREFIX_LETTERS
+
+_TIGHT = (nodes.Number, nodes.Signal, nodes.Call, nodes.Constant)
+
+
+def to_text(item: nodes.Node | nodes.Term) -> str:
+    """Return the formula or term as text, with bounds in samples."""
+    match item:
+        case nodes.Number(value):
+            return repr(value).removesuffix(".0")
+        case nodes.Signal(name, arguments):
+            return f"{name.split('(')[0]}({', '.join(arguments)})" if arguments else name
+        case nodes.Negative(operand):
+            # Without parentheses a minus before a number would be read as part of the number.
+            return f"-({to_text(operand)})"
+        case nodes.Call(function, arguments):
+            return f"{function}({', '.join(map(to_text, arguments))})"
+        case nodes.Constant(value):
+            return "true" if value else "false"
+        case nodes.Predicate(term):
+            return to_text(term)
+        case nodes.Not(child):
+            return f"not {_parenthesize(child)}"
+        case nodes.Arithmetic(op, left, right) | nodes.Comparison(op, left, right):
+            return f"{_parenthesize(left)} {op} {_parenthesize(right)}"
+        case nodes.Connective(op, left, right):
+            return f"{_parenthesize(left)} {'->' if op == 'implies' else op} {_parenthesize(right)}"
+        case nodes.Window(op, lo, hi, child):
+            return f"{op}{_format_bounds(lo, hi)} {_parenthesize(child)}"
+        case nodes.Until(op, lo, hi, left, right):
+            return f"{_parenthesize(left)} {op}{_format_bounds(lo, hi)} {_parenthesize(right)}"
+        case nodes.Step(op, child):
+            return f"{op} ({to_text(child)})"
+        case nodes.Quantifier(child=child):
+            return f"{_format_head(item)} {to_text(child)}"
+    raise TypeError(f"not part of a formula: {item!r}")
+
+
+def _parenthesize(item: nodes.Node | nodes.Term) -> str:
+    if isinstance(item, nodes.Predicate):
+        return _parenthesize(item.term)
+    # G - 1 would be refused: G may be the operator.
+    letter = isinstance(item, nodes.Signal) and item.name in PREFIX_LETTERS
+    return to_text(item) if isinstance(item, _TIGHT) and not letter else f"({to_text(item)})"
+
+
+def _format_head(node: nodes.Quantifier) -> str:
+    count = f" {node.count}" if node.op == "at_least" else ""
+    return f"{node.op}{count} {node.variable} in {node.group}:"
+
+
+def _format_bounds(lo: int, hi: float) -> str:
+    if lo == 0 and math.isinf(hi):
+        return ""
+    return f"[{lo}:{'inf' if math.isinf(hi) else int(hi)} samples]"

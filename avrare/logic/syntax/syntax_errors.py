@@ -1,0 +1,133 @@
+"""Errors in a formula's text: place, problem, and what to write instead."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+from types import SimpleNamespace
+from typing import Any
+
+from avrare.base.errors import FormulaError
+from avrare.logic.syntax.tokens import FUNCTIONS, WORDS
+
+_NAMES = {
+    "RPAR": "a closing parenthesis",
+    "RSQB": "a closing bracket",
+    "COLON": "a colon",
+    "IN": "'in'",
+    "LPAR": "an opening parenthesis",
+    "LSQB": "an opening bracket",
+}
+_BOUNDS_HINT = "bounds look like [0,3], [0:3s], [0:inf] or [0:3 samples]"
+_CHARACTER_HINTS = {
+    "^": "power is pow(x, 2), exclusive or is xor", "∧": "write and", "∨": "write or", "¬": "write not",
+    "⊕": "write xor", "→": "write ->", "⇒": "write ->", "↔": "write <->", "⇔": "write <->", "≤": "write <=",
+    "≥": "write >=", "≠": "write !=", "□": "write always", "◇": "write eventually", "−": "write -",
+    "–": "write -", "×": "write *", "·": "write *", "÷": "write /", "∞": "write inf", "∀": "write forall",
+    "∃": "write exists", "%": "comments start with # or //",
+}  # fmt: skip
+_OPERAND = {"NAME", "NUMBER", "LPAR"}
+_CONTEXT = 200
+"""Characters around the place of an error that hints look at."""
+
+
+def add_place(text: str, place: Any, message: str) -> str:
+    """Return the message with its line, column, source line and a mark.
+
+    Args:
+        text: Text of the formula.
+        place: Token or tree with ``line`` and ``column``, counted from 1.
+        message: Problem at that place.
+    """
+    line, column = place.line, place.column
+    shown = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
+    mark = " " * (column - 1) + "^"
+    return f"line {line}, column {column}: {message}\n  {shown}\n  {mark}"
+
+
+def make_error(text: str, place: Any, message: str, hint: str | None = None) -> FormulaError:
+    """Make an error that points at ``place``."""
+    return FormulaError(add_place(text, place, message), hint)
+
+
+def translate_error(text: str, error: Any) -> FormulaError:
+    """Translate lark's exception."""
+    if not hasattr(error, "token"):
+        character = text[error.pos_in_stream]
+        return make_error(text, error, f"unexpected character {character!r}", _CHARACTER_HINTS.get(character))
+    token = error.token
+    if token.type == "$END":
+        message = f"the formula ends early: {_expected(error)}"
+        place = SimpleNamespace(line=token.end_line or 1, column=token.end_column or 1)
+        return make_error(text, place, message, _misspelt(text[: token.end_pos][-_CONTEXT:]))
+    start = token.start_pos
+    before, rest = text[max(0, start - _CONTEXT) : start], text[start : start + _CONTEXT]
+    if rest.startswith("/*") or (before.endswith("/") and rest.startswith("*")):
+        return make_error(text, token, "unterminated comment", "close it with */")
+    message = f"unexpected {str(token)!r}: {_expected(error)}"
+    return make_error(text, token, message, _hint(before, rest, token))
+
+
+def suggest(word: str, known: Iterable[str], cutoff: float = 0.7) -> str | None:
+    """Return the known name most similar to ``word``, None if none is similar enough.
+
+    Unlike ``did_you_mean`` it ignores case and never lists all names.
+    """
+    names = list(known) if len(word) < _CONTEXT else []
+    alike = [name for name in names if name.lower() == word.lower()]
+    close = alike or difflib.get_close_matches(word.lower(), names, n=1, cutoff=cutoff)
+    return close[0] if close else None
+
+
+def _expected(error: Any) -> str:
+    accepted = set(error.accepts or error.expected)
+    if accepted >= _OPERAND:
+        return "an operand is missing"
+    named = [name for kind, name in _NAMES.items() if kind in accepted]
+    if "INFINITY" in accepted:
+        named = ["a bound"]
+    elif "AND" in accepted:
+        named = ["a closing parenthesis"] if "RPAR" in accepted else ["an operator"]
+    elif "UNIT" in accepted and not named:
+        named = ["a unit"]
+    elif accepted == {"NAME"}:
+        named = ["a name"]
+    elif accepted == {"NAME", "NUMBER"}:
+        named = ["a number"]
+    return f"{' or '.join(named) or 'an operator or the end'} is expected"
+
+
+def _hint(before: str, rest: str, token: Any) -> str | None:
+    if token.type == "INFINITY":
+        return "inf can only be a bound"
+    if token.type == "EQUAL":
+        return _equal_hint(before)
+    if token == ">" and before.endswith("="):
+        return "write >= to compare, -> for implies"
+    if re.search(r"\[[^\]\n]*$", before):
+        return _BOUNDS_HINT
+    if token.type == "LSQB":
+        if re.search(r"\b(exists|forall)\s*$", before):
+            return "write at_least 2 o in others: ... for two or more"
+        return _misspelt(before) or "only temporal operators take bounds"
+    if re.match(r"[^\W\d][\w.]*\s*(\([^()]*\))?\s*=[^=]", rest):
+        if re.search(r"(^|[\n;])\s*((in|out)put\s+)?[^\W\d]\w*\s+$", before):
+            return "only constants are declared with a value: const float x = 3.0"
+        return "start a definition on a new line, or put ';' before it"
+    return _misspelt(before + str(token)) or _misspelt(before)
+
+
+def _equal_hint(before: str) -> str:
+    word = re.search(r"(\w+)\s*(\([^()]*\)\s*)?$", before)
+    if word and (word[1] in WORDS or word[1] in FUNCTIONS):
+        return f"{word[1]!r} is a reserved word: choose another name"
+    return "write == to compare"
+
+
+def _misspelt(text: str) -> str | None:
+    last = re.search(r"([^\W\d]\w{2,})\s*$", text)
+    if not last or last[1] in WORDS or last[1] in FUNCTIONS:
+        return None
+    close = suggest(last[1], [*WORDS, *FUNCTIONS])
+    return f"did you mean {close!r}?" if close else None

@@ -1,0 +1,241 @@
+"""Transformer from lark's tree to a formula: expands definitions, converts bounds to samples."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Any
+
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.definitions import Definition, Definitions, Scope
+from avrare.logic.syntax.syntax_errors import make_error, suggest
+from avrare.logic.syntax.time_bounds import to_sample_bounds
+from avrare.logic.syntax.tokens import FUNCTIONS, MEANING, WORDS
+
+MAX_PARTS = 100_000
+"""Larger formulas, which only nested definitions can make, are refused."""
+
+_ARITY = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}
+_MISSPELT, _SIMILAR = 0.8, 0.7
+
+
+def _operator(token: Any) -> str:
+    return MEANING.get(str(token), str(token))
+
+
+class FormulaTransformer:
+    """Transformer of the statements of one text.
+
+    Args:
+        text: Text of the formula.
+        period: Sampling period.
+        definitions: Statements of the text.
+        words: All words of the text.
+    """
+
+    def __init__(self, text: str, period: Fraction, definitions: Definitions, words: set[str]) -> None:
+        self.text = text
+        self.period = period
+        self.definitions = definitions
+        self.words = words
+        self.scope = Scope(0)
+        self.parts = 0
+
+    def transform(self) -> nodes.Node:
+        """Return the formula of the last statement; the others are checked too.
+
+        Raises:
+            FormulaError: A statement is wrong; the message has line, column, source line and a mark.
+        """
+        last = self.definitions.last
+        for found in self.definitions.all.values():
+            if found is not last:
+                self._expand(found, found.parameters, Scope(found.index))
+        self.scope = Scope(last.index)
+        return self._formula(last.body)
+
+    def _formula(self, tree: Any) -> nodes.Node:
+        item = self._item(tree)
+        return nodes.Predicate(item) if isinstance(item, nodes.Term) else item
+
+    def _term(self, tree: Any) -> nodes.Term:
+        item = self._item(tree)
+        if isinstance(item, nodes.Term):
+            return item
+        hint = "compare terms, join formulas with and, or, ->"
+        raise make_error(self.text, _strip_groups(tree).meta, "expected a number, not a formula", hint)
+
+    def _item(self, tree: Any) -> nodes.Node | nodes.Term:
+        self.parts += 1
+        tree = _strip_groups(tree)
+        if self.parts > MAX_PARTS:
+            message = f"the formula has more than {MAX_PARTS} parts once its definitions are expanded"
+            raise make_error(
+                self.text, tree.meta, message, "compute parts of the formula as signals of the system"
+            )
+        method = getattr(self, f"_{tree.data}")
+        item: nodes.Node | nodes.Term = method(tree, *tree.children)
+        return item
+
+    def _quantified(self, tree: Any, op: Any, *rest: Any) -> nodes.Node:
+        *count, variable, _, group, body = rest
+        self._require_new(variable)
+        outer = self.scope
+        vehicle, self.scope = outer.quantify(str(variable), str(group), self.words)
+        child = self._formula(body)
+        self.scope = outer
+        number = self._count(count[0]) if count else 1
+        node = nodes.Quantifier(str(op), vehicle, str(group), child, len(outer.bound), number)
+        self._require_use(node, variable)
+        return node
+
+    def _require_new(self, variable: Any) -> None:
+        if str(variable) in self.scope.names:
+            hint = "give the inner one another name"
+            raise make_error(self.text, variable, f"{variable} already stands for a vehicle here", hint)
+        if str(variable) in self.definitions.all:
+            hint = "give the variable another name"
+            raise make_error(self.text, variable, f"{variable} is the name of a definition", hint)
+
+    def _require_use(self, node: nodes.Quantifier, variable: Any) -> None:
+        # A plain signal may hold a value per vehicle.
+        found = [part for part in nodes.walk(node.child) if isinstance(part, nodes.Signal)]
+        if not any(node.depth in signal.axes or not signal.arguments for signal in found):
+            hint = f"use {variable} as an argument, as in: distance({variable}, ego) > 0"
+            raise make_error(self.text, variable, f"nothing after the colon depends on {variable}", hint)
+
+    def _count(self, token: Any) -> int:
+        if token.type == "NAME":
+            token = self.definitions.resolve_number(token, self.scope.statement)
+        value = float(token)
+        if not (1 <= value < 1e9 and value.is_integer()):
+            raise make_error(self.text, token, f"at_least needs a whole number above 0, not {token}")
+        return int(value)
+
+    def _connective(self, tree: Any, left: Any, op: Any, right: Any) -> nodes.Node:
+        return nodes.Connective(_operator(op), self._formula(left), self._formula(right))
+
+    def _implication(self, tree: Any, left: Any, op: Any, right: Any, *more: Any) -> nodes.Node:
+        if more:
+            hint = "write (a -> b) -> c or a -> (b -> c): tools differ in which they read"
+            raise make_error(self.text, more[0], "'->' does not chain", hint)
+        return nodes.Connective("implies", self._formula(left), self._formula(right))
+
+    def _until(self, tree: Any, left: Any, op: Any, *rest: Any) -> nodes.Node:
+        lo, hi = self._bounds(rest)
+        return nodes.Until(_operator(op), lo, hi, self._formula(left), self._formula(rest[-1]))
+
+    def _negation(self, tree: Any, op: Any, child: Any) -> nodes.Node:
+        return nodes.Not(self._formula(child))
+
+    def _window(self, tree: Any, op: Any, *rest: Any) -> nodes.Node:
+        lo, hi = self._bounds(rest)
+        return nodes.Window(_operator(op), lo, hi, self._formula(rest[-1]))
+
+    def _step(self, tree: Any, op: Any, child: Any) -> nodes.Node:
+        return nodes.Step(_operator(op), self._formula(child))
+
+    _edge = _step
+
+    def _bounds(self, rest: Any) -> tuple[int, float]:
+        if len(rest) == 1:
+            return 0, math.inf
+        statement = self.scope.statement
+        return to_sample_bounds(
+            self.text, rest[0], self.period, lambda name: self.definitions.resolve_number(name, statement)
+        )
+
+    def _compared(self, tree: Any, left: Any, op: Any, right: Any, *more: Any) -> nodes.Node:
+        if more:
+            hint = "write 0 < x and x < 3 for 0 < x < 3"
+            raise make_error(self.text, more[0], "comparisons do not chain", hint)
+        return nodes.Comparison(_operator(op), self._term(left), self._term(right))
+
+    def _arithmetic(self, tree: Any, left: Any, op: Any, right: Any) -> nodes.Term:
+        return nodes.Arithmetic(str(op), self._term(left), self._term(right))
+
+    def _negative(self, tree: Any, op: Any, operand: Any) -> nodes.Term:
+        if operand.data == "number":
+            return nodes.Number(-self._number(operand, *operand.children).value)
+        return nodes.Negative(self._term(operand))
+
+    def _number(self, tree: Any, token: Any) -> nodes.Number:
+        value = float(token)
+        if math.isinf(value):
+            raise make_error(self.text, token, "the number is too large")
+        return nodes.Number(value)
+
+    def _constant(self, tree: Any, word: Any) -> nodes.Node:
+        return nodes.Constant(word == "true")
+
+    def _call(self, tree: Any, name: Any, *arguments: Any) -> nodes.Term:
+        function = _operator(name)
+        wanted = _ARITY.get(function)
+        if len(arguments) != wanted if wanted else len(arguments) < 2:
+            count = f"{wanted} argument{'s' if wanted != 1 else ''}" if wanted else "two or more arguments"
+            raise make_error(self.text, name, f"{name} takes {count}, not {len(arguments)}")
+        return nodes.Call(function, tuple(self._term(argument) for argument in arguments))
+
+    def _signal(self, tree: Any, name: Any) -> nodes.Node | nodes.Term:
+        if str(name) in self.scope.names:
+            hint = f"use it as an argument, as in: distance({name}, ego) > 0"
+            raise make_error(self.text, name, f"{name} stands for a vehicle, not for a number", hint)
+        found = self.definitions.look_up(str(name), name, self.scope.statement)
+        if found is not None:
+            return self._use(found, name, ())
+        self.scope.refuse_capture(self.text, name)
+        return nodes.Signal(str(name))
+
+    def _relation(self, tree: Any, name: Any, opening: Any, *arguments: Any) -> nodes.Node | nodes.Term:
+        found = self.definitions.look_up(str(name), name, self.scope.statement)
+        if found is None:
+            self._refuse_misspelt(name, opening, arguments)
+        vehicles = tuple(self._vehicle(name, argument) for argument in arguments)
+        if found is not None:
+            return self._use(found, name, vehicles)
+        bound = self.scope.bound
+        groups = [bound[vehicle][1] if vehicle in bound else vehicle for vehicle in vehicles]
+        axes = tuple(bound[vehicle][0] for vehicle in vehicles if vehicle in bound)
+        return nodes.Signal(f"{name}({', '.join(groups)})", vehicles, axes)
+
+    def _refuse_misspelt(self, name: Any, opening: Any, arguments: Any) -> None:
+        trees = [_strip_groups(argument) for argument in arguments]
+        words = [str(tree.children[0]) for tree in trees if tree.data == "signal"]
+        if any(word == "ego" or word in self.scope.names for word in words):
+            return
+        plain = all(tree.data in ("signal", "number", "negative") for tree in trees)
+        close = suggest(str(name), [*WORDS, *FUNCTIONS], _MISSPELT if plain else _SIMILAR)
+        if close or not plain:
+            hint = f"did you mean {close!r}?" if close else "relations take vehicles: distance(o, ego)"
+            message = f"unexpected '(': {name} is not an operator or function"
+            raise make_error(self.text, opening, message, hint)
+
+    def _vehicle(self, name: Any, argument: Any) -> str:
+        tree = _strip_groups(argument)
+        if tree.data != "signal":
+            numeric = tree.data in ("number", "negative")
+            message = f"{name} takes vehicles, not {'numbers' if numeric else 'formulas'}"
+            raise make_error(self.text, tree.meta, message, f"compare its value: {name}(o, ego) > 3")
+        return self.scope.resolve_vehicle(self.text, tree.children[0])
+
+    def _use(self, found: Definition, name: Any, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
+        wanted = len(found.parameters)
+        if len(vehicles) != wanted:
+            shown = f"{name}({', '.join(found.parameters)})" if wanted else str(name)
+            message = (
+                f"{name} takes {wanted or 'no'} argument{'s' if wanted != 1 else ''}, not {len(vehicles)}"
+            )
+            raise make_error(self.text, name, message, f"it is defined as {shown}")
+        return self._expand(found, vehicles, self.scope)
+
+    def _expand(self, found: Definition, vehicles: tuple[str, ...], outer: Scope) -> nodes.Node | nodes.Term:
+        self.scope = outer.enter(found.index, found.parameters, vehicles)
+        item = self._item(found.body)
+        self.scope = outer
+        return item
+
+
+def _strip_groups(tree: Any) -> Any:
+    while tree.data == "group":
+        tree = tree.children[0]
+    return tree

@@ -1,0 +1,44 @@
+"""Components of this project's distributions, so that a message can name the one to install."""
+
+from __future__ import annotations
+
+_PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
+    "avrare-estimators": {"estimator": ("ams", "is", "ce", "ess")},
+    "avrare-example": {"simulator": ("tank",), "specification": ("spillage",)},
+    "avrare-flows": {"simulator": ("transformed",)},
+    "avrare-glider": {"simulator": ("glider",)},
+    "avrare-gp-pem": {"perception": ("gp_pem", "parametric", "naive")},
+    "avrare-gymnasium": {"simulator": ("gymnasium",), "controller": ("gym_feedback", "gym_constant")},
+    "avrare-highway-env": {"simulator": ("highway_env",), "controller": ("path_follower",)},
+    "avrare-imm": {"tracker": ("imm",)},
+    "avrare-linear": {"simulator": ("linear",), "estimator": ("ess_linear",)},
+    "avrare-metadrive": {"simulator": ("metadrive",), "controller": ("metadrive_expert",)},
+    "avrare-mpc": {"controller": ("mpc",)},
+    "avrare-policy": {"controller": ("policy",)},
+    "avrare-ray": {"executor": ("ray",)},
+    "avrare-single-track": {"simulator": ("single_track",)},
+    "avrare-traffic-rules": {"specification": ("traffic_rules",)},
+}
+FIRST_PARTY = {
+    (kind, name): distribution
+    for distribution, kinds in _PROVIDED.items()
+    for kind, names in kinds.items()
+    for name in names
+}
+"""(kind, name) of a component -> the distribution of this project that provides it."""
+
+PACKAGES = {
+    "PIL": "pillow",
+    "cv2": "opencv-python",
+    "metadrive": "metadrive-simulator==0.4.3",  # `metadrive` on PyPI is another project
+    "pyro": "pyro-ppl",
+    "sklearn": "scikit-learn",
+    "yaml": "pyyaml",
+}
+"""Top-level module -> the package that provides it, where the names differ."""
+
+
+def pip_line(*modules: str) -> str:
+    """Return the pip command that installs the packages of these modules."""
+    packages = sorted({PACKAGES.get(top, top) for top in (module.split(".")[0] for module in modules)})
+    return "pip install " + " ".join(packages)

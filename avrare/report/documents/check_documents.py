@@ -1,0 +1,96 @@
+"""Documents of a check: JUnit XML for the CI server, Markdown for a merge request."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+from avrare.analysis.check.criteria import Decision
+from avrare.analysis.check.gate import CheckResult
+from avrare.base.format import format_interval, format_probability
+
+_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_SIGNS = {"pass": "✅ pass", "fail": "❌ fail", "inconclusive": "❔ inconclusive"}
+
+
+def junit(outcome: CheckResult) -> str:
+    """Return one suite per scenario and one case per decision: failed, skipped (inconclusive), or error."""
+    top = ElementTree.Element("testsuites", name="avrare check")
+    for scenario, results in outcome.results.items():
+        errors = {one.specification: one.health["errors"] for one in results if "errors" in one.health}
+        cases = [
+            _case(one, errors.get(one.specification)) for one in outcome.decisions if one.scenario == scenario
+        ]
+        counts = {
+            name: str(sum(case.find(tag) is not None for case in cases))
+            for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
+        }
+        seconds = sum(one.seconds for one in results)
+        attributes = {"name": _printable(scenario), "tests": str(len(cases)), "time": f"{seconds:.3f}"}
+        suite = ElementTree.SubElement(top, "testsuite", attributes | counts)
+        suite.extend(cases)
+    ElementTree.indent(top)
+    return ElementTree.tostring(top, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _case(decision: Decision, error: str | None) -> ElementTree.Element:
+    names = {"classname": _printable(f"avrare.{decision.scenario}"), "name": _printable(decision.name)}
+    case = ElementTree.Element("testcase", names, time=f"{decision.seconds:.3f}")
+    tag = {"pass": None, "fail": "failure", "inconclusive": "skipped"}[decision.verdict]
+    reason = decision.reason
+    if error is not None and decision.verdict != "fail":
+        tag, reason = "error", error
+    if tag is not None:
+        message = _printable(f"{decision.verdict}: {reason}")
+        ElementTree.SubElement(case, tag, type=decision.verdict, message=message)
+    output = ElementTree.SubElement(case, "system-out")
+    output.text = _printable("\n".join(f"{name}: {text}" for name, text in _numbers(decision).items()))
+    return case
+
+
+def markdown(outcome: CheckResult) -> str:
+    """Return a table of verdicts, estimates and changes, with the reasons and notes below it."""
+    head = ("scenario", "rule", "wanted", "verdict", "probability", "interval", "baseline", "change")
+    lines = [f"### avrare check: {_SIGNS[outcome.verdict]}", "", _row(head), _row(["---"] * len(head))]
+    for one in outcome.decisions:
+        texts, numbers = [one.scenario, one.specification, one.question], _numbers(one).values()
+        lines.append(_row([*map(_escape, texts), _SIGNS[one.verdict], *map(_escape, numbers)]))
+    remarks = [f"{one.scenario} {one.name}: {one.reason}" for one in outcome.decisions if one.reason]
+    remarks += outcome.notes
+    if remarks:
+        lines += ["", *(f"- {_escape(text)}" for text in remarks)]
+    return "\n".join(lines) + "\n"
+
+
+def format_change(decision: Decision) -> str:
+    """Return the ratio to the baseline as ``x 1.9 (1.3 .. 2.8)``; "-" without a baseline."""
+    if decision.change_interval is None:
+        return "-"
+    low, high = (f"{end:.2g}" if end < 1e9 else "∞" for end in decision.change_interval)
+    change = decision.change
+    ratio = "?" if change is None else f"{change:.2g}" if change < 1e9 else "∞"
+    return f"x {ratio} ({low} .. {high})"
+
+
+def _numbers(decision: Decision) -> dict[str, str]:
+    values = {"probability": decision.probability, "baseline": decision.baseline}
+    shown = {name: "-" if p is None else format_probability(p) for name, p in values.items()}
+    interval = format_interval(decision.interval) if decision.interval else "-"
+    return {
+        "probability": shown["probability"], "interval": interval, "baseline": shown["baseline"],
+        "change": format_change(decision),
+    }  # fmt: skip
+
+
+def _row(texts: Sequence[str]) -> str:
+    return "| " + " | ".join(texts) + " |"
+
+
+def _escape(text: str) -> str:  # for Markdown, on one line, inside a table or out of it
+    words = " ".join(_printable(text).split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_{}\[\]()#|!~@])", r"\\\1", words)
+
+
+def _printable(text: str) -> str:  # XML cannot hold control characters
+    return _UNPRINTABLE.sub("\ufffd", text)

@@ -1,0 +1,88 @@
+"""Content of comparison.json (estimators on one problem) and paired.json (two versions on the same noise)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from avrare.analysis.compare.paired import PairedComparison, PairedCounts
+from avrare.analysis.compare.study import ArmResult, Comparison
+from avrare.analysis.compare.summary import Summary, find_disagreements, summarise
+from avrare.base import version
+from avrare.estimation.result import finite
+from avrare.scenario.fingerprint import fingerprint
+
+SCHEMA = 1
+
+
+def summarise_arms(comparison: Comparison) -> list[Summary | None]:
+    """Return the statistics of each estimator; None for one that was refused."""
+    steps, confidence = comparison.case.problem.steps, comparison.case.confidence
+    return [
+        None if arm.refusal else summarise(arm.repetitions, comparison.truth, steps, confidence)
+        for arm in comparison.arms
+    ]
+
+
+def comparison_document(comparison: Comparison) -> dict[str, Any]:
+    """Return all numbers of a comparison, JSON-ready; NaN and infinities become null."""
+    case, design, truth = comparison.case, comparison.design, comparison.truth
+    summaries = summarise_arms(comparison)
+    used = {one.arm.distribution: one.arm.version for one in comparison.arms if one.arm.distribution}
+    content = {
+        "schema": SCHEMA,
+        "comparison": case.name,
+        "specification": case.specification or None,
+        "fingerprint": case.fingerprint,
+        "versions": dict(sorted({**case.versions, **used, "avrare": version.__version__}.items())),
+        "steps": case.problem.steps,
+        "budget": {design.budget.kind: design.budget.amount},
+        "repeat": design.repeat,
+        "seed": design.seed,
+        "confidence": case.confidence,
+        "truth": asdict(truth) if truth else None,
+        "interrupted": comparison.interrupted,
+        "disagree": find_disagreements([one.arm.label for one in comparison.arms], summaries),
+        "estimators": [
+            _encode_arm(one, summary) for one, summary in zip(comparison.arms, summaries, strict=True)
+        ],
+    }
+    return finite(content)  # type: ignore[no-any-return]
+
+
+def _encode_arm(result: ArmResult, summary: Summary | None) -> dict[str, Any]:
+    return {
+        "label": result.arm.label,
+        "estimator": result.arm.name,
+        "options": result.arm.config.model_dump(mode="json"),
+        "refusal": str(result.refusal) if result.refusal else None,
+        "summary": asdict(summary) if summary else None,
+        "repetitions": [{**asdict(one), "seconds": round(one.seconds, 3)} for one in result.repetitions],
+    }
+
+
+def paired_document(paired: PairedComparison) -> dict[str, Any]:
+    """Return all numbers of a paired comparison, JSON-ready."""
+    versions = {name: number for scenario in paired.scenarios for name, number in scenario.versions.items()}
+    content = {
+        "schema": SCHEMA,
+        "first": paired.names[0],
+        "second": paired.names[1],
+        "fingerprints": [fingerprint(scenario) for scenario in paired.scenarios],
+        "versions": dict(sorted({**versions, "avrare": version.__version__}.items())),
+        "rollouts": paired.rollouts,
+        "seed": paired.seed,
+        "confidence": paired.confidence,
+        "specifications": [_encode_counts(counts, paired.confidence) for counts in paired.counts],
+    }
+    return finite(content)  # type: ignore[no-any-return]
+
+
+def _encode_counts(counts: PairedCounts, confidence: float) -> dict[str, Any]:
+    return asdict(counts) | {
+        "probability": [counts.first, counts.second],
+        "difference": counts.difference,
+        "interval": counts.interval(confidence),
+        "p_value": counts.p_value,
+        "verdict": counts.verdict(confidence),
+    }

@@ -1,0 +1,179 @@
+"""Heat strips: predicates and noise over time as rows of coloured pixels."""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.analysis.monitor.monitoring import MonitoringResult, list_vehicle_names, select_inputs
+from avrare.base.errors import FormulaError
+from avrare.logic.formula import find_formula
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.printer import to_text
+from avrare.protocols import Floats, Specification
+from avrare.report.html.line_chart import render_cursor, render_legend
+from avrare.report.html.markup import Markup, tag
+from avrare.rollout.loaded_scenario import LoadedScenario
+
+_MAX_ROWS = 24
+_FULL_OPACITY = 3.0
+"""Magnitude of a standard normal number drawn fully opaque."""
+_POSITIVE, _NEGATIVE = (59, 111, 196), (205, 84, 55)
+
+
+def draw_predicates(specification: Specification, result: MonitoringResult) -> Markup | None:
+    """Return a strip for each predicate that changes over time; None if there are none."""
+    predicates = evaluate_predicates(specification, result)
+    changing = {text: values for text, values in predicates.items() if len(np.unique(values)) > 1}
+    if not changing:
+        return None
+    rows = []
+    for text, values in islice(changing.items(), _MAX_ROWS):
+        finite = np.abs(values[np.isfinite(values)])
+        largest = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
+        description = f"{text}: holds at {int((values > 0).sum())} of {len(values)} samples"
+        rows.append(_draw_strip(text, encode_signed(values[None], largest, 0.3), 14, description))
+    hidden, constant = len(changing) - len(rows), len(predicates) - len(changing)
+    note = f"; {constant} constant ones are not shown" if constant else ""
+    note += f"; {hidden} more are not shown" if hidden > 0 else ""
+    key = render_legend(("box positive", "holds"), ("box negative", "does not hold"))
+    return _draw_figure("Predicates", rows, [key, f"darker: further from the bound{note}"])
+
+
+def draw_noise(scenario: LoadedScenario, tape: Floats, failed: bool) -> Markup | None:
+    """Return the strips of a noise tape (steps + 1, noise_size); None for a system without noise."""
+    if not tape.shape[1]:
+        return None
+    rows = []
+    groups = _group_channels(scenario, tape.shape[1])
+    for label, first, last in groups[:_MAX_ROWS]:
+        part = tape[:, first:last].T
+        description = f"Noise of {label}, {part.shape[0]} channels over {part.shape[1]} steps, up to "
+        description += f"{np.abs(part).max():.2f} standard deviations"
+        picture = encode_signed(part, _FULL_OPACITY)
+        rows.append(_draw_strip(label, picture, max(11 * len(part), 14), description))
+    hidden = len(groups) - len(rows)
+    key = render_legend(("box positive", "+3 standard deviations"), ("box negative", "−3"))
+    note = f"{hidden} more rows are not shown" if hidden > 0 else "a row for each channel"
+    return _draw_figure("Noise that caused the failure" if failed else "Noise", rows, [key, note])
+
+
+def evaluate_predicates(specification: Specification, result: MonitoringResult) -> dict[str, Floats]:
+    """Map the predicates of a formula, in its order, to their robustness (T,); none without a formula.
+
+    A variable stands for the vehicle that decides; without one there is a series for each vehicle.
+    """
+    formula = find_formula(specification)
+    if formula is None:
+        return {}
+    try:
+        values = formula.parts(select_inputs(specification, result.recording))
+    except FormulaError:
+        return {}
+    names = list_vehicle_names(specification, result.recording)
+    decisive = result.first or result.worst
+    chosen = decisive.vehicles if decisive is not None else {}
+    found: dict[str, Floats] = {}
+    for node, quantifiers in _list_predicates(formula.node, ()):
+        array = values[to_text(node)][0]
+        for label, row in select_rows(to_text(node), array, quantifiers, names, chosen):
+            found.setdefault(label, row)
+    return found
+
+
+def _list_predicates(
+    node: nodes.Node, outer: tuple[nodes.Quantifier, ...]
+) -> Iterator[tuple[nodes.Node, tuple[nodes.Quantifier, ...]]]:
+    # each with the quantifiers around it
+    inner = (*outer, node) if isinstance(node, nodes.Quantifier) else outer
+    children = nodes.children(node)
+    if not children:
+        yield node, outer
+    for child in children:
+        yield from _list_predicates(child, inner)
+
+
+def select_rows(
+    predicate: str, array: Floats, quantifiers: Sequence[nodes.Quantifier], names: Sequence[str],
+    chosen: Mapping[str, str],
+) -> Iterator[tuple[str, Floats]]:  # fmt: skip
+    """Yield a predicate with its values (T,) for each choice of vehicles.
+
+    ``array`` (T, ...) has an axis for each quantifier around the predicate. ``chosen`` maps variables to the
+    vehicles that decide; for other variables there is a row for each of the vehicles ``names``.
+    """
+    sizes = array.shape[1:]
+    axes = []
+    for quantifier, size in zip(quantifiers, sizes, strict=False):
+        vehicle = chosen.get(quantifier.variable)
+        members = list(names) if len(names) == size else [str(k) for k in range(size)]
+        one = [members.index(vehicle)] if vehicle in members and size > 1 else range(size)
+        axes.append([(quantifier.variable, members[k] if size > 1 else None, k) for k in one])
+    for choice in product(*axes):
+        bound = {variable: member for variable, member, _ in choice if member is not None}
+        words = re.split(r"\b([A-Za-z_]\w*)\b", predicate)
+        label = "".join(bound.get(word, word) for word in words)
+        yield label, np.moveaxis(array, 0, -1)[tuple(k for _, _, k in choice)]
+
+
+def _group_channels(scenario: LoadedScenario, size: int) -> list[tuple[str, int, int]]:
+    # (label, first, last + 1): the channels of the simulator come first, then those of the perception model,
+    # which are taken to be ordered by vehicle if there are equally many for each.
+    own = int(scenario.stack.loop.simulator.noise_size)
+    groups = [("simulator", 0, own)] if own else []
+    names = scenario.scene.names if scenario.scene is not None else ()
+    each, rest = divmod(size - own, max(len(names), 1))
+    if size == own:
+        return groups
+    if not names or rest:
+        return [*groups, ("perception", own, size)]
+    return groups + [
+        (f"perception of {name}", own + v * each, own + (v + 1) * each) for v, name in enumerate(names)
+    ]
+
+
+def encode_signed(values: Floats, largest: Floats | float, least: float = 0.0) -> str:
+    """Return the data URI of a picture: colour for the sign, opacity for the size of each value.
+
+    Args:
+        values: (rows, columns); NaN is transparent, infinities are opaque.
+        largest: Magnitude that is opaque, for all values or for each row (rows, 1).
+        least: Opacity of the smallest value other than zero.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.clip(np.abs(values) / largest, 0.0, 1.0)
+    share = np.where(np.isnan(share), np.where(np.isnan(values), 0.0, 1.0), share)
+    opacity = np.where((share > 0.0) | (values < 0.0), least + (1.0 - least) * share, 0.0)
+    colours = np.where((values > 0.0)[..., None], _POSITIVE, _NEGATIVE)
+    pixels = np.concatenate([colours, np.round(255.0 * opacity)[..., None]], axis=-1).astype(np.uint8)
+    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
+
+
+def encode_png(pixels: NDArray[np.uint8]) -> bytes:
+    """Encode an RGBA picture (rows, columns, 4) as PNG."""
+    rows, columns, _ = pixels.shape
+    lines = b"".join(b"\0" + row.tobytes() for row in pixels)
+    head = struct.pack(">IIBBBBB", columns, rows, 8, 6, 0, 0, 0)
+    parts = ((b"IHDR", head), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        for kind, content in parts
+    )
+
+
+def _draw_figure(caption: str, rows: Sequence[Markup], notes: Sequence[Markup | str]) -> Markup:
+    key = tag("div", notes, class_="legend")
+    return tag("figure", tag("figcaption", caption), rows, key, class_="strips gutter")
+
+
+def _draw_strip(label: str, uri: str, height: int, description: str) -> Markup:
+    picture = tag("img", src=uri, alt=description, style=f"height:{height}px")
+    name = tag("div", tag("span", label), class_="name", title=label)
+    return tag("div", name, tag("div", picture, render_cursor(), class_="area"), class_="strip over-time")

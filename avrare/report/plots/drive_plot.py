@@ -1,0 +1,181 @@
+"""Plots of a rollout: road, true boxes, observations, estimates and predictions at a few moments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avrare.base.format import format_robustness
+from avrare.driving import Scene
+from avrare.driving.geometry import Rectangle
+from avrare.estimation.result import Result
+from avrare.protocols import Floats, HasPlan, find_ability
+from avrare.report.plots.figure import hide_spines, make_figure
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import ReplayedRollout, replay_tapes
+
+_MOMENTS = 6
+_WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
+_MAX_ROAD = 300.0  # length of a road [m] above which the plot follows the ego, since cars would be specks
+_BEHIND, _AHEAD = 70.0, 150.0  # distances from the ego that are drawn then [m]
+_EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
+_SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One moment of one rollout.
+
+    Attributes:
+        t: Number of the step.
+        world: World of one rollout (N = 1).
+        observation: Observation of one rollout, or None.
+        prediction: Prediction of one rollout, or None.
+        plan: (H + 1, >= 2) planned x and y, or None.
+    """
+
+    t: int
+    world: Any
+    observation: Any
+    prediction: Any
+    plan: Floats | None
+
+
+def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) -> list[Path]:
+    """Draw the noise-free rollout and the worst rollout of each result into ``folder``."""
+    problem = scenario.problem(scenario.specifications)
+    quiet = np.zeros((problem.steps + 1, problem.noise_size))
+    tapes = [("nominal", "noise-free rollout", quiet)]
+    for result in results:
+        if not np.isnan(result.worst.robustness):
+            least = f"robustness {format_robustness(result.worst.robustness)}"
+            title = f"{result.specification}: worst of {result.rollouts} rollouts, {least}"
+            tapes.append((f"worst_{result.specification}", title, result.worst.noise))
+    rollouts = replay_tapes(problem, np.stack([tape for _, _, tape in tapes]))
+    paths = []
+    for (name, title, _), rollout in zip(tapes, rollouts, strict=True):
+        path = folder / f"{name}.png"
+        assert scenario.scene is not None
+        draw_drive(extract_frames(scenario, rollout), scenario.scene, f"{scenario.name}: {title}", path)
+        paths.append(path)
+    return paths
+
+
+def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) -> None:
+    """Draw a few moments of a rollout below one another as a PNG."""
+    chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
+    figure = make_figure(_WIDTH, _MIN_ROW_HEIGHT * len(chosen) + 0.9)
+    follow = scene.road.end - scene.road.begin > _MAX_ROAD
+    axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=not follow, sharey=True))
+    for ax, frame in zip(axes, chosen, strict=True):
+        draw_road(ax, scene)
+        if follow:
+            x = float(frame.world.ego.x[0])
+            ax.set_xlim(x - _BEHIND, x + _AHEAD)
+        draw_frame(ax, frame, scene)
+    for ax, frame in zip(axes, chosen, strict=True):  # after all roads: each resets the shared y limits
+        _widen_limits(ax, frame)
+    (left, right), (low, high) = axes[-1].get_xlim(), axes[-1].get_ylim()
+    row = (high - low) / (right - left) * _WIDTH + (0.35 if follow else 0.15)
+    figure.set_figheight(max(row, _MIN_ROW_HEIGHT) * len(chosen) + 0.9)
+    axes[-1].set_xlabel("x [m]")
+    figure.suptitle(title, fontsize=11, x=0.01, ha="left")
+    handles, labels = axes[-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    figure.savefig(path, dpi=110)
+
+
+def extract_frames(scenario: LoadedScenario, rollout: ReplayedRollout) -> list[Frame]:
+    """Return what was perceived, predicted and planned at every step; none without vehicles."""
+    loop = scenario.stack.loop
+    if scenario.scene is None:
+        return []
+    horizon = loop.controller.horizon if loop.controller is not None else 0
+    frames = []
+    for t, state in enumerate(rollout.states):
+        prediction = loop.tracker.predict(state.track, horizon) if loop.tracker is not None else None
+        planning = find_ability(state.memory, HasPlan)
+        plan = planning.plan_states[0] if planning is not None and t > 0 else None
+        frames.append(Frame(t, state.world, state.observation, prediction, plan))
+    return frames
+
+
+def draw_road(ax: Any, scene: Scene) -> None:
+    """Draw the lanes into matplotlib axes."""
+    road = scene.road
+    edges = [centre - 0.5 * road.lane_width for centre in road.lane_centres]
+    edges.append(road.lane_centres[-1] + 0.5 * road.lane_width)
+    ax.axhspan(edges[0], edges[-1], color="#eef0f2", zorder=0)
+    for lane in road.access_ramp:
+        ax.axhspan(edges[lane], edges[lane + 1], color="#e2e6ea", zorder=0)
+    for index, y in enumerate(edges):
+        outer = index in (0, len(edges) - 1)
+        ax.axhline(y, color="#9aa3ad", lw=1.2 if outer else 0.8, ls="-" if outer else (0, (8, 8)), zorder=1)
+    ax.set_xlim(road.begin, road.end)
+    ax.set_ylim(edges[0] - 0.8, edges[-1] + 0.8)
+    ax.set_aspect("equal")
+    ax.set_yticks(road.lane_centres)
+    ax.tick_params(labelsize=7)
+    hide_spines(ax, "top", "right", "left", "bottom")
+
+
+def _widen_limits(ax: Any, frame: Frame) -> None:
+    # Vehicles beside the lanes, as on a ramp, and the label of the highest one must fit.
+    left, right = ax.get_xlim()
+    ego, others = frame.world.ego, frame.world.others
+    x, y = np.append(others.x[0], ego.x[0]), np.append(others.y[0], ego.y[0])
+    seen = y[(x >= left) & (x <= right)]
+    low, high = ax.get_ylim()
+    if seen.size:
+        ax.set_ylim(min(low, seen.min() - 1.8), max(high, seen.max() + 4.0))
+
+
+def draw_frame(
+    ax: Any, frame: Frame, scene: Scene, clock: str | None = None, marked: frozenset[str] = frozenset()
+) -> None:
+    """Draw the vehicles of one moment.
+
+    Args:
+        ax: Matplotlib axes.
+        frame: The moment.
+        scene: Names and sizes of the vehicles.
+        clock: Time [s] as text; by default the time from the start.
+        marked: Names of vehicles to highlight.
+    """
+    ego, others = frame.world.ego, frame.world.others
+    for v, name in enumerate(scene.names):
+        colour = _MARKED if name in marked else _OTHER if scene.moving[v] else _PARKED
+        _draw_box(ax, others, (0, v), scene.lengths[v], scene.widths[v], colour, name)
+    _draw_box(ax, ego, (0,), scene.ego_length, scene.ego_width, _EGO, "ego")
+    if frame.plan is not None:
+        ax.plot(frame.plan[:, 0], frame.plan[:, 1], color=_PLAN, lw=1.0, label="ego plan", zorder=4)
+    if frame.prediction is not None:
+        x, y = frame.prediction.x[0], frame.prediction.y[0]
+        ax.plot(x.T, y.T, ":", color=_ESTIMATE, lw=1.1, zorder=4)
+        ax.plot(x[:, 0], y[:, 0], "o", color=_ESTIMATE, ms=3.0, label="estimate, prediction", zorder=5)
+    if frame.observation is not None:
+        seen = frame.observation
+        ax.plot(seen.x[0], seen.y[0], "x", color=_SEEN, ms=5.0, mew=1.4, label="observation", zorder=6)
+        missed = ~seen.detected[0]
+        box = {"mfc": "none", "color": _SEEN, "ms": 9.0, "label": "missed", "zorder": 6}
+        ax.plot(others.x[0, missed], others.y[0, missed], "s", **box)
+    text = f"{clock or f'{frame.t * scene.dt:.1f}'} s\n{ego.speed[0]:.1f} m/s"
+    ax.text(1.005, 0.5, text, transform=ax.transAxes, fontsize=8, va="center")
+
+
+def _draw_box(
+    ax: Any, vehicle: Any, at: tuple[int, ...], length: float, width: float, colour: str, name: str
+) -> None:
+    x, y, heading = (np.asarray(getattr(vehicle, key)[at]) for key in ("x", "y", "heading"))
+    corners = Rectangle(x, y, heading, np.asarray(length), np.asarray(width)).corners()
+    ax.fill(*corners, facecolor=colour, edgecolor="white", lw=0.6, alpha=0.9, zorder=3)
+    above = y + 0.5 * width + 0.25
+    box = {"facecolor": "#eef0f2", "edgecolor": "none", "pad": 0.3, "alpha": 0.8}
+    ax.text(
+        float(x), float(above), name, fontsize=6, color=colour, ha="center", va="bottom", zorder=7,
+        clip_on=True, bbox=box,
+    )  # fmt: skip

@@ -1,0 +1,96 @@
+"""Table of a check's verdicts with their reasons, and table of predicted costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from avrare.analysis.check.gate import CheckResult
+from avrare.analysis.check.power_analysis import CostEstimate
+from avrare.base.errors import ExitCode
+from avrare.base.format import format_duration, format_interval, format_probability
+from avrare.report.documents.check_documents import format_change
+from avrare.report.terminal.console import (
+    VERDICT_COLOURS,
+    Mode,
+    colour_verdict,
+    make_console,
+    make_table,
+    print_table,
+)
+
+_PLAN_WIDTH = 100
+"""Columns that a plan needs; a narrower terminal wraps its lines."""
+
+
+def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
+    """Print the verdicts; in quiet mode one line each and the overall verdict."""
+    console = make_console(mode)
+    if mode == "quiet":
+        for line in _summary_lines(outcome):
+            console.print(line, markup=False)
+        return
+    print_table(console, _verdict_table(outcome))
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for one in outcome.decisions:
+        reasons.setdefault((one.scenario, one.verdict, one.reason), []).append(one.name)
+    for (scenario, verdict, reason), names in reasons.items():
+        if reason:
+            text = f"{scenario}  {', '.join(names)}: {reason}"
+            console.print(text, style=VERDICT_COLOURS[verdict], markup=False)
+    for note in outcome.notes:
+        console.print(note, markup=False)
+    console.print(f"{colour_verdict(outcome.verdict)}{_overall_details(outcome)}")
+
+
+def _summary_lines(outcome: CheckResult) -> list[str]:
+    lines = []  # drive in_lane < 0.1: pass, 0.05 (0.04 .. 0.06)
+    for one in outcome.decisions:
+        estimate = "" if one.probability is None else f", {format_probability(one.probability)}"
+        estimate += f" ({format_interval(one.interval)})" if one.interval else ""
+        reason = f": {one.reason}" if one.reason and one.verdict != "pass" else ""
+        lines.append(f"{one.scenario} {one.specification} {one.question}: {one.verdict}{estimate}{reason}")
+    return [*lines, f"{outcome.verdict}{_overall_details(outcome)}"]
+
+
+def _overall_details(outcome: CheckResult) -> str:
+    looks = f" after {outcome.looks} looks" if outcome.looks > 1 else ""
+    too_many = outcome.exit_code == ExitCode.ROLLOUT_ERRORS
+    reason = ": more rollouts broke down than the scenario allows" if too_many else ""
+    return f"{looks}, exit code {int(outcome.exit_code)}{reason}"
+
+
+def _verdict_table(outcome: CheckResult) -> Table:
+    several = len(outcome.results) > 1
+    compared = any(one.change_interval for one in outcome.decisions)
+    table = make_table(
+        "check  " + ", ".join(outcome.results),
+        [*(["scenario"] if several else []), "specification", "required"],
+        ["probability", "interval", *(["baseline", "change"] if compared else [])],
+    )
+    table.add_column("verdict", no_wrap=True)
+    for one in outcome.decisions:
+        cells = [*([one.scenario] if several else []), one.specification, one.question]
+        cells.append("-" if one.probability is None else format_probability(one.probability))
+        cells.append(format_interval(one.interval) if one.interval else "-")
+        if compared:
+            cells += ["-" if one.baseline is None else format_probability(one.baseline), format_change(one)]
+        table.add_row(*map(escape, cells), colour_verdict(one.verdict))
+    return table
+
+
+def print_plan(costs: Sequence[CostEstimate], mode: Mode = "auto") -> None:
+    """Print the predicted costs of verdicts."""
+    console = make_console(mode)
+    console.width = max(console.width, _PLAN_WIDTH)
+    texts, numbers = ("scenario", "specification", "required"), ("rollouts", "steps", "time")
+    table = make_table("predicted cost of a verdict", texts, numbers)
+    table.add_column("reason")
+    for one in costs:
+        cost = ["-"] * 3
+        if one.rollouts is not None:
+            cost = [f"{one.rollouts:,}", f"{one.steps:,}", format_duration(one.seconds)]
+        table.add_row(*map(escape, [one.scenario, one.specification, one.question, *cost, one.reason]))
+    console.print(table)

@@ -1,0 +1,87 @@
+"""Text about failures for the terminal: replays, shrunk failures, searches and clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from avrare.analysis.failures.clusters import Clusters
+from avrare.analysis.failures.describe import describe
+from avrare.analysis.failures.diff import FailureReplay
+from avrare.analysis.failures.failure import Failure
+from avrare.analysis.failures.falsify import FalsificationResult
+from avrare.analysis.failures.shrink import ShrinkResult
+from avrare.rollout.loaded_scenario import LoadedScenario
+
+MAX_BLOB = 1000
+"""Longest blob [characters] that is printed; for longer ones the command that prints them is shown."""
+
+CAUTION = (
+    "caution: beta is only the distance of one failure from the rollout without noise. exp(-beta^2/2) is no "
+    "estimate of the failure probability here, nor a bound on it: use `avrare run`"
+)
+
+
+def describe_replay(replay: FailureReplay) -> list[str]:
+    """Return the outcome of a replay, and what has changed."""
+    failure, rollout = replay.failure, replay.rollout
+    robustness = f"robustness {rollout.robustness:.6g}"
+    outcomes = {
+        "fails": f"failure {failure.id} is reproduced: {failure.specification} is violated, {robustness}",
+        "passes": f"failure {failure.id} does not fail now: {failure.specification} holds, {robustness}",
+        "error": f"failure {failure.id} ends with an error: {rollout.error}",
+    }
+    outcome = outcomes[rollout.outcome]
+    if replay.divergence is None:
+        compared = "the signals are" if len(failure.checksums) else "the robustness is"
+        return [outcome, f"{compared} bit-identical", *replay.changes]
+    unchanged = ("scenario and versions are the same: the machine or the code differs",)
+    return [outcome, replay.divergence, *(replay.changes or unchanged)]
+
+
+def describe_shrinking(scenario: LoadedScenario, shrunk: ShrinkResult) -> list[str]:
+    """Return what is left of a failure, in numbers and in words."""
+    if shrunk.after == 0.0:
+        description = describe(scenario, shrunk.noise)
+        lines = [f"it fails without any noise ({shrunk.rollouts} rollouts): {description}"]
+        if shrunk.passing_noise is not None:
+            lines.append(f"it passes with: {describe(scenario, shrunk.passing_noise)}")
+        return lines
+    lines = [
+        f"shrunk to {shrunk.ratio:.1%} of its norm ({shrunk.before:.3g} -> {shrunk.after:.3g}), "
+        f"{shrunk.nonzero} of {shrunk.noise.size} numbers ({shrunk.rollouts} rollouts)",
+        f"what is left: {describe(scenario, shrunk.noise)}",
+    ]
+    return lines if shrunk.reason is None else [*lines, f"more than a tenth is left: {shrunk.reason}"]
+
+
+def describe_falsification(scenario: LoadedScenario, found: FalsificationResult) -> list[str]:
+    """Return the result of a search for failures."""
+    errors = f", {found.errors} of them with errors" if found.errors else ""
+    cost = f"{found.rollouts} rollouts{errors}"
+    if found.noise is None:
+        return [f"no failure found in {cost}; this does not prove that there is none"]
+    description = describe(scenario, found.noise)
+    if found.norm == 0.0:
+        return [f"it fails without any noise: {description}", "beta = 0", CAUTION]
+    more = "" if found.finished else "; the budget ended the search, a larger one may find a likelier failure"
+    return [
+        f"first failure after {found.first_rollouts} rollouts, norm {found.first_norm:.3g}",
+        f"most likely failure found: norm {found.norm:.3g} ({cost}{more})",
+        f"description: {description}",
+        f"beta = {found.norm:.3g}",
+        CAUTION,
+    ]
+
+
+def describe_clusters(
+    scenario: LoadedScenario, failures: Sequence[Failure], clusters: Clusters, descriptions: Sequence[str]
+) -> list[str]:
+    """Return a line for each cluster: its size, its medoid, and the description of the medoid."""
+    count = len(clusters.medoids)
+    quality = f", silhouette {clusters.silhouette:.2f}" if count > 1 else ""
+    total = f"{len(failures)} failure{'s' if len(failures) > 1 else ''} of {scenario.name}"
+    lines = [f"{total}: {count} cluster{'s' if count > 1 else ''}{quality}"]
+    for k, (medoid, description) in enumerate(zip(clusters.medoids, descriptions, strict=True)):
+        size = int((clusters.labels == k).sum())
+        lines.append(f"{k + 1}: {size} like {failures[medoid].id}: {description}")
+    return lines

@@ -1,0 +1,181 @@
+"""Text about a monitored recording: summary, chart for the terminal, JSON and CSV."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import textwrap
+
+import numpy as np
+from rich.text import Text
+
+from avrare.analysis.monitor.monitoring import DecisiveSample, MonitoringResult
+from avrare.base.format import format_robustness
+from avrare.protocols import Floats
+from avrare.results.recordings.recording import Recording
+
+_WIDTH = 80
+_CHART_WIDTH = 64
+_UP_BLOCKS, _DOWN_BLOCKS = " ▁▂▃▄▅▆▇█", " ▔▀█"
+_UP_ROWS, _DOWN_ROWS = 4, 3
+_MAX_FORMULA_LINES = 6
+"""A longer formula is shown without its definitions."""
+_DEFINITION = r"\w+\([\w, ]*\) = "
+
+
+def headline(result: MonitoringResult) -> list[Text]:
+    """Return source, formula and summary of a monitored recording."""
+    recording = result.recording
+    last = recording.samples - 1
+    span = "0 s"
+    if recording.time(last):
+        span = f"{format_sample_time(recording, 0)} to {format_sample_time(recording, last)} s"
+    lines = [
+        Text.assemble((result.name, "bold"), f"  {recording.source}"),
+        Text(f"{recording.samples} samples, {recording.dt:g} s apart, {span}{_list_vehicles(result)}"),
+    ]
+    lines += [Text(line, style="cyan") for line in _wrap_formula_lines(result.formula)]
+    colour = "bold red" if result.violated else "bold green"
+    return [*lines, Text(), Text(_wrap(summarise(result), ""), style=colour)]
+
+
+def _wrap_formula_lines(formula: str) -> list[str]:
+    statements = formula.strip().splitlines()
+    lines = [line for one in statements for line in _wrap(one, "  ").splitlines()]
+    rest = list(itertools.dropwhile(lambda one: re.match(_DEFINITION, one), statements))
+    if len(lines) <= _MAX_FORMULA_LINES or not rest or len(rest) == len(statements):
+        return lines
+    return ["  (--json prints its definitions)", *(_wrap(one, "  ") for one in rest)]
+
+
+def _wrap(line: str, indent: str) -> str:
+    return textwrap.fill(
+        line, _WIDTH, initial_indent=indent, subsequent_indent=indent + "    ", break_on_hyphens=False
+    )
+
+
+def summarise(result: MonitoringResult) -> str:
+    """Return one sentence: verdict, deciding samples and causes.
+
+    For example ``R_G1 violated first at 2.1 s with car: gap(ego, car) has robustness -0.1 (worst robustness
+    -0.31 at 2.8 s)``.
+    """
+    verdict = f"{result.name} {'violated' if result.violated else 'satisfied'}"
+    robustness = format_robustness(result.robustness)
+    first, worst = result.first, result.worst
+    if result.no_vehicles:
+        return f"{verdict}: there are no vehicles that it applies to{_list_excluded(result)}"
+    if not result.pointwise or (result.violated and first is None):
+        decided = "" if worst is None else f", decided {_describe(result, worst)}"
+        return f"{verdict} with robustness {robustness}{decided}"
+    if first is None:
+        least = "" if worst is None else f", least {_describe(result, worst)}"
+        return f"{verdict} with robustness {robustness}{least}"
+    if worst is not None and worst.sample == first.sample:
+        same = format_robustness(first.value) == robustness
+        overall = "" if same else f" (overall robustness {robustness})"
+        return f"{verdict} first and worst {_describe(result, first)}{overall}"
+    # A part may be further from holding than the formula, where other parts make up for it.
+    overall = " overall" if first.value < first.robustness else ""
+    at = "" if worst is None else f" at {format_sample_time(result.recording, worst.sample)} s"
+    return f"{verdict} first {_describe(result, first)} (worst{overall} robustness {robustness}{at})"
+
+
+def _describe(result: MonitoringResult, decisive: DecisiveSample) -> str:
+    # for example ``at 2.1 s with cut_in: at 1.8 s speed(cut_in) > 3 has robustness -0.12``
+    vehicles, existential = decisive.vehicles.items(), decisive.existential
+    names = dict.fromkeys(name for variable, name in vehicles if variable not in existential)
+    nearest = dict.fromkeys(name for variable, name in vehicles if variable in existential)
+    text = f"at {format_sample_time(result.recording, decisive.sample)} s"
+    text += f" with {' and '.join(names)}" if names else ""
+    if nearest:
+        text += f", {'nearest' if result.violated else 'thanks to'} {' and '.join(nearest)}"
+    if not decisive.formula:
+        return text
+    at = ""
+    if decisive.formula_sample != decisive.sample:
+        at = f"at {format_sample_time(result.recording, decisive.formula_sample)} s "
+    return f"{text}: {at}{_describe_formula(decisive)}"
+
+
+def _describe_formula(decisive: DecisiveSample) -> str:
+    # ``gap = -0.12``, or ``gap > 2 has robustness -0.5`` if the robustness is not the value
+    robustness = format_robustness(decisive.value)
+    term = re.fullmatch(r"(\w+)(\([^()]*\))?(?: >=? 0)?", decisive.formula)
+    if term is None:
+        return f"{decisive.formula} has robustness {robustness}"
+    if term[2] is None:
+        return f"{term[1]} = {robustness}"
+    return f"{term[1]}{term[2]} has robustness {robustness}"
+
+
+def _list_vehicles(result: MonitoringResult) -> str:
+    recording = result.recording
+    if "ego_x" not in recording.signals:
+        return ""
+    return f"; the ego and {', '.join(recording.names) or 'no other vehicle'}{_list_excluded(result)}"
+
+
+def _list_excluded(result: MonitoringResult) -> str:
+    return f" (excluded: {', '.join(result.excluded)})" if result.excluded else ""
+
+
+def format_sample_time(recording: Recording, sample: int) -> str:
+    """Return the time of a sample with as many digits as the step needs, for example ``2.1``."""
+    digits = next((k for k in range(1, 4) if abs(round(recording.dt, k) - recording.dt) < 1e-9), 3)
+    return f"{recording.time(sample):.{digits}f}"
+
+
+def draw_chart(result: MonitoringResult) -> list[Text]:
+    """Return robustness over time as bars, at most 80 columns wide; a bar shows its least value."""
+    values = result.prefix if result.body is None else result.body
+    scope = "of the samples so far" if result.body is None else "at each sample"
+    bars = _bin(values)
+    high, low = _find_largest(bars), _find_largest(-bars)
+    labels = [_format_axis_label(values, high), "0", _format_axis_label(values, -low)]
+    pad = max(map(len, labels))
+    rows = [Text(f"robustness {scope}")]
+    for row in reversed(range(_UP_ROWS if high else 0)):
+        cells = _draw_bar_row(bars / high, row, _UP_ROWS, _UP_BLOCKS)
+        rows.append(_draw_chart_line(labels[0] if row == _UP_ROWS - 1 else "", pad, cells, "green"))
+    for row in range(_DOWN_ROWS if low else 0):
+        cells = _draw_bar_row(-bars / low, row, _DOWN_ROWS, _DOWN_BLOCKS)
+        label = "0" if row == 0 else labels[2] if row == _DOWN_ROWS - 1 else ""
+        rows.append(_draw_chart_line(label, pad, cells, "red"))
+    begin, end = (f"{format_sample_time(result.recording, t)} s" for t in (0, len(values) - 1))
+    gap = " " * max(len(bars) - len(begin) - len(end), 1)
+    return [*rows, Text(f"{'' if low else '0':>{pad}}  {begin}{gap}{end}")]
+
+
+def _bin(values: Floats) -> Floats:
+    # the least of the samples of each column, so that no violation is hidden
+    if len(values) >= _CHART_WIDTH:
+        edges = np.arange(_CHART_WIDTH) * len(values) // _CHART_WIDTH
+        return np.asarray(np.minimum.reduceat(values, edges))
+    return np.repeat(values, _CHART_WIDTH // len(values))
+
+
+def _find_largest(values: Floats) -> float:
+    # of the finite values above zero; 1 if all above zero are infinite, 0 if there are none
+    above = values[values > 0.0]
+    known = above[np.isfinite(above)]
+    return float(known.max()) if len(known) else float(len(above) > 0)
+
+
+def _format_axis_label(values: Floats, edge: float) -> str:
+    if edge == 0.0:
+        return ""
+    finite = np.isfinite(values[values * np.sign(edge) > 0.0]).any()
+    return format_robustness(edge if finite else math.copysign(math.inf, edge))
+
+
+def _draw_bar_row(shares: Floats, row: int, rows: int, blocks: str) -> str:
+    # bars of ``shares`` of the height of the chart; any above 0 is visible
+    full = len(blocks) - 1
+    heights = np.ceil(np.clip(shares, 0.0, 1.0) * rows * full).astype(int)
+    return "".join(blocks[min(max(height - row * full, 0), full)] for height in heights)
+
+
+def _draw_chart_line(label: str, pad: int, cells: str, colour: str) -> Text:
+    return Text.assemble(f"{label:>{pad}} ", ("▏", "dim"), (cells.rstrip(), colour))

@@ -1,0 +1,130 @@
+"""Progress display of a running estimate."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from avrare.base.format import format_clock
+from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.plan import Info
+from avrare.report.terminal.console import Mode
+from avrare.rollout.executors.interruption import Stopping
+from avrare.rollout.problem import Problem
+
+_PLAIN_INTERVAL = 15.0  # seconds between two lines where nothing can be redrawn
+
+
+class Progress:
+    """Live lines on stderr; occasional plain lines if stderr is no terminal; or nothing.
+
+    Args:
+        label: Name of the estimate.
+        problem: Problem that is estimated; gives the meaning of levels.
+        mode: "auto": live on a terminal; "plain": lines without control characters; "quiet": nothing.
+        confidence: Confidence of the interval that is shown; None: the estimate is no share of rollouts.
+        stop: Tells whether the user asked to stop; its own message is silenced while the lines are live.
+    """
+
+    def __init__(
+        self, label: str, problem: Problem, mode: Mode = "auto", confidence: float | None = None,
+        stop: Stopping | None = None,
+    ) -> None:  # fmt: skip
+        self.label = label
+        self.problem = problem
+        self.mode, self.confidence, self.stop = mode, confidence, stop
+        self.info = Info()
+        self.began = self.printed = time.monotonic()
+        self._live: Live | None = None
+
+    def __enter__(self) -> Progress:
+        if self.mode == "auto" and _can_redraw():
+            # Redrawn by the clock, so that the time runs on between slow chunks.
+            self._live = Live(
+                console=Console(stderr=True), get_renderable=self._view, refresh_per_second=4, transient=True
+            )
+            self._live.start()
+            self._set_silent(True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._set_silent(False)
+            self._live.stop()
+            self._live = None
+
+    def __call__(self, info: Info) -> None:
+        """Show the newest state."""
+        self.info = info
+        now = time.monotonic()
+        if self.mode != "quiet" and self._live is None and now - self.printed >= _PLAIN_INTERVAL:
+            self.printed = now
+            print(self.line(info, now - self.began), file=sys.stderr, flush=True)
+
+    def line(self, info: Info, seconds: float) -> str:
+        """Return ``safe_distance  level 7  gamma 0.42  p≈3.1e-05  survivors 34/100  ...``."""
+        goal = f"/{info.goal}" if info.goal else ""
+        words = [self.label, *self._estimate(info), f"rollouts {info.rollouts}{goal}"]
+        return "  ".join([*words, *self._pace(info, seconds), *_counters(info)])
+
+    def _set_silent(self, silent: bool) -> None:
+        if self.stop is not None:
+            self.stop.silent = silent
+
+    def _estimate(self, info: Info) -> list[str]:
+        words = [f"level {info.stage}"] if info.stage else []
+        if info.level is not None:
+            words.append(f"gamma {self.problem.gamma(info.level):.3g}")
+        if info.probability:  # 0 only means that no run has finished
+            words.append(f"p≈{info.probability:.2g}")
+        elif info.probability is None and self.confidence is not None and info.rollouts:
+            words.append(self._failure_share(info, self.confidence))
+        if info.survivors is not None:
+            words.append(f"survivors {info.survivors}/{info.particles}")
+        return words
+
+    def _failure_share(self, info: Info, confidence: float) -> str:
+        any_of = " any" if len(self.problem.names) > 1 else ""
+        found = f"p{any_of} {info.failures / info.rollouts:.2g}"
+        if info.goal is None:  # the failures decide when to stop: the interval would not hold
+            return found
+        low, high = clopper_pearson(info.failures, info.rollouts, confidence, errors=info.errors)
+        return f"{found} ({low:.2g} .. {high:.2g})"
+
+    def _pace(self, info: Info, seconds: float) -> list[str]:
+        if seconds <= 0.0 or not info.rollouts:
+            return []
+        rate, left = info.rollouts / seconds, (info.goal or 0) - info.rollouts
+        return [f"{rate:.1f}/s", *([f"{format_clock(left / rate)} left"] if left > 0 else [])]
+
+    def _view(self) -> Group:
+        info, seconds = self.info, time.monotonic() - self.began
+        goal = f" of {info.goal:,}" if info.goal else ""
+        done = Text(f"{info.rollouts:,}{goal} rollouts" if info.rollouts else "starting", no_wrap=True)
+        bar = [ProgressBar(info.goal, min(info.rollouts, info.goal), width=24)] if info.goal else []
+        pace = "   ".join([format_clock(seconds), *self._pace(info, seconds)])
+        advance = Table.grid(padding=(0, 2, 0, 0))
+        advance.add_row(*bar, done, Text(pace, style="dim", no_wrap=True))
+        head = Text(self.label, style="bold", no_wrap=True, overflow="ellipsis")
+        estimate = Text("   ".join([*self._estimate(info), *_counters(info)]))
+        rows: list[RenderableType] = [head, advance, estimate]
+        if self.stop is not None and self.stop():
+            text = "stopping after the current chunk; press Ctrl-C again to stop at once"
+            rows.append(Text(text, style="yellow"))
+        return Group(*rows)
+
+
+def _counters(info: Info) -> list[str]:
+    counts = [(name.replace("_", " "), n) for name, n in info.counts.items() if n and name != "solves"]
+    return [f"{name} {n}" for name, n in [("failures", info.failures), ("errors", info.errors), *counts]]
+
+
+def _can_redraw() -> bool:  # stderr is a terminal that can move its cursor, whatever is set about colours
+    return sys.stderr.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")

@@ -1,0 +1,88 @@
+"""Tables of estimates, of one run and of a history, and the notes below them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from avrare.analysis.history.entry import HistoryEntry, find_breaks
+from avrare.base.format import format_interval, format_probability
+from avrare.estimation.result import Result
+from avrare.report.terminal.console import colour_verdict, make_table
+
+_BREAK_SIGN = "≠"
+
+
+def result_table(title: str, results: Sequence[Result]) -> Table:
+    """Return one row per specification; verdicts take the place of seconds, to fit into 80 columns."""
+    verdicts = any(result.verdict for result in results)
+    errors = any(result.errors for result in results)
+    numbers = ["probability", "interval", "rollouts", "failures", *(["errors"] if errors else [])]
+    table = make_table(title, ["specification"], numbers if verdicts else [*numbers, "seconds"])
+    if verdicts:
+        table.add_column("verdict", no_wrap=True)
+    for result in results:
+        table.add_row(
+            result.specification, format_probability(result.probability), format_interval(result.interval),
+            str(result.rollouts), str(result.failures.count), *([str(result.errors)] if errors else []),
+            colour_verdict(result.verdict) if verdicts else f"{result.seconds:.1f}",
+        )  # fmt: skip
+    return table
+
+
+def verdict_lines(name: str, results: Sequence[Result]) -> list[str]:
+    """Return ``lane_change safe_distance: pass, 0.0123 (0.01 .. 0.02)`` for each specification."""
+    return [
+        f"{name} {one.specification}: {one.verdict or 'no threshold'}, "
+        f"{format_probability(one.probability)} ({format_interval(one.interval)})"
+        for one in results
+    ]
+
+
+def note_lines(results: Sequence[Result]) -> list[str]:
+    """Return the warnings and the non-zero counters of all results; each line once."""
+    lines: dict[str, list[str]] = {}
+    for result in results:
+        for name, message in result.health.items():
+            lines.setdefault(f"warning {name}: {message}", []).append(result.specification)
+        if result.diagnostics.get("goal_reached") is False:
+            text = "the run ended before it reached `relative_error` or `threshold`: give more rollouts"
+            lines.setdefault(text, []).append(result.specification)
+        counts = {name: n for name, n in result.counts.items() if n and name != "solves"}
+        if counts:
+            text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counts.items())
+            total = f" of {result.counts['solves']} solves" if "solves" in result.counts else ""
+            lines.setdefault(text + total, []).append(result.specification)
+    return [
+        text if len(names) == len(results) else f"{', '.join(names)}: {text}" for text, names in lines.items()
+    ]
+
+
+def history_table(scenario: str, specification: str, entries: Sequence[HistoryEntry]) -> Table:
+    """Return the estimates of one specification, the oldest first."""
+    title = escape(f"{scenario}  {specification}")
+    table = make_table(title, ["date", "commit", ""], ["probability", "interval"])
+    table.add_column("verdict", no_wrap=True)
+    for entry, is_break in zip(entries, find_breaks(entries), strict=True):
+        table.add_row(
+            f"{entry.when:%Y-%m-%d %H:%M}", escape(entry.commit),
+            f"[yellow]{_BREAK_SIGN}[/]" if is_break else "", format_probability(entry.probability),
+            format_interval((entry.low, entry.high)), colour_verdict(entry.verdict or None),
+        )  # fmt: skip
+    return table
+
+
+def history_note_lines(entries: Sequence[HistoryEntry], has_breaks: bool) -> list[str]:
+    """Return the explanations of signs, and the health warnings."""
+    lines = []
+    if has_breaks:
+        lines.append(f"{_BREAK_SIGN} the scenario or a version differs from the row above")
+    if any(entry.changed for entry in entries):
+        lines.append("* with uncommitted changes")
+    for entry in entries:
+        if entry.health:
+            place = f"{entry.scenario} {entry.specification} {entry.when:%Y-%m-%d %H:%M}"
+            lines.append(f"{place}: health warnings: {entry.health.replace(',', ', ')}")
+    return lines

@@ -1,0 +1,1 @@
+"""Run folders: their writer, their reader, and recordings."""

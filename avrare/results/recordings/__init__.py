@@ -1,0 +1,1 @@
+"""Recorded drives: CSV and CommonRoad files, and stored failures driven again."""

@@ -1,0 +1,214 @@
+"""Recordings in CommonRoad XML files: read with the package ``commonroad-io``, written without it.
+
+Files are written in format 2020a. The road becomes one straight lanelet for each lane, and every vehicle a
+moving obstacle: the ego has id 1, the others 2, 3, ... in the order of the scene.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import PluginError, UsageError
+from avrare.driving import Road
+from avrare.protocols import Floats
+from avrare.results.recordings.lanes import find_straight_lanes, rotate
+from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
+
+_EGO_ID = 1
+_FIRST_LANELET_ID = 1001
+_MARGIN = 50.0
+"""Length of the lanelets beyond the vehicles [m]."""
+
+
+def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Recording:
+    """Read the obstacles of a scenario as vehicles, one of them as the ego.
+
+    The lanes are those of the lanelets, and x runs along them. Accelerations are differences of speed.
+
+    Args:
+        path: The XML file.
+        ego: Id of the obstacle that rules apply to.
+        road: Lanes to use instead of those of the file, in the frame of the file.
+
+    Raises:
+        UsageError: The file, the ego or the road is unsuitable.
+        PluginError: ``commonroad-io`` is not installed.
+    """
+    scenario = _open_scenario(path)
+    moving = {str(obstacle.obstacle_id): obstacle for obstacle in scenario.dynamic_obstacles}
+    if ego not in moving:
+        known = ", ".join(sorted(moving, key=int)) or "none"
+        text = "no ego is chosen" if ego is None else f"there is no moving obstacle {ego!r}"
+        raise UsageError(f"{path}: {text}", f"choose it with --ego; there are: {known}")
+    angle = 0.0
+    if road is None:
+        road, angle = find_straight_lanes(path, scenario.lanelet_network.lanelets)
+    steps = [int(state.time_step) for state in _list_states(path, moving[ego])]
+    first, samples = min(steps), max(steps) - min(steps) + 1
+    tracks = {
+        str(obstacle.obstacle_id): _read_track(path, obstacle, first, samples, angle)
+        for obstacle in scenario.obstacles
+    }
+    if not tracks[ego].present.all():
+        raise UsageError(f"{path}: obstacle {ego} has gaps in time", "the ego needs a state at every step")
+    others = [track for name, track in tracks.items() if name != ego and track.present.any()]
+    dt = float(scenario.dt)
+    return assemble_recording(path, dt, dt * first, tracks[ego], others, road)
+
+
+def to_commonroad(recording: Recording, name: str) -> str:
+    """Return the XML text of a recording with a road, as a scenario with this name.
+
+    Raises:
+        UsageError: The recording has no road.
+    """
+    scene = recording.scene
+    if scene is None:
+        text = f"{recording.source}: a CommonRoad file needs vehicles and a road"
+        raise UsageError(text, "use --csv instead")
+    root = ET.Element(
+        "commonRoad", timeStepSize=repr(recording.dt), commonRoadVersion="2020a", author="avrare",
+        affiliation="", source=name, benchmarkID="ZAM_Failure-1_1_T-1", date="2000-01-01",
+    )  # fmt: skip
+    location = ET.SubElement(root, "location")
+    for key, value in (("geoNameId", "-999"), ("gpsLatitude", "999"), ("gpsLongitude", "999")):
+        ET.SubElement(location, key).text = value
+    ET.SubElement(ET.SubElement(root, "scenarioTags"), "interstate")
+    states = {_EGO_ID: np.stack([recording.signals[f"ego_{field}"] for field in FIELDS], axis=1)}
+    others = np.stack([recording.signals[f"others_{field}"] for field in FIELDS], axis=2)
+    states |= {_EGO_ID + 1 + v: others[:, v] for v in range(len(scene.names))}
+    sizes = [(scene.ego_length, scene.ego_width), *zip(scene.lengths, scene.widths, strict=True)]
+    reach = np.concatenate([track[:, 0] for track in states.values()])
+    begin, end = min(scene.road.begin, reach.min()), max(scene.road.end, reach.max())
+    _add_lanelets(root, scene.road, begin - _MARGIN, end + _MARGIN)
+    for (number, track), (length, width) in zip(states.items(), sizes, strict=True):
+        _add_obstacle(root, number, float(length), float(width), track)
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _open_scenario(path: str) -> Any:
+    try:
+        reader = importlib.import_module("commonroad.common.file_reader")
+    except ImportError as error:
+        text = f"{path}: CommonRoad files need the package commonroad-io"
+        raise PluginError(text, "pip install 'avrare[commonroad]'") from error
+    try:
+        open(path, "rb").close()
+        scenario, _ = reader.CommonRoadFileReader(path).open()
+    except FileNotFoundError:
+        raise UsageError(f"{path}: no such file") from None
+    except Exception as error:  # the reader raises whatever its XML parser or its assertions raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise UsageError(f"{path}: not a CommonRoad scenario: {reason[:200]}") from None
+    return scenario
+
+
+def _list_states(path: str, obstacle: Any) -> list[Any]:
+    prediction = getattr(obstacle, "prediction", None)
+    if prediction is None:
+        return [obstacle.initial_state]
+    if not hasattr(prediction, "trajectory"):
+        text = f"{path}: obstacle {obstacle.obstacle_id} has no trajectory"
+        raise UsageError(text, "sets are not supported")
+    return [obstacle.initial_state, *prediction.trajectory.state_list]
+
+
+def _read_track(path: str, obstacle: Any, first: int, samples: int, angle: float) -> VehicleTrack:
+    # from step ``first`` on, rotated by ``-angle`` into the frame of the road
+    present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
+    if str(obstacle.obstacle_role.value) == "static":
+        present[:] = True
+        pose = _read_pose(path, obstacle, obstacle.initial_state, angle)
+        states[:] = np.array([*pose[:3], 0.0, 0.0])[:, None]
+    else:
+        for state in _list_states(path, obstacle):
+            k = int(state.time_step) - first
+            if 0 <= k < samples:
+                present[k] = True
+                states[:4, k] = _read_pose(path, obstacle, state, angle)
+    length, width = _read_size(path, obstacle)
+    return VehicleTrack(str(obstacle.obstacle_id), length, width, present, states)
+
+
+def _read_pose(path: str, obstacle: Any, state: Any, angle: float) -> Floats:
+    # x, y, heading and speed
+    position: Any = getattr(state, "position", None)
+    heading: Any = getattr(state, "orientation", None)
+    speed: Any = getattr(state, "velocity", None)
+    if str(obstacle.obstacle_role.value) == "static":
+        speed = 0.0
+    if not isinstance(position, np.ndarray) or not _is_number(heading) or not _is_number(speed):
+        text = f"obstacle {obstacle.obstacle_id} has no exact position, orientation and velocity"
+        raise UsageError(f"{path}: {text} at step {state.time_step}")
+    x, y = rotate(position, angle)
+    turned = math.remainder(float(heading) - angle, 2.0 * math.pi)
+    return np.array([x, y, turned, float(speed)])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and math.isfinite(value)
+
+
+def _read_size(path: str, obstacle: Any) -> tuple[float, float]:
+    shape = obstacle.obstacle_shape
+    if hasattr(shape, "length") and hasattr(shape, "width"):
+        return float(shape.length), float(shape.width)
+    if hasattr(shape, "radius"):  # a circle counts as the square around it
+        return 2.0 * float(shape.radius), 2.0 * float(shape.radius)
+    text = f"{path}: obstacle {obstacle.obstacle_id} is a {type(shape).__name__}"
+    raise UsageError(text, "only rectangles and circles have a size")
+
+
+def _add_lanelets(root: ET.Element, road: Road, begin: float, end: float) -> None:
+    half = 0.5 * road.lane_width
+    for lane, centre in enumerate(road.lane_centres):
+        lanelet = ET.SubElement(root, "lanelet", id=str(_FIRST_LANELET_ID + lane))
+        for side, y in (("leftBound", centre + half), ("rightBound", centre - half)):
+            bound = ET.SubElement(lanelet, side)
+            for x in (begin, end):
+                _add_point(bound, x, y)
+        for side, neighbour in (("adjacentLeft", lane + 1), ("adjacentRight", lane - 1)):
+            if 0 <= neighbour < len(road.lane_centres):
+                ET.SubElement(lanelet, side, ref=str(_FIRST_LANELET_ID + neighbour), drivingDir="same")
+        kind = "accessRamp" if lane in road.access_ramp else "mainCarriageWay"
+        ET.SubElement(lanelet, "laneletType").text = kind
+
+
+def _add_obstacle(root: ET.Element, number: int, length: float, width: float, states: Floats) -> None:
+    obstacle = ET.SubElement(root, "dynamicObstacle", id=str(number))
+    ET.SubElement(obstacle, "type").text = "car"
+    rectangle = ET.SubElement(ET.SubElement(obstacle, "shape"), "rectangle")
+    ET.SubElement(rectangle, "length").text = repr(length)
+    ET.SubElement(rectangle, "width").text = repr(width)
+    _add_state(ET.SubElement(obstacle, "initialState"), 0, states[0])
+    trajectory = ET.SubElement(obstacle, "trajectory")
+    for step, state in enumerate(states[1:], start=1):
+        _add_state(ET.SubElement(trajectory, "state"), step, state)
+
+
+def _add_state(element: ET.Element, step: int, state: Floats) -> None:
+    x, y, heading, speed, acceleration = map(float, state)
+    _add_exact(element, "time", str(step))
+    _add_point(ET.SubElement(element, "position"), x, y)
+    _add_exact(element, "orientation", repr(heading))
+    _add_exact(element, "velocity", repr(speed))
+    _add_exact(element, "acceleration", repr(acceleration))
+    if step == 0:
+        _add_exact(element, "yawRate", "0.0")
+        _add_exact(element, "slipAngle", "0.0")
+
+
+def _add_exact(element: ET.Element, name: str, value: str) -> None:
+    ET.SubElement(ET.SubElement(element, name), "exact").text = value
+
+
+def _add_point(element: ET.Element, x: float, y: float) -> None:
+    point = ET.SubElement(element, "point")
+    ET.SubElement(point, "x").text = repr(float(x))
+    ET.SubElement(point, "y").text = repr(float(y))

@@ -1,0 +1,132 @@
+"""Straight parallel lanes: from command-line options, or from the lanelets of a CommonRoad file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.driving import Road
+from avrare.protocols import Floats
+
+_MAX_BEND = 0.3
+"""Largest deviation of a centre line from straight, and of lane widths from each other [m]."""
+_LANE_TOLERANCE = 0.5
+"""Centre lines nearer than this belong to one lane [m]."""
+
+_LANES_HINT = "for example --lanes=-1.75,1.75,5.25 (y to the left, in metres)"
+_ROAD_HINT = "only one-way roads with straight, parallel lanes are supported; or give --lanes"
+
+
+@dataclass(frozen=True)
+class _LaneSegment:
+    # a lanelet in the frame of the road
+    name: int
+    y: float
+    width: float
+    begin: float
+    end: float
+    bend: float
+    ramp: bool
+
+
+def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
+    """Return the road of ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0``.
+
+    Raises:
+        UsageError: The lanes are not ascending numbers, or the ramp is not one of them.
+    """
+    try:
+        lanes = tuple(float(word) for word in centres.split(","))
+    except ValueError:
+        text = f"--lanes should be numbers separated by commas, not {centres!r}"
+        raise UsageError(text, _LANES_HINT) from None
+    if not all(map(math.isfinite, lanes)) or list(lanes) != sorted(set(lanes)):
+        raise UsageError(f"--lanes should go from right to left, not {centres!r}", _LANES_HINT)
+    if not (math.isfinite(width) and width > 0.0):
+        raise UsageError(f"--lane-width should be above zero, not {width:g}")
+    words = [] if ramp is None else [word.strip() for word in ramp.split(",")]
+    if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
+        raise UsageError(f"--access-ramp should name lanes 0 to {len(lanes) - 1}, not {ramp!r}")
+    return Road(lanes, width, tuple(map(int, words)))
+
+
+def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float]:
+    """Return the lanes parallel to the longest lanelet.
+
+    Curved lanelets beside straight ones, such as the taper of a ramp, are ignored.
+
+    Returns:
+        Road in its own frame, with x along the lanes, and the direction of x in the frame of the file [rad].
+
+    Raises:
+        UsageError: There is no road, it is curved, or some lanes run against the others.
+    """
+    if not lanelets:
+        raise UsageError(f"{path}: there are no lanelets", "give --lanes")
+    chords = (lanelet.center_vertices[-1] - lanelet.center_vertices[0] for lanelet in lanelets)
+    chord = max(chords, key=lambda one: float(np.hypot(*one)))
+    angle = math.atan2(chord[1], chord[0])
+    segments = [_make_segment(lanelet, angle) for lanelet in lanelets]
+    straight = [segment for segment in segments if segment.bend <= _MAX_BEND]
+    for segment in segments:
+        if segment.end < segment.begin:
+            raise UsageError(f"{path}: lanelet {segment.name} runs against the others", _ROAD_HINT)
+        if segment.bend > _MAX_BEND and not _is_covered(segment, straight):
+            raise UsageError(f"{path}: lanelet {segment.name} is curved", _ROAD_HINT)
+    return _join_segments(path, straight), angle
+
+
+def rotate(points: Floats, angle: float) -> Floats:
+    """Rotate points (..., 2) by ``-angle`` [rad] about the origin."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+
+
+def _make_segment(lanelet: Any, angle: float) -> _LaneSegment:
+    lines = (lanelet.center_vertices, lanelet.left_vertices, lanelet.right_vertices)
+    centre, left, right = (rotate(np.asarray(line), angle) for line in lines)
+    y = float(np.median(centre[:, 1]))
+    kinds = {str(kind.value) for kind in lanelet.lanelet_type or ()}
+    return _LaneSegment(
+        lanelet.lanelet_id,
+        y,
+        float(np.median(np.hypot(*(left - right).T))),
+        float(centre[0, 0]),
+        float(centre[-1, 0]),
+        float(np.abs(centre[:, 1] - y).max()),
+        "accessRamp" in kinds,
+    )
+
+
+def _is_covered(segment: _LaneSegment, straight: Sequence[_LaneSegment]) -> bool:
+    reached = segment.begin
+    for other in sorted(straight, key=lambda other: other.begin):
+        if other.begin <= reached + _LANE_TOLERANCE:
+            reached = max(reached, other.end)
+    return reached >= segment.end - _LANE_TOLERANCE
+
+
+def _join_segments(path: str, segments: Sequence[_LaneSegment]) -> Road:
+    lanes: list[list[_LaneSegment]] = []
+    for segment in sorted(segments, key=lambda segment: segment.y):
+        if lanes and segment.y - lanes[-1][-1].y < _LANE_TOLERANCE:
+            lanes[-1].append(segment)
+        else:
+            lanes.append([segment])
+    widths = [segment.width for segment in segments]
+    if max(widths) - min(widths) > _MAX_BEND:
+        text = f"{path}: the lanes are {min(widths):.2f} to {max(widths):.2f} m wide"
+        raise UsageError(text, "only roads with lanes of one width are supported; or give --lanes")
+    return Road(
+        tuple(round(float(np.mean([segment.y for segment in lane])), 6) for lane in lanes),
+        round(float(np.mean(widths)), 6),
+        tuple(index for index, lane in enumerate(lanes) if any(segment.ramp for segment in lane)),
+        min(segment.begin for segment in segments),
+        max(segment.end for segment in segments),
+    )

@@ -1,0 +1,152 @@
+"""Recordings: recorded drives as arrays over time, with the signals that a simulator would provide."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.driving import Road, Scene, Vehicles, World
+from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.protocols import Bools, Floats
+
+FIELDS = ("x", "y", "heading", "speed", "acceleration")
+
+ABSENT = {"x": -1e6, "y": -1e6, "heading": 0.0, "speed": 0.0, "acceleration": 0.0}
+"""State of an absent vehicle: standing far behind and far to the right, in no lane.
+
+No predicate about distances, neighbours or closing speeds holds for it, so no rule applies to it. Unlike NaN
+or infinity it gives every predicate a number.
+"""
+
+_RESERVED = {"ego": "the ego", "others": "all vehicles but the ego"}
+"""Names with a meaning in formulas, which no other vehicle may have."""
+
+_PARKED_SPEED = 0.01
+"""A vehicle that is never faster than this is parked [m/s]."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recorded drive, or any other signals over time.
+
+    Attributes:
+        source: Origin, for messages.
+        dt: Step [s].
+        start: Time of sample 0 [s].
+        signals: Maps each name to its values (T, ...); with vehicles, the names of a driving simulator.
+        scene: Road, sizes and names; None without vehicles or road.
+        names: Names of the other vehicles.
+    """
+
+    source: str
+    dt: float
+    start: float
+    signals: Mapping[str, NDArray[Any]]
+    scene: Scene | None = None
+    names: tuple[str, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Number of samples T."""
+        return len(next(iter(self.signals.values())))
+
+    @property
+    def times(self) -> Floats:
+        """Times of the samples (T,) [s]."""
+        return np.asarray(self.start + self.dt * np.arange(self.samples))
+
+    def time(self, sample: int) -> float:
+        """Return the time of a sample [s]."""
+        return self.start + self.dt * sample
+
+    def world(self, sample: int) -> World:
+        """Return the vehicles at a sample, as one particle."""
+        one = slice(sample, sample + 1)
+        ego, others = (
+            Vehicles(*(self.signals[f"{who}_{field}"][one] for field in FIELDS)) for who in ("ego", "others")
+        )
+        return World(np.array([sample]), ego, others, np.zeros(1))
+
+
+@dataclass(frozen=True)
+class VehicleTrack:
+    """One vehicle over time.
+
+    Attributes:
+        name: Name of the vehicle.
+        length: Length of its rectangle [m].
+        width: Width of its rectangle [m].
+        present: (T,) False where it was not recorded; the states there are ignored.
+        states: (5, T): x, y [m], heading [rad], speed [m/s], acceleration [m/s^2]. An acceleration of NaN is
+            replaced by the change of speed since the sample before.
+    """
+
+    name: str
+    length: float
+    width: float
+    present: Bools
+    states: Floats
+
+    def _fill_gaps(self, dt: float) -> dict[str, Floats]:
+        values = dict(zip(FIELDS, self.states, strict=True))
+        change = np.zeros(len(self.present))
+        both = self.present[1:] & self.present[:-1]
+        change[1:][both] = np.diff(values["speed"])[both] / dt
+        recorded = values["acceleration"]
+        values["acceleration"] = np.where(np.isnan(recorded), change, recorded)
+        return {field: np.where(self.present, x, ABSENT[field]) for field, x in values.items()}
+
+
+def assemble_recording(
+    source: str, dt: float, start: float, ego: VehicleTrack, others: Sequence[VehicleTrack], road: Road | None
+) -> Recording:
+    """Return the recording of some vehicles.
+
+    Args:
+        source: Origin, for messages.
+        dt: Step [s].
+        start: Time of the first sample [s].
+        ego: Vehicle that rules apply to, present at every sample.
+        others: The other vehicles.
+        road: Lanes; without them there are signals but no scene, and rules cannot be monitored.
+
+    Raises:
+        UsageError: Another vehicle has a name that is reserved in formulas.
+    """
+    for name in (other.name for other in others if other.name in _RESERVED):
+        raise UsageError(
+            f"{source}: a vehicle other than the ego is called {name!r}",
+            f"in formulas that means {_RESERVED[name]}: rename the vehicle",
+        )
+    signals = {f"ego_{field}": x for field, x in ego._fill_gaps(dt).items()}
+    filled = [other._fill_gaps(dt) for other in others]
+    for field in FIELDS:
+        rows = np.array([values[field] for values in filled], dtype=np.float64)
+        signals[f"others_{field}"] = rows.reshape(len(others), len(ego.present)).T.copy()
+    lengths, widths = (np.array([getattr(other, key) for other in others]) for key in ("length", "width"))
+    signals |= _compute_distances(signals, ego, lengths, widths)
+    names = tuple(other.name for other in others)
+    scene = None
+    if road is not None:
+        speeds = (other.states[3][other.present] for other in others)
+        moving = np.array([bool(np.any(np.abs(speed) > _PARKED_SPEED)) for speed in speeds], dtype=bool)
+        scene = Scene(dt, road, ego.length, ego.width, names, lengths, widths, moving)
+    return Recording(source, dt, start, signals, scene, names)
+
+
+def _compute_distances(
+    signals: Mapping[str, Floats], ego: VehicleTrack, lengths: Floats, widths: Floats
+) -> dict[str, Floats]:
+    # (T, V) to each other vehicle, and the least of them (T,)
+    own = Rectangle(
+        signals["ego_x"][:, None], signals["ego_y"][:, None], signals["ego_heading"][:, None],
+        np.array(ego.length), np.array(ego.width),
+    )  # fmt: skip
+    theirs = Rectangle(signals["others_x"], signals["others_y"], signals["others_heading"], lengths, widths)
+    distance = signed_distance(own, theirs)
+    return {"distance": distance, "gap": distance.min(axis=1, initial=np.inf)}

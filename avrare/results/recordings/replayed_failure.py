@@ -1,0 +1,94 @@
+"""Recordings of replayed rollouts: the stored failures of a run folder, and any other rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.estimation.result import Failures
+from avrare.results.reader import load_run_scenario
+from avrare.results.recordings.recording import Recording
+from avrare.results.stored_rollouts import read_failures, select_failure
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import ReplayedRollout, replay_tape
+
+
+@dataclass(frozen=True)
+class ReplayedFailure:
+    """A stored failure of a run, replayed.
+
+    Attributes:
+        scenario: Scenario of the run.
+        specification: Name of the violated specification.
+        index: Number of the failure, from 0.
+        recording: The rollout.
+        changes: Messages about stored failures whose robustness is different now.
+    """
+
+    scenario: LoadedScenario
+    specification: str
+    index: int
+    recording: Recording
+    changes: tuple[str, ...]
+
+
+def replay_run_failure(
+    folder: Path, specification: str | None, index: int | None, rule: str | None = None
+) -> ReplayedFailure:
+    """Replay a stored failure of a run.
+
+    Args:
+        folder: The run folder.
+        specification: The violated specification; None if ``rule`` identifies it or only one has failures.
+        index: Number of the failure; None for the least robust one, which also checks all others.
+        rule: Option ``rule`` of the specification, instead of its name.
+
+    Raises:
+        UsageError: It is not a run folder, there is no such failure, or its rollout ends with an error.
+    """
+    scenario = load_run_scenario(folder)
+    if specification is None:
+        specification = _find_rule(scenario, rule)
+    elif specification not in scenario.specifications:
+        hint = did_you_mean(specification, scenario.specifications)
+        raise UsageError(f"{folder}: there is no specification {specification!r}", hint)
+    stored = read_failures(folder)
+    name, chosen = select_failure(folder, stored, specification, index)
+    failures = stored[name]
+    count = len(failures.robustness)
+    changes = _compare_robustness(scenario, name, failures, range(count) if index is None else [index])
+    source = f"{folder}: failure {chosen} of {count} stored of {name}"
+    rollout = replay_tape(scenario.problem(scenario.specifications), failures.noise[chosen])
+    if rollout.error is not None:
+        raise UsageError(f"{source}: the rollout ends with an error: {rollout.error}")
+    recording = record_rollout(scenario, rollout, source)
+    return ReplayedFailure(scenario, name, chosen, recording, changes)
+
+
+def record_rollout(scenario: LoadedScenario, rollout: ReplayedRollout, source: str) -> Recording:
+    """Return the recording of a rollout, up to its error if there is one."""
+    scene, dt = scenario.scene, float(scenario.stack.loop.simulator.dt)
+    return Recording(source, dt, 0.0, rollout.signals, scene, () if scene is None else scene.names)
+
+
+def _find_rule(scenario: LoadedScenario, rule: str | None) -> str | None:
+    parts = scenario.definition.specifications.items()
+    found = [name for name, part in parts if getattr(getattr(part, "config", None), "rule", None) == rule]
+    return found[0] if rule is not None and len(found) == 1 else None
+
+
+def _compare_robustness(
+    scenario: LoadedScenario, name: str, failures: Failures, indices: Sequence[int]
+) -> tuple[str, ...]:
+    problem, chunk = scenario.problem(name), scenario.definition.chunk
+    messages = []
+    for begin in range(0, len(indices), chunk):
+        part = list(indices[begin : begin + chunk])
+        robustness = problem.robustness(failures.noise[part])
+        for k, now in zip(part, robustness, strict=True):
+            before = failures.robustness[k]
+            if now != before:
+                messages.append(f"failure {k} of {name}: robustness {now:.9g} now, {before:.9g} when stored")
+    return tuple(messages)

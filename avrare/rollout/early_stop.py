@@ -1,0 +1,60 @@
+"""Early stop: specifications that report when their verdict is final, so that a rollout may end there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.logic.formula import find_formula
+from avrare.protocols import Bools, SelectsSamples, Signals, Specification, Verdict, find_ability
+
+
+@dataclass(frozen=True)
+class DecidingState:
+    """State of a monitor and of the interval monitor beside it.
+
+    Attributes:
+        inner: State of the specification.
+        bounds: State of the interval monitor; None without a formula to bound.
+        decided: (N,) True where no later sample can change the verdict.
+    """
+
+    inner: Any
+    bounds: Any
+    decided: Bools
+
+
+class Deciding:
+    """Specification with the robust satisfaction interval of its formula.
+
+    Args:
+        inner: Monitor of a formula, or a specification with ``HasFormula`` and, where the formula reads
+            other signals than the system's, ``SelectsSamples``. Any other is never decided before the end.
+        length: Number of samples of a complete rollout.
+    """
+
+    def __init__(self, inner: Specification, length: int) -> None:
+        self.inner = inner
+        formula = find_formula(inner)
+        self._bounds = formula.interval_monitor(length) if formula is not None else None
+        self._selecting = find_ability(inner, SelectsSamples)
+
+    def start(self, n: int) -> DecidingState:
+        """Return the state before sample 0."""
+        bounds = self._bounds.start(n) if self._bounds else None
+        return DecidingState(self.inner.start(n), bounds, np.zeros(n, dtype=bool))
+
+    def update(self, state: DecidingState, signals: Signals) -> tuple[DecidingState, Verdict]:
+        """Return state and verdict after one more sample; for decided rows the complete rollout's verdict."""
+        inner, verdict = self.inner.update(state.inner, signals)
+        if self._bounds is None:
+            return replace(state, inner=inner), verdict
+        sample = signals if self._selecting is None else self._selecting.sample(signals)
+        bounds, known = self._bounds.update(state.bounds, sample)
+        final = np.where(known.decided, known.violated, verdict.violated)
+        within = np.clip(verdict.robustness, known.lower, known.upper)
+        robustness = np.where(known.decided, within, verdict.robustness)
+        new = DecidingState(inner, bounds, known.decided)
+        return new, replace(verdict, violated=final, robustness=robustness)

@@ -1,0 +1,1 @@
+"""Executors: where chunks of rollouts run."""

@@ -1,0 +1,140 @@
+"""Chunks in flight on workers that may die: outcomes in order, lost chunks run again.
+
+A chunk has its own random streams, so running it again gives the same bits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import Protocol
+
+from avrare.base.errors import AvrareError, ExitCode
+from avrare.rollout.request import Request, Rollouts
+
+MOST_LOSSES = 3
+"""Number of worker deaths after which a chunk is given up; from the second on it runs by itself."""
+
+
+class WorkerLost(Exception):
+    """A worker ended while it ran a chunk."""
+
+
+class WorkerDied(AvrareError):
+    """Workers died repeatedly on the same chunk."""
+
+    exit_code = ExitCode.ROLLOUT_ERRORS
+
+
+class Ticket(Protocol):
+    """Handle of a chunk that a worker runs."""
+
+    def done(self) -> bool:
+        """Return True once there is an outcome, or can be none."""
+
+    def result(self) -> Rollouts:
+        """Wait for the outcome and return it.
+
+        Raises:
+            WorkerLost: The worker died.
+        """
+
+
+class Crew(Protocol):
+    """Group of workers that run chunks."""
+
+    def submit(self, chunk: Request) -> Ticket:
+        """Give a chunk to a worker.
+
+        Raises:
+            WorkerLost: No worker is left.
+        """
+
+    def replace_lost(self) -> None:
+        """Start workers in place of those that died."""
+
+
+@dataclass
+class _Flight:
+    chunk: Request
+    ticket: Ticket | None = None
+    losses: int = 0
+
+
+class Window:
+    """Ordered map over chunks with at most ``size`` of them in flight.
+
+    Args:
+        crew: Workers.
+        size: Greatest number of chunks in flight.
+    """
+
+    def __init__(self, crew: Crew, size: int) -> None:
+        self.crew, self.size = crew, size
+        self.restarts = 0
+        self._flights: deque[_Flight] = deque()
+
+    @property
+    def busy(self) -> bool:
+        """True while a worker runs a chunk."""
+        return any(flight.ticket is not None and not flight.ticket.done() for flight in self._flights)
+
+    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+        """Yield outcomes in the order of the chunks, taking a chunk when there is room for it.
+
+        Raises:
+            WorkerDied: Workers died too often on the same chunk.
+        """
+        source, flights = iter(chunks), self._flights
+        while True:
+            flights.extend(_Flight(chunk) for chunk in islice(source, max(self.size - len(flights), 0)))
+            if not flights:
+                return
+            try:
+                self._submit()
+                head = flights[0].ticket
+                assert head is not None
+                outcome = head.result()
+            except WorkerLost:
+                self._recover()
+                continue
+            flights.popleft()
+            yield outcome
+
+    def _submit(self) -> None:
+        # A chunk suspected of killing workers runs by itself, so that the culprit is certain.
+        suspected = any(flight.losses > 1 for flight in self._flights)
+        for flight in islice(self._flights, 1 if suspected else None):
+            if flight.ticket is None:
+                flight.ticket = self.crew.submit(flight.chunk)
+
+    def _recover(self) -> None:
+        self.restarts += 1
+        self.crew.replace_lost()  # first: it also waits until every lost chunk is known
+        lost = [flight for flight in self._flights if flight.ticket is not None and _is_lost(flight.ticket)]
+        for flight in lost or [self._flights[0]]:
+            flight.ticket = None
+            flight.losses += 1
+        worst = max(self._flights, key=lambda flight: flight.losses)
+        if worst.losses >= MOST_LOSSES:
+            chunk = worst.chunk
+            raise WorkerDied(
+                "a worker process ended without an answer (killed, out of memory, or failed to start), "
+                f"{worst.losses} times on the chunk of {chunk.rows} rollouts that begins at "
+                f"run {chunk.run[0]}, stage {chunk.stage[0]}, particle {chunk.particle[0]}",
+                "run with --workers 1 to see the cause; in a script, guard the call with "
+                '`if __name__ == "__main__":`',
+            )
+
+
+def _is_lost(ticket: Ticket) -> bool:
+    with contextlib.suppress(Exception):  # another exception is raised when its turn comes
+        try:
+            if ticket.done():
+                ticket.result()
+        except WorkerLost:
+            return True
+    return False

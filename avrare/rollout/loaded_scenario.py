@@ -1,0 +1,127 @@
+"""Loaded scenario: builds problems for Python callers, the command line and the workers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.driving import Scene
+from avrare.logic import formula as logic
+from avrare.logic.formula import FormulaMonitor
+from avrare.protocols import HasMargin, find_ability
+from avrare.rollout.problem import Problem
+from avrare.rollout.scores.progress_score import shape_of
+from avrare.scenario.load import load as read_scenario
+from avrare.scenario.schema import Formula, Scenario, ScoreFormula
+from avrare.stack.builder import Stack, build_stack, check_start
+
+
+def load(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> LoadedScenario:
+    """Read and validate a scenario file; ``.problem(name)`` builds the stack.
+
+    Args:
+        path: YAML file.
+        overrides: Settings as for ``--set``, for example ``["steps=20", "estimator.particles=50"]``.
+
+    Raises:
+        ScenarioError: The file has problems; the message lists all of them with line and column.
+    """
+    return LoadedScenario(read_scenario(path, overrides))
+
+
+class LoadedScenario:
+    """Scenario with its stack, which is built on first use; ``avrare.load`` returns one.
+
+    Attributes:
+        definition: The validated scenario.
+    """
+
+    def __init__(self, definition: Scenario) -> None:
+        self.definition = definition
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        return self.definition.name
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of a rollout."""
+        return self.definition.steps
+
+    @property
+    def specifications(self) -> tuple[str, ...]:
+        """Names of the specifications."""
+        return tuple(self.definition.specifications)
+
+    @cached_property
+    def stack(self) -> Stack:
+        """Built parts; the noise-free start violates no specification."""
+        stack = build_stack(self.definition)
+        check_start(self.definition, stack)
+        return stack
+
+    @property
+    def scene(self) -> Scene | None:
+        """Road, sizes and names of a driving simulator, else None."""
+        return self.stack.scene
+
+    def problem(self, specification: str | Sequence[str]) -> Problem:
+        """Build the problem of one specification, or of several to monitor in one pass.
+
+        Raises:
+            UsageError: There is no such specification.
+        """
+        names = (specification,) if isinstance(specification, str) else tuple(specification)
+        for name in names:
+            if name not in self.definition.specifications:
+                raise UsageError(
+                    f"scenario {self.name!r} has no specification {name!r}",
+                    did_you_mean(name, self.definition.specifications),
+                )
+        return ScenarioProblem(self, names)
+
+    def estimator(self) -> Any:
+        """Build the scenario's estimator."""
+        block = self.definition.estimator
+        return block.component.load_factory()(block.config, self.scene)
+
+
+class ScenarioProblem(Problem):
+    """Problem that is pickled as its scenario and rebuilt in the worker."""
+
+    def __init__(self, scenario: LoadedScenario, names: tuple[str, ...]) -> None:
+        self.scenario = scenario
+        stack, definition = scenario.stack, scenario.definition
+        specifications = {name: stack.specifications[name] for name in names}
+        super().__init__(
+            stack.loop,
+            specifications,
+            definition.steps,
+            _choose_score(scenario, names[0]),
+            chunk=definition.chunk,
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild_problem, (self.scenario.definition, self.names, self.score)
+
+
+def _rebuild_problem(definition: Scenario, names: tuple[str, ...], score: Any) -> Problem:
+    return ScenarioProblem(LoadedScenario(definition), names).rescored(score)
+
+
+def _choose_score(scenario: LoadedScenario, name: str) -> logic.Formula | str | None:
+    part = scenario.definition.specifications[name]
+    monitor = scenario.stack.specifications[name]
+    own = part.score if isinstance(part, Formula) else getattr(part.config, "score", None)
+    if isinstance(own, ScoreFormula):
+        return logic.stl(own.stl, dt=scenario.stack.loop.simulator.dt, warn=False)
+    if own is not None:
+        return own
+    stepped = find_ability(monitor, HasMargin)
+    if stepped is not None and stepped.margin(monitor.start(1)) is not None:
+        return "margin"
+    return "progress" if isinstance(monitor, FormulaMonitor) and shape_of(monitor.formula) else None

@@ -1,0 +1,106 @@
+"""Replay of noise tapes, with the signals and states of every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base import batch
+from avrare.driving import Scene
+from avrare.protocols import Floats, Signals
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Integers, Rollouts
+
+_ROW_STEPS = 4000
+"""States held at once, over all rollouts and steps; a single long rollout may have more."""
+
+
+@dataclass(frozen=True)
+class ReplayedRollout:
+    """Rollout of one noise tape.
+
+    Attributes:
+        signals: name -> (T, ...): T is steps + 1, or less where the rollout broke down.
+        states: T states of the system, one particle each.
+        robustness: Robustness of the first specification; of the samples before the error, if any.
+        violated: True where the first specification is violated.
+        error: Reason of the breakdown, or None.
+    """
+
+    signals: dict[str, NDArray[Any]]
+    states: tuple[Any, ...]
+    robustness: float
+    violated: bool
+    error: str | None
+
+    @property
+    def outcome(self) -> str:
+        """``fails``, ``passes`` or ``error``."""
+        if self.error is not None:
+            return "error"
+        return "fails" if self.violated else "passes"
+
+
+def replay_tape(problem: Problem, tape: Floats) -> ReplayedRollout:
+    """Replay one noise tape (steps + 1, noise_size).
+
+    Raises:
+        UsageError: The tape has another shape.
+    """
+    return replay_tapes(problem, tape[None])[0]
+
+
+def replay_tapes(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
+    """Replay noise tapes (N, steps + 1, noise_size) in batches.
+
+    Raises:
+        UsageError: The tapes have another shape.
+    """
+    rows = max(_ROW_STEPS // (problem.steps + 1), 1)
+    parts = [_replay_batch(problem, tapes[begin : begin + rows]) for begin in range(0, len(tapes), rows)]
+    return [rollout for part in parts for rollout in part]
+
+
+def _replay_batch(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
+    outcome = problem.replay(tapes, keep_carries=True)
+    carried = [(rows, carry.system) for _, rows, carry in outcome.carries]
+    samples = [(rows, problem.system.signals(state), state) for rows, state in carried]
+    return [_extract_row(outcome, samples, row) for row in range(len(tapes))]
+
+
+def _extract_row(
+    outcome: Rollouts, samples: list[tuple[Integers, Signals, Any]], row: int
+) -> ReplayedRollout:
+    found = [
+        (int(np.searchsorted(rows, row)), signals, state) for rows, signals, state in samples if row in rows
+    ]
+    names = found[0][1] if found else ()
+    signals = {name: np.stack([sample[name][k] for k, sample, _ in found]) for name in names}
+    states = tuple(batch.take(state, np.array([k])) for k, _, state in found)
+    error = "; ".join(outcome.messages) or "no reason given" if outcome.error[row] else None
+    return ReplayedRollout(
+        signals, states, float(outcome.robustness[row, 0]), bool(outcome.violated[row, 0]), error
+    )
+
+
+def tabulate_signals(
+    signals: Mapping[str, NDArray[Any]], scene: Scene | None = None
+) -> tuple[tuple[str, ...], Floats]:
+    """Return names (K,) and values (T, K) of all numbers of the signals (T, ...), by name.
+
+    An entry for each other vehicle is named by the vehicle: ``others_x[van]``.
+    """
+    columns: list[str] = []
+    blocks: list[Floats] = []
+    for name in sorted(signals):
+        values = np.asarray(signals[name], dtype=np.float64)
+        entries = [",".join(map(str, index)) for index in np.ndindex(values.shape[1:])]
+        if scene is not None and values.shape[1:] == (len(scene.names),):
+            entries = list(scene.names)
+        columns += [f"{name}[{entry}]" if values.ndim > 1 else name for entry in entries]
+        blocks.append(values.reshape(len(values), len(entries)))
+    return tuple(columns), np.concatenate(blocks, axis=1) if blocks else np.zeros((0, 0))

@@ -1,0 +1,1 @@
+"""Importance scores, which order the particles in splitting."""

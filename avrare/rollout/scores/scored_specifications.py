@@ -1,0 +1,153 @@
+"""Importance scores: how near to failure a particle has come, for setting the levels of splitting.
+
+Any adapted score leaves the estimate unbiased; a good one spreads the particles. The running minimum of
+robustness ties when the first, deterministic steps determine it, and splitting dies out on ties.
+``MarginScored`` measures instead which part of the noise-free rollout's robustness is lost at each step: 0
+where the particle is as safe as the noise-free one, 1 exactly where the specification is violated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.protocols import Floats, HasMargin, Signals, Specification, Verdict
+
+ScoreFunction = Callable[[dict[str, Any], int], Floats]
+"""``function(signals so far, t) -> (N,)``; signals have shape (N, t + 1, ...)."""
+_SCORE_HINT = "it gets the signals so far, (N, t + 1, ...) each, and t; it must return (N,)"
+
+
+class _Specification(Specification, HasMargin, Protocol):
+    pass
+
+
+@dataclass(frozen=True)
+class ScoredState:
+    """State of a specification with a score of its own.
+
+    Attributes:
+        inner: State of the specification.
+        score: (N,) running score.
+        memory: Further state of the score.
+    """
+
+    inner: Any
+    score: Floats
+    memory: Any
+
+
+class _Scored:
+    def __init__(self, inner: Any) -> None:
+        self.inner = inner
+
+    def start(self, n: int) -> ScoredState:
+        """Return the state before sample 0."""
+        return ScoredState(self.inner.start(n), np.full(n, -np.inf), self._start_memory(n))
+
+    def update(self, state: ScoredState, signals: Signals) -> tuple[ScoredState, Verdict]:
+        """Return state and verdict after one more sample."""
+        inner, verdict = self.inner.update(state.inner, signals)
+        score, memory = self._score(state, inner, signals)
+        return ScoredState(inner, score, memory), replace(verdict, score=score)
+
+    def _start_memory(self, n: int) -> Any:
+        return None
+
+    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+        raise NotImplementedError
+
+
+class MarginScored(_Scored):
+    """Specification scored by the lost share of the noise-free margin.
+
+    Args:
+        inner: Specification of the shape "always φ".
+        nominal: (steps + 1,) robustness of φ along the noise-free rollout, positive.
+    """
+
+    def __init__(self, inner: _Specification, nominal: Floats) -> None:
+        super().__init__(inner)
+        finite = nominal[np.isfinite(nominal)]
+        self.nominal = np.where(np.isfinite(nominal), nominal, finite.max() if finite.size else 1.0)
+
+    def _start_memory(self, n: int) -> Any:
+        return np.zeros(n, dtype=np.int64)
+
+    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+        margin = self.inner.margin(inner)
+        if margin is None:
+            raise TypeError("a margin score needs a formula of the shape `always ...`")
+        lost = 1.0 - margin / self.nominal[np.minimum(state.memory, len(self.nominal) - 1)]
+        return np.fmax(state.score, lost), state.memory + 1
+
+
+class PrefixScored:
+    """Specification scored by minus the robustness of the current prefix, which may fall again.
+
+    Do not estimate with it: levels on it are biased where a formula may still become true. The published
+    form of splitting orders particles by it.
+    """
+
+    def __init__(self, inner: Specification) -> None:
+        self.inner = inner
+
+    def start(self, n: int) -> Any:
+        """Return the state before sample 0."""
+        return self.inner.start(n)
+
+    def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
+        """Return state and verdict after one more sample."""
+        state, verdict = self.inner.update(state, signals)
+        return state, replace(verdict, score=-verdict.robustness)
+
+
+class FormulaScored(_Scored):
+    """Specification scored by another formula, which only orders the particles.
+
+    Args:
+        inner: Specification to estimate.
+        guide: Monitor whose score is used.
+    """
+
+    def __init__(self, inner: Specification, guide: Specification) -> None:
+        super().__init__(inner)
+        self.guide = guide
+
+    def _start_memory(self, n: int) -> Any:
+        return self.guide.start(n)
+
+    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+        guide, guided = self.guide.update(state.memory, signals)
+        return guided.score, guide
+
+
+class FunctionScored(_Scored):
+    """Specification scored by the running maximum of a function of the signals so far."""
+
+    def __init__(self, inner: Specification, function: ScoreFunction) -> None:
+        super().__init__(inner)
+        self.function = function
+
+    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+        history = {name: np.array(values)[:, None] for name, values in signals.items()}
+        if state.memory is not None:
+            history = {
+                name: np.concatenate([state.memory[name], values], axis=1) for name, values in history.items()
+            }
+        t = next(iter(history.values())).shape[1] - 1
+        try:
+            value = np.asarray(self.function(history, t), dtype=np.float64)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise UsageError(f"the score function raised at step {t}: {reason}", _SCORE_HINT) from error
+        if value.shape != state.score.shape:
+            raise UsageError(
+                f"the score function returned shape {value.shape} for {len(state.score)} particles",
+                _SCORE_HINT,
+            )
+        return np.fmax(state.score, value), history

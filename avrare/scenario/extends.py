@@ -1,0 +1,104 @@
+"""``extends``: scenario files merged over the files that they extend."""
+
+from __future__ import annotations
+
+import os
+import re
+
+from avrare.base.errors import ScenarioError, did_you_mean
+from avrare.scenario.marked_values import Mark, Node, printable
+from avrare.scenario.yaml import MAX_BYTES, parse
+
+
+def read(path: str) -> Node:
+    """Read a file and merge it over the files that it extends; the key ``extends`` is removed.
+
+    Raises:
+        ScenarioError: A file is missing or unreadable, or files extend each other in a circle.
+    """
+    return _read(path, named_at=None, seen=())
+
+
+def _read(path: str, named_at: Mark | None, seen: tuple[str, ...]) -> Node:
+    tree = parse(_content(path, named_at), path)
+    assert isinstance(tree.value, dict)
+    entries = dict(tree.value)
+    parent = entries.pop("extends", None)
+    tree = Node(entries, tree.mark)
+    if parent is None or parent.value is None:
+        return tree
+    base = _base(parent, path)
+    real = os.path.realpath(base)
+    seen = (*seen, os.path.realpath(path))
+    if real in seen:
+        chain = " -> ".join(os.path.basename(file) for file in (*seen, real))
+        raise _error(parent.mark, f"files extend each other in a circle: {chain}", "remove one 'extends'")
+    return merge(_read(base, parent.mark, seen), tree)
+
+
+def _base(parent: Node, path: str) -> str:
+    target = parent.value
+    if not isinstance(target, str) or not target:
+        raise _error(parent.mark, "should be the path of a scenario file", "for example _base/highway.yaml")
+    if os.path.isabs(target) or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|~|\\", target):
+        hint = f"write it relative to {os.path.dirname(path) or 'the folder of this file'}"
+        raise _error(parent.mark, f"{target!r} is not a local relative path", hint)
+    return os.path.normpath(os.path.join(os.path.dirname(path), target))
+
+
+def _error(mark: Mark, text: str, hint: str | None) -> ScenarioError:
+    return ScenarioError([(f"{mark}: extends: {text}", hint)])
+
+
+def _content(path: str, named_at: Mark | None) -> bytes:
+    where = f"{named_at}: extends: {printable(path)}" if named_at else printable(path)
+    try:
+        with open(path, "rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise ScenarioError([(f"{where}: no such file", _similar_files(path))]) from None
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ScenarioError([(f"{where}: cannot be read: {reason}", None)]) from None
+    except ValueError as error:  # a NUL in the path
+        raise ScenarioError([(f"{where}: cannot be read: {error}", None)]) from None
+
+
+def _similar_files(path: str) -> str | None:
+    folder, name = os.path.split(path)
+    try:
+        names = os.listdir(folder or ".")
+    except OSError:
+        return f"there is no folder {printable(folder)}"
+    files = [file for file in names if file.endswith((".yaml", ".yml"))]
+    return did_you_mean(path, [os.path.join(folder, file) for file in files]) if name else None
+
+
+def merge(base: Node, over: Node) -> Node:
+    """Merge ``over`` into ``base``: mappings recursively, everything else replaced.
+
+    A null in ``over`` removes the inherited key. A component block that names another plugin, or a formula
+    in place of a plugin, replaces the block: the options of one plugin mean nothing to another.
+    """
+    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
+        return over
+    ours, theirs = _component(over), _component(base)
+    if ours and theirs and ours != theirs:
+        return over
+    entries = dict(base.value)
+    for key, node in over.value.items():
+        inherited = entries.get(key)
+        if inherited is None:
+            entries[key] = node
+        elif node.value is None:
+            del entries[key]
+        else:
+            entries[key] = merge(inherited, node)
+    return Node(entries, over.mark, over.key)
+
+
+def _component(node: Node) -> tuple[str, ...]:
+    if "stl" in node.entries:
+        return ("stl",)
+    plugin = node.entries.get("plugin")
+    return ("plugin", str(plugin.value)) if plugin else ()

@@ -1,0 +1,76 @@
+"""Static checks of specifications: formulas by their parser, plugins' specifications by their own check."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from avrare.base.errors import FormulaError
+from avrare.base.health_messages import MESSAGES
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.parser import parse_with_warnings
+from avrare.scenario.marked_values import Node, Path
+from avrare.scenario.schema import Block, Formula, ScoreFormula
+from avrare.scenario.validation import Mistake, failed_check
+
+_ANY_STEP = Fraction(1, 10**9)
+"""Step [s] that divides every sensible time bound, for simulators whose step is not known."""
+
+
+def step_of(simulator: Block | None) -> float | None:
+    """Return the simulator's option ``dt`` [s], or None if it has none."""
+    dt = getattr(simulator.config, "dt", None) if simulator else None
+    return float(dt) if isinstance(dt, (int, float)) and not isinstance(dt, bool) else None
+
+
+def check_formula(
+    part: Formula, node: Node, path: Path, dt: float | None, steps: int | None
+) -> tuple[list[Mistake], list[Mistake]]:
+    """Return errors and warnings of a formula at ``path``; ``dt`` [s] or ``steps`` is None if not known.
+
+    The signals are known only once the simulator is built.
+    """
+    errors, warnings = _check_text(part.stl, node, path, dt, steps)
+    if isinstance(part.score, ScoreFormula):
+        found = _check_text(part.score.stl, node.entries["score"], (*path, "score"), dt, steps)
+        errors, warnings = errors + found[0], warnings + found[1]
+    return errors, warnings
+
+
+def _check_text(
+    text: str, node: Node, path: Path, dt: float | None, steps: int | None
+) -> tuple[list[Mistake], list[Mistake]]:
+    mark, path = node.entries["stl"].mark, (*path, "stl")
+    try:
+        formula, found = parse_with_warnings(text, _ANY_STEP if dt is None else dt)
+    except FormulaError as error:
+        return [Mistake(mark, path, error.message, error.hint)], []
+    warnings = [Mistake(mark, path, warning.message, warning.hint) for warning in found]
+    if dt is not None and steps is not None:
+        warnings += [Mistake(mark, path, text) for text in reach_warnings(formula, steps)]
+    return [], warnings
+
+
+def reach_warnings(formula: nodes.Node, steps: int) -> list[str]:
+    """Return a warning if the bounded operators of a formula look further ahead than a rollout is long."""
+    span = nodes.bounded_span(formula)
+    if span <= steps:
+        return []
+    return [MESSAGES["horizon_short"].format(horizon=span, steps=steps)]
+
+
+def check_block(
+    block: Block, node: Node, path: Path, dt: float | None
+) -> tuple[list[Mistake], list[Mistake]]:
+    """Return errors and warnings of a component's own check, if it has one."""
+    errors: list[Mistake] = []
+    warnings: list[Mistake] = []
+    try:
+        for finding in block.component.find_faults(block.config, dt):
+            written = node.child(finding.option) if finding.option is not None else None
+            mark = node.name_mark if written is None else written.mark
+            place = path if finding.option is None else (*path, finding.option)
+            mistake = Mistake(mark, place, finding.message, finding.hint)
+            (errors if finding.is_error else warnings).append(mistake)
+    except (Exception, SystemExit) as error:
+        return [failed_check(error, node, path)], []
+    return errors, warnings

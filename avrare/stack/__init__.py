@@ -1,0 +1,1 @@
+"""The stack under test: the parts of a scenario, built and joined to a closed loop."""

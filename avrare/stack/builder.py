@@ -1,0 +1,174 @@
+"""Builder of the stack: turns a validated scenario into parts by calling the plugins' factories."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
+from avrare.driving import Scene
+from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, stl
+from avrare.protocols import ExplainsViolation, HasMargin, Specification, find_ability, find_scene
+from avrare.scenario.schema import Block, Formula, Scenario
+from avrare.scenario.specification_checks import reach_warnings
+from avrare.stack.closed_loop import ClosedLoop
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Built parts of a scenario.
+
+    Attributes:
+        loop: Simulator, perception, tracker and controller as one system.
+        scene: Road, sizes and names of a driving simulator, else None.
+        specifications: Monitor of every specification, by name.
+    """
+
+    loop: ClosedLoop
+    scene: Scene | None
+    specifications: dict[str, Specification]
+
+
+def build_stack(scenario: Scenario) -> Stack:
+    """Build every part of ``scenario``.
+
+    Raises:
+        PluginError: A part needs a package that is not installed.
+        UsageError: The parts do not fit together.
+    """
+    if scenario.perception is not None and scenario.tracker is None:
+        raise UsageError(
+            f"{scenario.path}: perception: no tracker is given to process the observations",
+            "add a `tracker:` block, or remove the perception",
+        )
+    with _located(scenario, "simulator"):
+        simulator = build_block(scenario.simulator, None)
+    scene = find_scene(simulator)
+    parts = []
+    for kind in ("perception", "tracker", "controller"):
+        block = getattr(scenario, kind)
+        with _located(scenario, kind):
+            parts.append(build_block(block, scene) if block is not None else None)
+    specifications = {}
+    for name, part in scenario.specifications.items():
+        with _located(scenario, f"specifications.{name}"):
+            specifications[name] = build_specification(part, scene, simulator.dt)
+    return Stack(ClosedLoop(simulator, *parts), scene, specifications)
+
+
+def check_start(scenario: Scenario, stack: Stack) -> None:
+    """Check that the noise-free start violates no specification, whose probability would then be 1.
+
+    Raises:
+        ScenarioError: A specification is violated, or the start raises an exception.
+    """
+    signals = _signals_at_start(scenario, stack)
+    problems: list[tuple[str, str | None]] = []
+    for name, spec in stack.specifications.items():
+        with _located(scenario, f"specifications.{name}"):
+            if isinstance(scenario.specifications[name], Formula):
+                _check_relations(spec, signals)
+            monitor, verdict = spec.update(spec.start(1), signals)
+        stepped = find_ability(spec, HasMargin)
+        settled = stepped is not None and stepped.margin(monitor) is not None
+        if settled and verdict.violated[0]:
+            explaining = find_ability(spec, ExplainsViolation)
+            culprit = f": {explaining.explain(signals)}" if explaining is not None else ""
+            place = f"{scenario.path}: specifications.{name}"
+            hint = "move the vehicles, change the parameters of the specification, or remove it"
+            text = f"{place}: violated at sample 0 by the noise-free start{culprit}"
+            problems.append((text, f"its probability would be 1; {hint}"))
+    if problems:
+        raise ScenarioError(problems)
+
+
+def _signals_at_start(scenario: Scenario, stack: Stack) -> Mapping[str, Any]:
+    try:
+        return stack.loop.signals(stack.loop.initial(np.zeros((1, stack.loop.noise_size))))
+    except AvrareError:
+        raise
+    except Exception as error:  # raised by a plugin
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        place = f"{scenario.path}: the noise-free start raised {reason}"
+        raise ScenarioError([(place, "check the options of its parts")]) from error
+
+
+def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:
+    formula = find_formula(spec)
+    for name in [] if formula is None else formula.signals:
+        if name not in signals and name.endswith(")"):
+            hint = "predicates of vehicles belong to a plugin: write {plugin: traffic_rules, formula: ...}"
+            raise FormulaError(f"signal {name!r} is missing", f"{hint} instead of {{stl: ...}}")
+
+
+def build_and_try(scenario: Scenario, steps: int = 3) -> list[tuple[str, str | None]]:
+    """Build the stack and run a few noise-free steps, for ``validate --build``.
+
+    Returns:
+        Warnings (message, hint) on plugins' specifications, which loading the scenario does not give.
+    """
+    stack = build_stack(scenario)
+    check_start(scenario, stack)
+    noise = np.zeros((1, stack.loop.noise_size))
+    state = stack.loop.initial(noise)
+    monitors = {name: spec.start(1) for name, spec in stack.specifications.items()}
+    for step in range(min(steps, scenario.steps) + 1):
+        state = stack.loop.step(state, noise) if step else state
+        signals = stack.loop.signals(state)
+        for name, spec in stack.specifications.items():
+            monitors[name], _ = spec.update(monitors[name], signals)
+    return [warning for name, spec in stack.specifications.items() for warning in _lint(scenario, name, spec)]
+
+
+def _lint(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str, str | None]]:
+    part, formula = scenario.specifications[name], find_formula(spec)
+    if formula is None or not isinstance(part, Block):
+        return []
+    found = [] if part.component.check else [(one.message, one.hint) for one in formula.warnings]
+    found += [(text, None) for text in reach_warnings(formula.node, scenario.steps)]
+    return [(f"{scenario.path}: specifications.{name}: {text}", hint) for text, hint in found]
+
+
+@contextmanager
+def _located(scenario: Scenario, path: str) -> Iterator[None]:
+    try:
+        yield
+    except UsageError as error:
+        raise ScenarioError([(f"{scenario.path}: {path}: {error.message}", error.hint)]) from error
+
+
+def build_block(block: Block, scene: Scene | None) -> Any:
+    """Build the part that a block describes.
+
+    Raises:
+        PluginError: Its implementation cannot be imported.
+        UsageError: It needs a road, and the simulator has none.
+    """
+    if block.component.driving and scene is None:
+        raise UsageError(
+            f"{block.component.kind} {block.plugin!r} is for vehicles on a road, and this simulator has none",
+            "choose a driving simulator, such as single_track, or remove this part",
+        )
+    try:
+        factory = block.component.load_factory()
+    except ImportError as error:
+        package = block.distribution or block.component.name
+        raise PluginError(
+            f"{block.component.kind} {block.plugin!r} cannot be loaded: {error}",
+            f"pip install --upgrade {package}",
+        ) from error
+    with warnings.catch_warnings():  # warnings are given where the formula is validated
+        warnings.simplefilter("ignore", FormulaWarning)
+        return factory(block.config, scene)
+
+
+def build_specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:
+    """Build the monitor of one specification, for signals every ``dt`` [s]."""
+    if isinstance(part, Block):
+        return build_block(part, scene)  # type: ignore[no-any-return]
+    return FormulaMonitor(stl(part.stl, dt=dt, until=part.until, warn=False))

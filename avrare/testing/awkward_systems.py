@@ -1,0 +1,130 @@
+"""Small awkward systems: they count, raise or report faults; importable, so that worker processes can too."""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from avrare.protocols import Bools, Floats, System
+
+
+class Walk:
+    """Walk x += drift + scale w, from 0; the state is a dict."""
+
+    noise_size = 1
+
+    def __init__(self, drift: float = 0.0, scale: float = 0.1) -> None:
+        self.drift, self.scale = drift, scale
+
+    def initial(self, noise: Floats) -> Any:
+        """Start all particles at 0."""
+        return {"x": np.zeros(len(noise))}
+
+    def step(self, state: Any, noise: Floats) -> Any:
+        """Advance by one step."""
+        return {"x": self.moved(state["x"], noise)}
+
+    def signals(self, state: Any) -> dict[str, Floats]:
+        """Return ``x`` (N,)."""
+        return {"x": state["x"]}
+
+    def moved(self, x: Floats, noise: Floats) -> Floats:
+        """Return the next ``x`` (N,)."""
+        return x + self.drift + self.scale * noise[:, 0]
+
+
+class _Wrapper:
+    def __init__(self, system: System) -> None:
+        self.system, self.noise_size = system, system.noise_size
+
+    def initial(self, noise: Floats) -> Any:
+        return self.system.initial(noise)
+
+    def signals(self, state: Any) -> Any:
+        return self.system.signals(state)
+
+
+class Counting(_Wrapper):
+    """Wrapper that counts the ``rows`` passed to ``step`` in this process."""
+
+    rows = 0
+
+    def step(self, state: Any, noise: Floats) -> Any:
+        """Step the system; rows count even where it raises."""
+        self.rows += len(noise)
+        return self.system.step(state, noise)
+
+
+class Killed(BaseException):
+    """Stand-in for kill -9: nothing in the library may catch it."""
+
+
+class Mortal(_Wrapper):
+    """Wrapper that raises ``Killed`` after so many batches of steps.
+
+    Args:
+        system: The system.
+        lives: Batches of steps before it raises.
+
+    Attributes:
+        lived: Batches of steps so far.
+    """
+
+    lived = 0
+
+    def __init__(self, system: System, lives: float) -> None:
+        super().__init__(system)
+        self.lives = lives
+
+    def step(self, state: Any, noise: Floats) -> Any:
+        """Step the system, or raise ``Killed``."""
+        if self.lived >= self.lives:
+            raise Killed
+        self.lived += 1
+        return self.system.step(state, noise)
+
+
+class Fragile(Walk):
+    """Walk with an error where a second noise channel exceeds ``beyond``, whatever its x.
+
+    Args:
+        how: Kind of error: "nan" (a signal), "fault" (reported), "raise", or "never".
+        beyond: Threshold in standard deviations.
+        at_start: The error occurs at t = 0; if not, at any later step.
+    """
+
+    noise_size = 2
+
+    def __init__(self, how: str, beyond: float = 2.5, at_start: bool = False) -> None:
+        super().__init__()
+        self.how, self.beyond, self.at_start = how, beyond, at_start
+
+    @classmethod
+    def with_chance(cls, chance: float, at_start: bool = False) -> Fragile:
+        """Return one whose x becomes NaN with probability ``chance``, at the start or at each step."""
+        return cls("nan", NormalDist().inv_cdf(1.0 - chance), at_start)
+
+    def initial(self, noise: Floats) -> Any:
+        """Start all particles at 0, or with an error."""
+        return self._state(np.zeros(len(noise)), noise, self.at_start)
+
+    def step(self, state: Any, noise: Floats) -> Any:
+        """Advance by one step, or into an error."""
+        return self._state(self.moved(state["x"], noise), noise, not self.at_start)
+
+    def faults(self, state: Any) -> Bools:
+        """Return the rows with a reported fault (N,)."""
+        return np.asarray(state["bad"] & (self.how == "fault"))
+
+    def _state(self, x: Floats, noise: Floats, now: bool) -> Any:
+        bad = (noise[:, 1] > self.beyond) & now
+        if self.how == "raise" and bad.any():
+            raise RuntimeError("the planner gave up")
+        return {"x": np.where(bad & (self.how == "nan"), np.nan, x), "bad": bad}
+
+
+def constant(signals: dict[str, Any], t: int) -> Floats:
+    """Score without information: the same for all rows."""
+    return np.zeros(len(signals["x"]))

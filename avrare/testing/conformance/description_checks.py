@@ -1,0 +1,162 @@
+"""Description checks: what a plugin declares about a component, before anything is built."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from avrare import protocols
+from avrare.plugin.component import GROUP
+from avrare.testing.conformance.component_under_test import Subject
+
+HEAVY = (
+    "torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy.stats",
+    "tensorflow", "jax",
+)  # fmt: skip
+"""Modules that listing and validating must not import."""
+
+_PROBE = """
+import importlib, json, sys
+sys.path[:] = {path!r}
+before = set(sys.modules)
+for module in {modules!r}:
+    importlib.import_module(module)
+print(json.dumps([name for name in {heavy!r} if name in sys.modules and name not in before]))
+"""
+
+
+def description_is_light(subject: Subject) -> None:
+    """Listing the component and checking its options imports nothing heavy."""
+    part = subject.component
+    points = [point for point in entry_points(group=GROUP) if _is_of(point, subject.row.distribution)]
+    references = [*(point.value for point in points), part.config, part.rules, part.check]
+    modules = [reference.partition(":")[0] for reference in references if reference]
+    program = _PROBE.format(path=sys.path, modules=modules, heavy=HEAVY)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr.strip().splitlines()[-1:] or "it cannot be imported"
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert not found, f"imports {', '.join(found)}: import it inside the factory"
+
+
+def _is_of(point: object, distribution: str) -> bool:
+    dist = getattr(point, "dist", None)
+    return dist is not None and dist.name == distribution
+
+
+def summary_is_one_line(subject: Subject) -> None:
+    """The summary is one line of at most 120 characters."""
+    words = subject.component.summary
+    assert words.strip(), "it is empty"
+    assert "\n" not in words, "it has several lines"
+    assert len(words) <= 120, f"{len(words)} characters; 120 fit a table"
+
+
+def config_is_strict(subject: Subject) -> None:
+    """The options are a frozen pydantic model that refuses unknown keys."""
+    model = subject.model
+    assert isinstance(model, type), f"{model!r} is not a class"
+    assert issubclass(model, BaseModel), f"{model.__name__} is not a pydantic model"
+    for one in _models_with_nested(model):
+        settings = (one.model_config.get("extra"), one.model_config.get("frozen"))
+        wanted = 'ConfigDict(extra="forbid", frozen=True)'
+        assert settings == ("forbid", True), f"{one.__name__}: set model_config = {wanted}"
+    try:
+        model.model_validate({"no_such_option_": 1})
+    except ValidationError as error:
+        kinds = {entry["type"] for entry in error.errors()}
+        assert kinds - {"missing"}, "an unknown key raises no error about it"
+    else:
+        raise AssertionError("an unknown key is accepted")
+
+
+def options_are_described(subject: Subject) -> None:
+    """Every option has a description, and a length, time or speed its unit in brackets."""
+    options = [
+        (f"{one.__name__}.{name}", name, field)
+        for one in _models_with_nested(subject.model)
+        for name, field in one.model_fields.items()
+    ]
+    bare = [place for place, _, field in options if not (field.description or _is_tag(field))]
+    assert not bare, f"no description: {', '.join(bare)}"
+    numbers = [
+        (place, name, field.description) for place, name, field in options if field.annotation is float
+    ]
+    unitless = [place for place, name, text in numbers if _lacks_unit(name, text or "")]
+    assert not unitless, f"no unit in brackets: {', '.join(unitless)}"
+
+
+def _is_tag(field: FieldInfo) -> bool:
+    # one value only: it tells the members of a union apart
+    return get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+
+
+def _lacks_unit(name: str, description: str) -> bool:
+    # only by the name: a dimensionless number cannot be told from others in general
+    return name.rpartition("_")[2] in DIMENSIONS and "[" not in description
+
+
+def options_pickle(subject: Subject) -> None:
+    """The options survive pickling, which is how a scenario travels to a worker."""
+    again = pickle.loads(pickle.dumps(subject.config))
+    assert again == subject.config, "they come back changed"
+
+
+def factory_builds(subject: Subject) -> None:
+    """The factory builds the part from its defaults, the options given, or its model's example."""
+    part, members = subject.build(), _members(subject.kind)
+    missing = [name for name in members if not hasattr(part, name)]
+    assert not missing, f"a {subject.kind} needs {', '.join(missing)}"
+    if "noise_size" in members:
+        assert isinstance(part.noise_size, int), f"noise_size is {part.noise_size!r}, not an integer"
+        assert part.noise_size >= 0, f"noise_size is {part.noise_size}"
+    if "dt" in members:
+        assert part.dt > 0.0, f"dt is {part.dt!r}; it must be more than 0 s"
+
+
+DIMENSIONS = frozenset(
+    {"dt", "speed", "acceleration", "distance", "length", "width", "height", "radius", "duration", "mass"}
+)
+"""Last words of option names that need a unit."""
+
+PROTOCOLS: dict[str, type[Any]] = {
+    "simulator": protocols.Simulator,
+    "perception": protocols.PerceptionErrorModel,
+    "tracker": protocols.Tracker,
+    "controller": protocols.Controller,
+    "specification": protocols.Specification,
+    "estimator": protocols.Estimator,
+    "executor": protocols.Executor,
+}
+"""Protocol of each kind, whose members a part must have."""
+
+
+def _members(kind: str) -> list[str]:
+    protocol = PROTOCOLS[kind]
+    return [*protocol.__annotations__, *(name for name in vars(protocol) if not name.startswith("_"))]
+
+
+def _models_with_nested(model: type[BaseModel]) -> list[type[BaseModel]]:
+    found = [model]
+    for one in found:
+        for field in one.model_fields.values():
+            found += [inner for inner in _inside(field.annotation) if inner not in found]
+    return found
+
+
+def _inside(annotation: object) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in getattr(annotation, "__args__", ()) for model in _inside(part)]
+
+
+CHECKS = (
+    description_is_light, summary_is_one_line, config_is_strict, options_are_described, options_pickle,
+    factory_builds,
+)  # fmt: skip

@@ -1,0 +1,86 @@
+"""Executor checks: an ordered map over chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import AvrareError
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Work
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+from avrare.testing.conformance.component_under_test import Subject
+from avrare.testing.problems import walk
+
+_CHUNKS, _ROWS = 12, 5
+
+
+def outcomes_are_those_of_serial(subject: Subject) -> None:
+    """Every chunk has the outcome of the serial executor, in the order of the chunks."""
+    wanted = _outcomes(SerialExecutor())
+    found = _outcomes(subject.build())
+    assert len(found) == len(wanted), f"{len(found)} outcomes of {len(wanted)} chunks"
+    for index, (one, other) in enumerate(zip(wanted, found, strict=True)):
+        for name in ("robustness", "violated", "error"):
+            same = np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name == "robustness")
+            assert same, f"{name} of chunk {index} differs"
+
+
+def runs_more_than_once(subject: Subject) -> None:
+    """It can be opened again after it was closed."""
+    executor = subject.build()
+    first, second = _outcomes(executor), _outcomes(executor)
+    assert len(first) == len(second) == _CHUNKS, "some outcomes are missing the second time"
+
+
+def takes_chunks_as_there_is_room(subject: Subject) -> None:
+    """It does not read all chunks before it gives the first outcome."""
+    executor, taken = subject.build(), []
+
+    def chunks() -> Iterator[Request]:
+        for chunk in _chunks(200):
+            taken.append(chunk)
+            yield chunk
+
+    executor.open(_work())
+    with closing(executor):
+        next(iter(executor.map(chunks())))
+        assert len(taken) < 200, "all 200 chunks were read before the first outcome"
+
+
+def errors_come_through(subject: Subject) -> None:
+    """An error of the work ends the map with that error."""
+    executor = subject.build()
+    executor.open(_work())
+    with closing(executor):
+        try:
+            list(executor.map([Request.replay(np.zeros((2, 3, 9)))]))
+        except (AvrareError, ValueError, IndexError, TypeError):
+            return
+        raise AssertionError("a chunk that cannot be run gives an outcome")
+
+
+def _outcomes(executor: Any) -> list[Any]:
+    executor.open(_work())
+    with closing(executor):
+        return list(executor.map(_chunks(_CHUNKS)))
+
+
+def _work() -> Work:
+    problem = walk(1.0, 20).problem(chunk=_ROWS)
+    return Work(problem, NoiseSource(1, problem.noise_size), scored=False)
+
+
+def _chunks(number: int) -> list[Request]:
+    rows = np.arange(number * _ROWS)
+    request = Request.from_start(np.zeros_like(rows), rows)
+    return [request.slice(at, at + _ROWS) for at in range(0, len(rows), _ROWS)]
+
+
+CHECKS = (
+    outcomes_are_those_of_serial, runs_more_than_once, takes_chunks_as_there_is_room, errors_come_through,
+)  # fmt: skip

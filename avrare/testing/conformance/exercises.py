@@ -1,0 +1,241 @@
+"""Exercises: run a part of each kind for a few steps, driven by a tape of numbers only.
+
+An exercise is a function ``play(part, tape, between) -> outputs``: ``tape`` is (N, STEPS + 1, size) standard
+normal, ``between`` is applied to the state of the part before every step, ``outputs`` are named arrays with
+leading axis N. All behaviour checks compare such runs: the same tape twice, some of its rows, copied states.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from avrare.base import batch
+from avrare.base.errors import AvrareError
+from avrare.driving import Action, Observation, Prediction
+from avrare.protocols import (
+    Floats,
+    HasDensity,
+    HasScene,
+    PersistentPerceptionErrorModel,
+    find_ability,
+)
+from avrare.testing.conformance import sample_traffic as road
+from avrare.testing.conformance.check_outcome import Skipped
+from avrare.testing.conformance.component_under_test import Subject
+
+STEPS = 5
+_ROAD, _OTHERS = 4, 3
+"""Numbers that place the traffic of one step, and vehicles other than the ego."""
+
+Outputs = dict[str, Any]
+Between = Callable[[Any], Any]
+Play = Callable[[Any, Floats, Between], Outputs]
+
+
+def find_exercise(subject: Subject) -> tuple[Play, Callable[[Any], int]]:
+    """Return the exercise of a kind, and a function from a part to the numbers that it reads at a step.
+
+    Raises:
+        Skipped: The inputs of the part are unknown.
+    """
+    if subject.kind not in _EXERCISES:
+        raise Skipped(f"a part of kind {subject.kind} has no states")
+    if subject.kind == "controller" and not subject.component.driving:
+        raise Skipped("not made for driving: only its own simulator knows its inputs")
+    return _EXERCISES[subject.kind]
+
+
+def _simulator(part: Any, tape: Floats, between: Between) -> Outputs:
+    outputs: Outputs = {}
+    world = part.reset(tape[:, 0])
+    for step in range(STEPS + 1):
+        if step:
+            world = _step_world(part, between(world), tape[:, step])
+        outputs |= _named(step, part.signals(world))
+    return outputs
+
+
+def _step_world(part: Any, world: Any, noise: Floats) -> Any:
+    """Advance by one step: straight on if there is an ego, without an action in other simulators.
+
+    Raises:
+        Skipped: It needs an action that only its own controller knows.
+    """
+    action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if find_ability(part, HasScene) else None
+    try:
+        return part.step(world, action, noise)
+    except AvrareError as error:
+        wants = "action" in error.message or "controller" in error.message
+        reason = error.message
+        if not wants:
+            raise
+    except (TypeError, AttributeError) as error:
+        reason = str(error)
+        if action is not None or not _reads_its_action(part, world, noise):
+            raise
+    raise Skipped(f"it needs an action, which only its own controller knows: {reason}")
+
+
+class _ActionRead(Exception):
+    """Raised when a probe in place of an action is read."""
+
+
+def _report(*_: Any) -> Any:
+    raise _ActionRead
+
+
+class _ActionProbe:
+    """Placeholder for an action; any use of it raises ``_ActionRead``."""
+
+    __getattr__ = __getitem__ = __iter__ = __len__ = __array__ = __float__ = _report
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __neg__ = _report
+
+
+def _reads_its_action(part: Any, world: Any, noise: Floats) -> bool:
+    # a step that fails on None without reading it has a fault
+    try:
+        part.step(world, _ActionProbe(), noise)
+    except _ActionRead:
+        return True
+    except Exception:
+        return False
+    return False
+
+
+def _perception(part: Any, tape: Floats, between: Between) -> Outputs:
+    outputs: Outputs = {}
+    lasting = isinstance(part, PersistentPerceptionErrorModel)
+    memory = part.start(tape[:, 0, _ROAD:]) if lasting else None
+    for step in range(STEPS + 1):
+        world, noise = between(road.world(tape[:, step, :_ROAD], step)), tape[:, step, _ROAD:]
+        observation = part.observe(world, noise)
+        outputs |= _named(step, vars(observation))
+        if lasting and step:
+            followed, memory = part.follow(world, noise, between(memory))
+            outputs |= {f"followed {name}": value for name, value in _named(step, vars(followed)).items()}
+        if find_ability(part, HasDensity) is not None:
+            outputs[f"log_prob at {step}"] = part.log_prob(world, observation)
+    return outputs
+
+
+def _tracker(part: Any, tape: Floats, between: Between) -> Outputs:
+    outputs: Outputs = {}
+    track = part.start(road.world(tape[:, 0, :_ROAD], 0))
+    for step in range(STEPS + 1):
+        if step:
+            track = part.update(between(track), _observation(tape[:, step], step))
+        outputs |= _named(step, vars(part.predict(track, 3)))
+    return outputs
+
+
+def _observation(numbers: Floats, step: int) -> Observation:
+    # errors of half a metre; every sixth vehicle is missed
+    others = road.world(numbers[:, :_ROAD], step).others
+    detected = numbers[:, -_OTHERS:] > -1.0
+    x, y, speed = (np.where(detected, value, np.nan) for value in (others.x, others.y, others.speed))
+    return Observation(detected, x, y, speed)
+
+
+def _controller(part: Any, tape: Floats, between: Between) -> Outputs:
+    outputs: Outputs = {}
+    memory = part.start(len(tape))
+    ahead = 0.2 * np.arange(part.horizon + 1)
+    for step in range(STEPS + 1):
+        world = road.world(tape[:, step], step)
+        x = world.others.x[..., None] + world.others.speed[..., None] * ahead
+        prediction = Prediction(x, np.broadcast_to(world.others.y[..., None], x.shape))
+        action, memory = part.act(between(memory), world.ego, prediction)
+        outputs |= _named(step, vars(action))
+    return outputs
+
+
+def _specification(part: Any, tape: Floats, between: Between) -> Outputs:
+    outputs: Outputs = {}
+    state = part.start(len(tape))
+    for step in range(STEPS + 1):
+        signals = _AnySignals(tape[:, step], step)
+        state, verdict = part.update(between(state), signals)
+        outputs |= _named(step, vars(verdict))
+    return outputs
+
+
+class _AnySignals(Mapping[str, Any]):
+    """Signals of the traffic, and a wave (N,) under any other name."""
+
+    def __init__(self, numbers: Floats, step: int) -> None:
+        self._numbers, self._step = numbers, step
+        self._traffic = road.signals(road.world(numbers, step))
+
+    def __getitem__(self, name: str) -> Any:
+        if name in self._traffic:
+            return self._traffic[name]
+        column = zlib.crc32(name.encode()) % self._numbers.shape[1]
+        return np.sin(0.7 * self._step) + self._numbers[:, column]
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._traffic)
+
+    def __len__(self) -> int:
+        return len(self._traffic)
+
+
+def _named(step: int, values: Mapping[str, Any]) -> Outputs:
+    return {f"{name} at step {step}": value for name, value in values.items()}
+
+
+_EXERCISES: dict[str, tuple[Play, Callable[[Any], int]]] = {
+    "simulator": (_simulator, lambda part: int(part.noise_size)),
+    "perception": (_perception, lambda part: _ROAD + int(part.noise_size)),
+    "tracker": (_tracker, lambda part: _ROAD + _OTHERS),
+    "controller": (_controller, lambda part: _ROAD),
+    "specification": (_specification, lambda part: _ROAD),
+}
+
+
+def unchanged(state: Any) -> Any:
+    """Return a state as it is."""
+    return state
+
+
+class Exercise:
+    """A built part and its exercise.
+
+    Raises:
+        Skipped: The part cannot be built here, or needs an action that only its own controller knows.
+    """
+
+    rows = 7
+
+    def __init__(self, subject: Subject) -> None:
+        self._play, size = find_exercise(subject)
+        self._part = subject.build()
+        self.tape = np.random.default_rng(1).standard_normal((self.rows, STEPS + 1, size(self._part)))
+        self.outputs = self.play(self.tape)
+
+    def play(self, tape: Floats, between: Between = unchanged) -> Outputs:
+        """Return the outputs for a tape (N, STEPS + 1, size)."""
+        return self._play(self._part, tape, between)
+
+
+def split_and_joined(state: Any) -> Any:
+    """Take a state apart and join it, as the splitting estimators do."""
+    if not batch.leaves(state):
+        return state
+    half = batch.size(state) // 2
+    first, rest = np.arange(half), np.arange(half, batch.size(state))
+    return batch.concatenate([batch.take(state, first), batch.take(state, rest)])
+
+
+def read_only(state: Any) -> Any:
+    """Return a copy that cannot be written to."""
+    own = batch.separated(state)
+    for leaf in batch.leaves(own):
+        leaf.flags.writeable = False
+    return own

@@ -1,0 +1,77 @@
+"""Time limit of a step of a world: a step that hangs becomes an error of its rollout."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType, TracebackType
+from typing import Any
+
+from avrare.base.errors import UsageError
+
+
+class StepTimeout(Exception):
+    """Step that exceeded the time limit."""
+
+
+class _Alarm(BaseException):
+    """Alarm: not an ``Exception``, so that the world's own handlers do not catch it."""
+
+
+class Watchdog:
+    """Watchdog that interrupts slow calls by SIGALRM; entered around many steps, ``call`` guards one.
+
+    Args:
+        seconds: Wall-clock limit of one call; None: no limit.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        self.seconds = seconds
+        self._armed = False
+        self._before: tuple[Any, tuple[float, float]] | None = None
+
+    def __enter__(self) -> Watchdog:
+        if self.seconds is not None:
+            if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
+                raise UsageError(
+                    "step_timeout needs the main thread of a process on a Unix system",
+                    "remove step_timeout, or use more workers",
+                )
+            timer = signal.getitimer(signal.ITIMER_REAL)
+            self._before = signal.signal(signal.SIGALRM, self._on_alarm), timer
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: Any, trace: TracebackType | None) -> None:
+        if self._before is not None:
+            handler, timer = self._before
+            signal.signal(signal.SIGALRM, handler)
+            signal.setitimer(signal.ITIMER_REAL, *timer)
+            self._before = None
+
+    def call(self, function: Any, *arguments: Any) -> Any:
+        """Call ``function(*arguments)`` under the time limit.
+
+        Raises:
+            StepTimeout: It did not return in time.
+        """
+        if self.seconds is None:
+            return function(*arguments)
+        try:
+            try:
+                self._armed = True
+                # Repeatedly: the function may catch the first alarm.
+                signal.setitimer(signal.ITIMER_REAL, self.seconds, self.seconds)
+                return function(*arguments)
+            finally:
+                self._disarm()
+        except _Alarm:
+            self._disarm()  # it may have fired in the `finally`
+            raise StepTimeout(f"the step did not end within {self.seconds:g} s") from None
+
+    def _disarm(self) -> None:
+        self._armed = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def _on_alarm(self, number: int, frame: FrameType | None) -> None:
+        if self._armed:
+            raise _Alarm

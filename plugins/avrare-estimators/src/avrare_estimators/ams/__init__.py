@@ -1,0 +1,1 @@
+"""Adaptive multilevel splitting (stl-ams)."""

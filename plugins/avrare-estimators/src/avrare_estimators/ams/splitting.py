@@ -1,0 +1,145 @@
+"""Adaptive multilevel splitting over online monitors (stl-ams, section III-B)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import FAILURE_LIMIT, Result
+from avrare.protocols import Bools, Floats
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Integers, Request, Rollouts
+from avrare_estimators.ams.levels import choose_parents, first_above, next_level
+from avrare_estimators.ams.state import AmsState, Branches
+from avrare_estimators.ams.summary import summarise
+from avrare_estimators.config import AmsConfig
+from avrare_estimators.cost import affordable_runs, progress
+
+_STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
+"""Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
+
+
+def build(config: AmsConfig, scene: object | None = None) -> Splitting:
+    """Build the estimator of a scenario or a call."""
+    return Splitting(config)
+
+
+class Splitting:
+    """Estimator ``ams``: R runs of N particles as one batch."""
+
+    name = "ams"
+    single = True
+    needs = ("branches",)
+    rebuilds_carries = True
+
+    def __init__(self, config: AmsConfig) -> None:
+        self.config = config
+        self._published = config.variant == "published"
+
+    def prepare(self, problem: Problem) -> Problem:
+        """Return the problem with the score of the variant."""
+        return problem.rescored("prefix") if self._published else problem
+
+    def init(self, plan: Plan) -> tuple[AmsState, Info]:
+        """Return the state before the first rollout, and what to show."""
+        particles = self.config.particles
+        runs = affordable_runs(
+            plan, self.config.runs, "splitting", _ROLLOUTS_OF_RUN * particles, _STEPS_OF_RUN * particles,
+            f"{particles} particles",
+        )  # fmt: skip
+        return AmsState.begin(plan, runs, particles), Info()
+
+    def ask(self, state: AmsState) -> Request | None:
+        """Ask for the first N rollouts of every run, then for the successors of the discarded."""
+        pending = state.pending
+        if not len(pending.slots):
+            return None
+        run, particle = np.divmod(pending.slots, self.config.particles)
+        stage = np.full(len(pending.slots), state.stage)
+        request = Request(run, stage, particle, pending.start, keep_carries=True, every=state.every)
+        if not state.stage:
+            return replace(request, most_bytes=self._bytes_per_slot(state))
+        branch = pending.parents, pending.start, state.every
+        return replace(request, carries=state.population.branch(*branch), past=state.population.past(*branch))
+
+    def tell(self, state: AmsState, rollouts: Rollouts) -> tuple[AmsState, Info]:
+        """Store the rollouts, then do one stage of all active runs (stl-ams, Algorithm 2)."""
+        state.population.store(state.pending.slots, state.pending.start, rollouts)
+        if self._published:  # its failures are robustness <= 0
+            state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
+        if state.stage == 0:
+            first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
+            state = replace(state, every=rollouts.every, first=first)
+        state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
+        state, survivors = self._advance_level(state)
+        return state, self._info(state, survivors)
+
+    def estimate(self, state: AmsState) -> list[Result]:
+        """Return the mean of the runs with its interval."""
+        return [summarise(self.name, self.config, state)]
+
+    def _advance_level(self, state: AmsState) -> tuple[AmsState, int]:
+        population = state.population
+        shape = (state.runs, self.config.particles)
+        violated, error = population.violated.reshape(shape), population.error.reshape(shape)
+        # 1. The level is the K-th lowest score (the published code discards one more).
+        level = next_level(population.final.reshape(shape), violated, self.config.discard + self._published)
+        # 2. A run ends at a level of failures, without a parent to branch from, or below the floor.
+        eligible = ~level.discarded & ~error
+        state.active[:] &= ~level.reached & eligible.any(axis=1) & (state.weight >= self.config.floor)
+        if state.plan.steps == 0:  # nothing to branch from: this is Monte Carlo
+            state.active[:] = False
+        # 3. Discard all at or below the level; discarded failures and errors count with the present weight.
+        discarded = level.discarded & state.active[:, None]
+        self._retire(state, discarded & violated)
+        state.error_weight[:] += state.weight * (discarded & error).mean(axis=1)
+        # 4. Multiply the weight by the share that survives (stl-ams, Eq. 12, with the true number discarded).
+        self._reweight(state, discarded.sum(axis=1), level.score)
+        # 5. Replace each discarded particle by a branch of a survivor.
+        survivors = int((~level.discarded)[state.active].sum())
+        return replace(state, pending=self._branch(state, discarded, eligible, level.score)), survivors
+
+    def _retire(self, state: AmsState, failures: Bools) -> None:
+        state.retired[:] += state.weight * failures.mean(axis=1)
+        room = FAILURE_LIMIT - sum(len(tapes.run) for tapes in state.discarded_failures)
+        slots = np.flatnonzero(failures)[:room]
+        if len(slots):
+            state.discarded_failures.append(state.population.addresses(slots, self.config.particles))
+
+    def _reweight(self, state: AmsState, discarded: Integers, level: Floats) -> None:
+        particles = self.config.particles
+        alive = particles - discarded
+        state.weight[:] *= alive / particles
+        shrink = 1.0 + 2.0 * discarded / alive + discarded * (discarded - 1.0) / alive**2
+        state.pairs[:] /= np.where(discarded > 0, shrink, 1.0)
+        for r in np.flatnonzero(state.active):
+            state.levels[r].append((float(level[r]), int(discarded[r])))
+
+    def _branch(self, state: AmsState, discarded: Bools, eligible: Bools, level: Floats) -> Branches:
+        children = np.flatnonzero(discarded)
+        run, own = np.divmod(children, self.config.particles)
+        stage = np.full(len(children), state.stage)
+        parents = choose_parents(eligible, run, state.plan.noise.choices(run, stage, own))
+        start = first_above(state.population.scores[parents], level[run])
+        order = np.argsort(start, kind="stable")
+        branches = Branches(children[order], parents[order], start[order])
+        state.population.inherit(
+            branches.slots, branches.parents, branches.start, stage, own[order], state.every
+        )
+        return branches
+
+    def _info(self, state: AmsState, survivors: int) -> Info:
+        latest = [entries[-1][0] for entries, on in zip(state.levels, state.active, strict=True) if on]
+        return progress(
+            state.tally,
+            stage=state.stage,
+            level=float(np.median(latest)) if latest else None,
+            probability=float(state.probabilities.mean()),
+            survivors=survivors if latest else None,
+            particles=int(state.active.sum()) * self.config.particles if latest else None,
+        )
+
+    def _bytes_per_slot(self, state: AmsState) -> int:
+        return max(1, int(self.config.memory * 2**20) // len(state.population.root))

@@ -1,0 +1,1 @@
+"""Elliptical slice sampling with nested levels (stl-ess)."""

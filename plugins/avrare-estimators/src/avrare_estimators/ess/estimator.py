@@ -1,0 +1,124 @@
+"""Elliptical slice sampling: the probability of failure as a product over nested levels (stl-ess).
+
+A pilot of few chains finds the levels and tunes the kernel; a second pass with fresh samples follows these
+levels, and counts. Given the pilot, the second pass is unbiased: its levels and kernels depend on nothing
+that it draws. All runs advance as one batch, each at its own levels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Result
+from avrare.protocols import OffersWeights, find_ability, find_notes
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request, Rollouts
+from avrare_estimators.config import EssConfig
+from avrare_estimators.cost import affordable_runs, progress
+from avrare_estimators.ess.chains import Kernel
+from avrare_estimators.ess.kernels import make_kernel
+from avrare_estimators.ess.level_pass import EssState, LevelPass, PassShape
+from avrare_estimators.ess.summary import summarise
+
+_STAGE_OF_SECOND_PASS = 2**31
+_NOMINAL = 1e-4
+"""Probability that a run is taken to go down to, for budgets."""
+_MIN_PILOT_CHAINS = 5
+
+
+def build(config: EssConfig, scene: object | None = None) -> NestedLevels:
+    """Build the estimator of a scenario or a call."""
+    return NestedLevels(config)
+
+
+class NestedLevels:
+    """Estimator ``ess``.
+
+    Attributes:
+        notes: Health warnings that the system wants on every result.
+    """
+
+    name = "ess"
+    single = True
+    needs = ("noise",)
+    notes: Mapping[str, str] = {}
+
+    def __init__(self, config: EssConfig) -> None:
+        self.config = config
+        self.kernel: Kernel = make_kernel(config)
+
+    def prepare(self, problem: Problem) -> Problem:
+        """Return the problem, with its weights if it has any; make the kernel if it must know the system."""
+        self.notes, problem = find_notes(problem.system), _with_weights(problem)
+        self.kernel = self.kernel.prepare(problem)
+        return problem
+
+    def init(self, plan: Plan) -> tuple[EssState, Info]:
+        """Return the state before the first rollout, and what to show."""
+        rollouts, chains = self._nominal_rollouts(), f"{self.config.chains} chains"
+        runs = affordable_runs(plan, self.config.runs, "nested levels", rollouts, rollouts, chains)
+        first = LevelPass.begin(plan, self._shape(runs, second=False), self.kernel, None)
+        return EssState.begin(plan, first, counting=not self.config.second_pass), Info()
+
+    def ask(self, state: EssState) -> Request | None:
+        """Ask for the fresh tapes of a pass, then for the proposals of all waiting chains."""
+        proposal = state.level_pass.proposal
+        return None if proposal is None else Request.replay(proposal)
+
+    def tell(self, state: EssState, rollouts: Rollouts) -> tuple[EssState, Info]:
+        """Advance chains and levels; after the pilot begin the pass that counts."""
+        state = state.tell(rollouts)
+        pilot = state.level_pass
+        if pilot.proposal is None and not state.counting:
+            shape = self._shape(pilot.shape.runs, second=True)
+            second = LevelPass.begin(state.plan, shape, self.kernel, pilot.levels)
+            state = replace(state, counting=True, level_pass=second, pilot=state.tally.rollouts)
+        return state, _info(state)
+
+    def estimate(self, state: EssState) -> list[Result]:
+        """Return the mean of the runs with its interval."""
+        return [summarise(self.name, self.config, self.kernel, state, self.notes)]
+
+    def _shape(self, runs: int, second: bool) -> PassShape:
+        config, chains = self.config, self.config.chains
+        if config.second_pass and not second:
+            chains = min(chains, max(_MIN_PILOT_CHAINS, math.ceil(config.pilot * chains)))
+        samples = chains * config.length
+        survivors = min(max(1, round(config.level_probability * samples)), samples - 1)
+        stage = _STAGE_OF_SECOND_PASS if second else 0
+        return PassShape(runs, chains, config.length, config.skip, survivors, config.floor, stage)
+
+    def _nominal_rollouts(self) -> int:
+        shares = math.ceil(math.log(_NOMINAL) / math.log(self.config.level_probability))
+        passes = (False, True) if self.config.second_pass else (False,)
+        shapes = [self._shape(1, second) for second in passes]
+        moves = sum(shape.chains * (shape.length - 1) * (shape.skip + 1) for shape in shapes)
+        fresh = sum(shape.samples for shape in shapes)
+        return fresh + math.ceil((shares - 1) * moves * self.kernel.rollouts)
+
+
+def _with_weights(problem: Problem) -> Problem:
+    offering = find_ability(problem.system, OffersWeights)
+    if offering is None:
+        return problem
+    monitors = dict(zip(problem.names, problem.monitors, strict=True))
+    score: Any = problem.score
+    return Problem(offering.with_weights(), monitors, problem.steps, chunk=problem.chunk).rescored(score)
+
+
+def _info(state: EssState) -> Info:
+    levels, current = state.level_pass.levels, state.level_pass
+    last = np.sort(levels[-1].level[levels[-1].passed]) if levels else np.zeros(0)
+    return progress(
+        state.tally,
+        stage=len(levels),
+        level=float(last[len(last) // 2]) if len(last) else None,
+        probability=float(current.probabilities.mean()) if current.population is not None else None,
+        particles=int(current.active.sum()) * current.shape.samples if current.active.any() else None,
+    )

@@ -1,0 +1,163 @@
+"""Summary of finished passes through the levels: mean, interval, diagnostics and health."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+
+from avrare.estimation import health, intervals
+from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result
+from avrare.estimation.result_builder import build_result
+from avrare.protocols import Floats
+from avrare_estimators.config import EssConfig
+from avrare_estimators.ess.chains import Kernel
+from avrare_estimators.ess.level_pass import EssState, LevelPass
+from avrare_estimators.ess.levels import r_hat
+from avrare_estimators.weights import effective_size
+
+
+def summarise(
+    name: str, config: EssConfig, kernel: Kernel, state: EssState, notes: Mapping[str, str]
+) -> Result:
+    """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
+    plan, last, tally = state.plan, state.level_pass, state.tally
+    values = last.probabilities
+    probability = float(values.mean())
+    relative_variance = _relative_variance(last, values)
+    extinct, roots = int((values == 0.0).sum()), _count_ancestors(last)
+    warnings = health.check_runs(values.tolist(), extinct, roots)
+    warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
+    if probability == 1.0:
+        warnings |= health.warn("all_failed")
+    if kernel.note:
+        warnings |= health.warn("heuristic_kernel", note=kernel.note)
+    warnings |= {**kernel.warnings(last.known), **_weight_warnings(last), **notes}
+    return build_result(
+        plan,
+        name,
+        tally,
+        values,
+        interval_at=_interval(last, values, relative_variance),
+        relative_error=math.sqrt(relative_variance),
+        health=warnings,
+        failures=_distinct_failures(last, tally.failures),
+        worst=state.worst,
+        robustness=state.first,
+        diagnostics={
+            "kernel": config.kernel,
+            "levels": _values_per_run(last, "level"),
+            "shares": _values_per_run(last, "share"),
+            "effective_sizes": _values_per_run(last, "effective"),
+            "samples": last.shape.samples,
+            "pilot_rollouts": state.pilot,
+            "extinct_runs": extinct,
+            "roots": roots,
+            "r_hat": r_hat(_ranks_by_chain(last)).tolist(),
+            "chain_variance": (_variance_over_levels(last) * values**2).tolist(),
+        }
+        | (
+            {
+                "weight_sizes": _values_per_run(last, "weight_size"),
+                "largest_weights": _values_per_run(last, "largest_weight"),
+            }
+            if last.weighted
+            else {}
+        ),
+    )
+
+
+def _count_ancestors(last: LevelPass) -> list[int]:
+    roots = last.points.root.reshape(last.failed.shape)
+    return [len(np.unique(root[failed])) for root, failed in zip(roots, last.failed, strict=True)]
+
+
+def _relative_variance(last: LevelPass, values: Floats) -> float:
+    mean = float(values.mean())
+    if mean == 0.0:
+        return math.nan
+    runs = len(values)
+    ideal = abs(math.log(mean)) / (last.shape.samples * runs)
+    if runs == 1:
+        return float(_variance_over_levels(last)[0]) or ideal
+    # Divided first: the square of a tiny estimate is 0. Runs may be equal by chance.
+    return float((values / mean).var(ddof=1)) / runs or ideal
+
+
+def _variance_over_levels(last: LevelPass) -> Floats:
+    # Added up over the levels of a run, as if they were independent.
+    shares = [(record.share, record.effective) for record in last.levels]
+    total = np.zeros(last.shape.runs)
+    for share, effective in [*shares, _share_of_failures(last)]:
+        known = np.isfinite(share) & (share > 0.0)
+        part = (1.0 - share) / np.where(known, share * effective, 1.0)
+        total += np.where(known, part, 0.0)
+    return total
+
+
+def _share_of_failures(last: LevelPass) -> tuple[Floats, Floats]:
+    share, effective = (last.weights * last.failed).mean(axis=1), last.effective(last.failed)
+    passed = np.sum([record.passed for record in last.levels], axis=0) if last.levels else 0
+    fresh = np.equal(passed, 0) & (not last.weighted)
+    return share, np.where(fresh, float(last.shape.samples), effective)
+
+
+def _weight_warnings(last: LevelPass) -> dict[str, str]:
+    if not last.weighted:
+        return {}
+    sizes, shares = [], []
+    for run, row in enumerate(last.weights * last.failed):
+        if row.any():
+            passed = [record for record in last.levels if record.passed[run]]
+            sizes.append(min(effective_size(row), *(float(r.weight_size[run]) for r in passed), np.inf))
+            largest = (float(r.largest_weight[run]) for r in passed)
+            shares.append(max(float(row.max() / row.sum()), *largest, 0.0))
+    if not sizes:
+        return {}
+    size, share = float(np.median(sizes)), float(np.median(shares))
+    if size >= health.LEAST_EFFECTIVE and share <= health.LARGEST_SHARE:
+        return {}
+    text = (
+        f"in half of the runs the weights of a level are worth {size:.1f} samples, or the largest has "
+        f"{share:.0%} of them: the noise drawn is far from the one that is meant; fit it better, or use more "
+        "chains"
+    )
+    return {"weight_degenerate": text}
+
+
+def _interval(last: LevelPass, values: Floats, relative_variance: float) -> Callable[[float], Interval]:
+    if not values.any():
+        return intervals.unknown
+    error_weight = float(last.error_weight.mean())
+    if not last.levels and not last.weighted:  # no level was needed: plain Monte Carlo
+        failed, trials = int(last.points.violated.sum()), len(last.points.score)
+        return partial(intervals.clopper_pearson, failed, trials, errors=round(error_weight * trials))
+    return partial(
+        intervals.log_normal, float(values.mean()), relative_variance, freedom=len(values) - 1,
+        errors=error_weight,
+    )  # fmt: skip
+
+
+def _distinct_failures(last: LevelPass, count: int) -> Failures:
+    # A chain that stays repeats its tape.
+    different: dict[bytes, int] = {}
+    for row in np.flatnonzero(last.points.violated):
+        if len(different) == FAILURE_LIMIT:
+            break
+        different.setdefault(last.points.tape[row].tobytes(), int(row))
+    rows = np.array(list(different.values()), dtype=np.int64)
+    return Failures(last.points.tape[rows], last.points.robustness[rows], count)
+
+
+def _values_per_run(last: LevelPass, name: str) -> list[list[float]]:
+    runs = range(last.shape.runs)
+    return [[float(getattr(record, name)[r]) for record in last.levels if record.passed[r]] for r in runs]
+
+
+def _ranks_by_chain(last: LevelPass) -> Floats:
+    # Ranks of the scores in their run have a variance for any scores.
+    key = last.points.key.reshape(last.shape.runs, -1)
+    order = np.argsort(np.argsort(key, axis=1, kind="stable"), axis=1, kind="stable")
+    return np.asarray(last.by_chain(order.astype(np.float64)))

@@ -1,0 +1,1 @@
+"""Importance sampling and the cross-entropy method."""

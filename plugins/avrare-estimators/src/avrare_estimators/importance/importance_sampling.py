@@ -1,0 +1,171 @@
+"""Importance sampling: draw from a proposal under which failures are frequent, count them by weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Result
+from avrare.estimation.result_builder import Tally
+from avrare.protocols import Floats
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.weighted_problem import WeightedProblem
+from avrare_estimators.config import CeConfig, IsConfig
+from avrare_estimators.cost import affordable_rollouts, progress
+from avrare_estimators.importance.cross_check import MIN_PARTICLES, CrossCheck, CrossCheckResult
+from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
+from avrare_estimators.importance.result import RunOutcome, summarise
+from avrare_estimators.importance.sampling import (
+    LatentSource,
+    PartialSample,
+    PerceptionSource,
+    Sample,
+    Source,
+)
+
+
+def build(config: IsConfig, scene: object | None = None) -> ImportanceSampling:
+    """Build the estimator of a scenario or a call."""
+    return ImportanceSampling(config)
+
+
+@dataclass(frozen=True)
+class SamplingState:
+    """State of runs that follow one another.
+
+    Attributes:
+        plan: The task.
+        rollouts: Rollouts of a run's final sample, its cross-check included.
+        source: The proposal in use.
+        task: The sample or cross-check under way; None when all is done.
+        sample: Final sample of the present run, once drawn.
+        stages: Learning stages of the present run, one entry each.
+        finished: Runs done.
+        tally: Cost so far.
+        first: Robustness of the first sample, NaN for errors.
+    """
+
+    plan: Plan
+    rollouts: int
+    source: Source
+    task: PartialSample | CrossCheck | None = None
+    sample: Sample | None = None
+    stages: tuple[dict[str, Any], ...] = ()
+    finished: tuple[RunOutcome, ...] = ()
+    tally: Tally = field(default_factory=Tally)
+    first: Floats | None = None
+
+    @property
+    def run(self) -> int:
+        """Index of the present run."""
+        return len(self.finished)
+
+
+class WeightedSampler:
+    """Base of importance sampling and cross-entropy: a final sample, its cross-check, the next run.
+
+    Attributes:
+        noise_size: Noise size of the problem that the user gave, where it was replaced.
+    """
+
+    name: str
+    single = True
+    needs = ("noise",)
+    config: IsConfig | CeConfig
+    noise_size: int | None = None
+
+    def ask(self, state: SamplingState) -> Request | None:
+        """Ask for the next wave."""
+        return state.task.pending if state.task is not None else None
+
+    def tell(self, state: SamplingState, rollouts: Rollouts) -> tuple[SamplingState, Info]:
+        """Store the wave; when a sample or a cross-check is complete, begin what comes next."""
+        assert state.task is not None
+        task = state.task.tell(rollouts)
+        state = replace(state, tally=state.tally.plus(rollouts), task=task)
+        if task.pending is None:
+            if isinstance(task, CrossCheck):
+                state = self._finish_run(state, task.result())
+            else:
+                sample = task.sample()
+                if state.first is None:
+                    state = replace(state, first=np.where(sample.error, np.nan, sample.robustness))
+                state = self._sample_complete(state, sample)
+        return state, self._info(state)
+
+    def estimate(self, state: SamplingState) -> list[Result]:
+        """Return the weighted mean, its interval, and the health of the weights."""
+        return [summarise(self.name, state.plan, state.finished, state.tally, state.first, self.noise_size)]
+
+    def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
+        check = CrossCheck.begin(sample, self._check_rollouts(state.rollouts))
+        state = replace(state, sample=sample.without_carries(), task=check)
+        return state if check is not None else self._finish_run(state, None)
+
+    def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
+        assert state.sample is not None
+        outcome = RunOutcome(state.sample, self.config.check > 0.0, result, state.stages)
+        state = replace(state, finished=(*state.finished, outcome), sample=None, stages=(), task=None)
+        return state if state.run == self.config.runs else self._begin_run(state)
+
+    def _begin_run(self, state: SamplingState) -> SamplingState:
+        rows = state.rollouts - self._check_rollouts(state.rollouts)
+        target_rows = round(self.config.defensive * rows)
+        stage = len(state.stages)
+        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows)
+        return replace(state, task=task)
+
+    def _check_rollouts(self, rollouts: int) -> int:
+        share = int(self.config.check * rollouts)
+        return share if share >= MIN_PARTICLES else 0
+
+    def _info(self, state: SamplingState) -> Info:
+        estimates = [outcome.probability for outcome in state.finished]
+        return progress(
+            state.tally,
+            stage=len(state.stages),
+            level=state.stages[-1]["level"] if state.stages else None,
+            probability=float(np.mean(estimates)) if estimates else None,
+        )
+
+
+class ImportanceSampling(WeightedSampler):
+    """Estimator ``is``: samples from a given proposal."""
+
+    name = "is"
+    config: IsConfig
+
+    def __init__(self, config: IsConfig) -> None:
+        self.config = config
+        self.kind = proposal_kind(config.proposal)
+
+    def prepare(self, problem: Problem) -> Problem:
+        """Return the problem; for a perception model, the closed loop drawn from it, with weights.
+
+        Raises:
+            UsageError: The problem has no perception whose density is known.
+        """
+        if self.kind not in ("plugin", "perception"):
+            return problem
+        self.noise_size = problem.noise_size
+        return WeightedProblem(problem, self.config.proposal)
+
+    def init(self, plan: Plan) -> tuple[SamplingState, Info]:
+        """Return the state before the first rollout, and what to show."""
+        rollouts = affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
+        state = SamplingState(plan, rollouts, self._source(plan))
+        return self._begin_run(state), Info(goal=rollouts * self.config.runs)
+
+    def _source(self, plan: Plan) -> Source:
+        proposal: Any = self.config.proposal
+        if self.kind in ("plugin", "perception"):
+            return PerceptionSource()
+        if self.kind == "gaussian":
+            numbers = proposal["gaussian"]
+            shape = (plan.steps + 1, plan.noise.noise_size)
+            proposal = GaussianMixture.single(numbers.get("mean", 0.0), numbers.get("std", 1.0), shape)
+        return LatentSource(proposal)

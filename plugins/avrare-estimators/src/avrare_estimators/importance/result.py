@@ -1,0 +1,225 @@
+"""Result of weighted samples: mean, interval, diagnostics and health."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation import health, intervals
+from avrare.estimation.plan import Plan
+from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result, Worst
+from avrare.estimation.result_builder import Tally, build_result, missing_worst
+from avrare.protocols import Bools, Floats
+from avrare.rollout.request import Integers
+from avrare_estimators.importance.cross_check import CrossCheckResult
+from avrare_estimators.importance.sampling import Sample
+from avrare_estimators.weights import Quality, quality, stratified_variance
+
+DISTRUST = {"no_failures", "weight_degenerate", "cross_check", "unreached"}
+"""Warnings under which the interval does not rest on the weights."""
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """Outcome of one run.
+
+    Attributes:
+        sample: The final sample.
+        checked: A cross-check was asked for.
+        cross_check: Its result; None where there was none, or it did not reach failure.
+        stages: Learning stages, one entry each.
+    """
+
+    sample: Sample
+    checked: bool
+    cross_check: CrossCheckResult | None
+    stages: tuple[dict[str, Any], ...]
+
+    @cached_property
+    def weights(self) -> Floats:
+        """(n,) weights of the rows."""
+        return np.asarray(np.exp(self.sample.log_weights))
+
+    @cached_property
+    def contributions(self) -> Floats:
+        """(n,) weight of the failing rows, 0 for the others."""
+        return np.where(self.sample.violated, self.weights, 0.0)
+
+    @property
+    def probability(self) -> float:
+        """Estimate of the run, unbiased but for the cut at 1."""
+        return min(1.0, float(self.contributions.mean()))
+
+    @property
+    def error_weight(self) -> float:
+        """Weight of the rows that broke down."""
+        return float(np.where(self.sample.error, self.weights, 0.0).mean())
+
+    @property
+    def unreached(self) -> bool:
+        """Learning ended short of failure."""
+        return bool(self.stages) and not self.stages[-1]["reached"]
+
+    def variance(self, unit: float) -> float:
+        """Return the variance of ``probability`` in units of ``unit``."""
+        return stratified_variance(self.contributions / unit, self.sample.target_rows)
+
+
+def summarise(
+    name: str, plan: Plan, runs: Sequence[RunOutcome], tally: Tally, first: Floats | None,
+    noise_size: int | None,
+) -> Result:  # fmt: skip
+    """Return the result of finished runs.
+
+    Args:
+        name: Name of the estimator.
+        plan: The task.
+        runs: Outcomes of the runs.
+        tally: Cost of all rollouts.
+        first: Robustness of the first sample.
+        noise_size: Numbers a step that the user's problem reads, where they are fewer.
+    """
+    values = np.array([run.probability for run in runs])
+    marks = _pooled_quality(runs)
+    warnings = _health(plan, runs, marks, tally)
+    return build_result(
+        plan,
+        name,
+        tally,
+        values,
+        interval_at=_interval(runs, values, marks, trusted=not DISTRUST & warnings.keys()),
+        relative_error=math.sqrt(_relative_variance(runs, values)),
+        health=warnings,
+        failures=_failures(runs, tally, noise_size),
+        worst=_worst(plan, runs, noise_size),
+        robustness=first if first is not None else np.zeros(0),
+        diagnostics=_diagnostics(runs, marks),
+    )
+
+
+def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
+    """Return the quality of the weights of all runs together; the target's rows first, as in each run."""
+
+    def target_first(values: Callable[[RunOutcome], Floats]) -> Floats:
+        target = [values(run)[: run.sample.target_rows] for run in runs]
+        return np.concatenate([*target, *(values(run)[run.sample.target_rows :] for run in runs)])
+
+    weights = target_first(lambda run: run.weights)
+    failing = target_first(lambda run: run.contributions) > 0.0
+    return quality(weights, failing, sum(run.sample.target_rows for run in runs))
+
+
+def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Tally) -> dict[str, str]:
+    found = health.check_weights(
+        marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share, *_contradiction(runs)
+    )
+    if any(run.unreached for run in runs):
+        found |= health.warn("unreached", stages=max(len(run.stages) for run in runs))
+    if marks.effective_failures > 0.0 and any(run.checked and run.cross_check is None for run in runs):
+        found |= health.warn("unchecked")
+    if all(run.sample.violated.all() for run in runs):
+        found |= health.warn("all_failed")
+    return found | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
+
+
+def _contradiction(runs: Sequence[RunOutcome]) -> tuple[float, float]:
+    """Return the largest surprise, of one run or of all together, and the median share of unseen failures.
+
+    Both are 0 without a cross-check.
+    """
+    checks = [run.cross_check for run in runs if run.cross_check is not None]
+    if not checks:
+        return 0.0, 0.0
+    each = [check.surprise for check in checks]
+    together = sum(each) / math.sqrt(len(each))
+    return max(*each, together, 0.0), median(check.unseen for check in checks)
+
+
+def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
+    mean = float(values.mean())
+    if mean == 0.0:
+        return math.nan
+    # Divided first: the square of a tiny estimate is 0.
+    within = sum(run.variance(mean) for run in runs) / len(runs) ** 2
+    spread = float((values / mean).var(ddof=1)) / len(runs) if len(runs) > 1 else within
+    return spread or within
+
+
+def _interval(
+    runs: Sequence[RunOutcome], values: Floats, marks: Quality, trusted: bool
+) -> Callable[[float], Interval]:
+    mean, error_weight = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
+    if not trusted:
+        rows = sum(run.sample.target_rows for run in runs)
+        failed = sum(int(run.sample.violated[: run.sample.target_rows].sum()) for run in runs)
+        errors = sum(int(run.sample.error[: run.sample.target_rows].sum()) for run in runs)
+        return partial(_for_any_weights, mean, failed, errors, rows)
+    freedom = len(runs) - 1 if len(runs) > 1 else max(1, int(marks.effective_failures) - 1)
+    relative = _relative_variance(runs, values)
+    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=error_weight)
+
+
+def _for_any_weights(mean: float, failed: int, errors: int, rows: int, confidence: float) -> Interval:
+    """Return an interval that holds for any weights.
+
+    The lower end is Markov's inequality: the estimate is unbiased and not negative, so it exceeds p / a with
+    probability at most a. The upper end is plain Monte Carlo on the rows drawn from the target.
+    """
+    tail = (1.0 - confidence) / 2.0
+    low = tail * mean
+    if not rows:
+        return low, 1.0
+    each_side = 1.0 - tail if mean > 0.0 else confidence
+    high = intervals.clopper_pearson(failed, rows, each_side, errors=errors)[1]
+    return low, max(high, mean)
+
+
+def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "mean_weight": marks.mean,
+        "mean_weight_error": marks.standard_error,
+        "effective_size": marks.effective,
+        "effective_failures": marks.effective_failures,
+        "largest_share": marks.largest_share,
+        "second_look": [None if run.cross_check is None else vars(run.cross_check) for run in runs],
+        "target_rows": [run.sample.target_rows for run in runs],
+        "rows": [len(run.sample.error) for run in runs],
+    }
+    if any(run.stages for run in runs):
+        found["stages"] = [list(run.stages) for run in runs]
+    return found
+
+
+def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
+    rows = np.flatnonzero(chosen)
+    return rows if run.sample.source.replayable else rows[rows < run.sample.target_rows]
+
+
+def _failures(runs: Sequence[RunOutcome], tally: Tally, noise_size: int | None) -> Failures:
+    tapes, robustness, room = [], [], FAILURE_LIMIT
+    for run in runs:
+        rows = _replayable(run, run.sample.violated)[:room]
+        tapes.append(run.sample.tapes(rows)[..., :noise_size])
+        robustness.append(run.sample.robustness[rows])
+        room -= len(rows)
+    return Failures(np.concatenate(tapes), np.concatenate(robustness), tally.failures)
+
+
+def _worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Worst:
+    missing = missing_worst(plan)
+    worst = Worst(missing.noise[:, :noise_size], missing.robustness)
+    for run in runs:
+        rows = _replayable(run, ~run.sample.error)
+        if not len(rows):
+            continue
+        row = rows[[int(np.argmin(run.sample.robustness[rows]))]]
+        least = float(run.sample.robustness[row[0]])
+        if not least >= worst.robustness:
+            worst = Worst(run.sample.tapes(row)[0][:, :noise_size], least)
+    return worst

@@ -1,0 +1,1 @@
+"""Perception error models as a rollout evaluates them: NumPy only."""

@@ -1,0 +1,182 @@
+"""Perception error models of this plugin: fitted to a detector, in closed form, and naive."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.driving import Observation, Scene, World
+from avrare.protocols import Floats
+from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig
+from avrare_gp_pem.runtime import normal
+from avrare_gp_pem.runtime.features import box_of
+from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE, ObservationLaw, normal_log_density
+from avrare_gp_pem.runtime.persistence import PersistentPem, with_persistence
+from avrare_gp_pem.runtime.store import load, locate
+from avrare_gp_pem.runtime.variant import MAX_EXPONENT, Variant
+from avrare_gp_pem.runtime.visibility import category, relative, visibility
+
+
+class LawPem(ABC):
+    """Perception error model given by its distribution (an ``avrare.protocols.PerceptionErrorModel``)."""
+
+    scene: Scene
+
+    @abstractmethod
+    def law(self, world: World) -> ObservationLaw:
+        """Return the distribution of the observation of ``world``."""
+
+    @property
+    def noise_size(self) -> int:
+        """Standard normal numbers per particle and step."""
+        return NOISE_PER_VEHICLE * len(self.scene.names)
+
+    def observe(self, world: World, noise: Floats) -> Observation:
+        """Return one observation of every other vehicle, from noise (N, noise_size)."""
+        return self.law(world).draw(world, noise)
+
+    def log_prob(self, world: World, observation: Observation) -> Floats:
+        """Return the (N,) log density of ``observation``."""
+        return self.law(world).log_prob(world, observation)
+
+
+@dataclass(frozen=True)
+class GpPem(LawPem):
+    """Model fitted to a detector: Gaussian processes or networks.
+
+    Attributes:
+        config: Options.
+        scene: Sizes of the other vehicles.
+        variant: The fitted distribution.
+    """
+
+    config: GpPemConfig
+    scene: Scene
+    variant: Variant
+
+    def law(self, world: World) -> ObservationLaw:
+        """Return the distribution of the observation of ``world``."""
+        levels = category(visibility(world, self.scene, self.config.rays))
+        box = box_of(relative(world), self.scene.lengths, self.scene.widths, self.config.height, levels)
+        return self.variant.law(box, self.config.speed_sd)
+
+
+def build_gp(config: GpPemConfig, scene: Scene) -> GpPem | PersistentPem:
+    """Build the fitted model for a scene.
+
+    Raises:
+        UsageError: The model is unknown, its file cannot be read, or ``artefact`` is asked of a model that
+            was fitted to labels without one.
+    """
+    fitted = load(locate(config.model))
+    variant = fitted.delivered if config.artefact else fitted.clean
+    if variant is None:
+        message = f"perception model {config.model!r} has no artefact of label matching"
+        raise UsageError(message, "remove artefact: true")
+    return with_persistence(GpPem(config, scene, variant), config.persistence, scene)
+
+
+@dataclass(frozen=True)
+class ParametricPem(LawPem):
+    """Perception error model in closed form, free of licensed data.
+
+    Detection falls logistically with range; errors are Student-t with a scale that grows with range. The
+    default coefficients were fitted to a PointPillar lidar detector on vehicles oblique to the ego, range
+    below 60 m.
+
+    Occlusion multiplies detection by min(1, visible fraction / full_visibility): a detector hardly notices a
+    little occlusion (on KITTI 0.77 of unoccluded and 0.75 of partly occluded vehicles are detected, 0.63 of
+    largely occluded ones), and a vehicle that returns no echo cannot be detected.
+
+    Attributes:
+        config: Coefficients.
+        scene: Sizes of the other vehicles.
+    """
+
+    config: ParametricPemConfig
+    scene: Scene
+
+    def law(self, world: World) -> ObservationLaw:
+        """Return the distribution of the observation of ``world``."""
+        config, distance = self.config, relative(world).range
+        steepness = (distance - config.detection_range) / config.detection_width
+        in_range = config.detection_plateau / (1 + np.exp(np.minimum(steepness, MAX_EXPONENT)))
+        seen = visibility(world, self.scene, config.rays)
+        detect = in_range * np.minimum(1.0, seen / config.full_visibility)
+        coefficients = (config.longitudinal_scale, config.lateral_scale)
+        scale = np.stack([base + slope * distance for base, slope in coefficients], axis=-1)
+        return ObservationLaw(
+            detect=detect,
+            miss=1 - detect,
+            location=np.zeros_like(scale),
+            scale=scale,
+            dof=(config.longitudinal_dof, config.lateral_dof),
+            limit=config.error_limit,
+            speed_sd=config.speed_sd,
+        )
+
+
+def build_parametric(config: ParametricPemConfig, scene: Scene) -> ParametricPem | PersistentPem:
+    """Build the parametric model for a scene."""
+    return with_persistence(ParametricPem(config, scene), config.persistence, scene)
+
+
+@dataclass(frozen=True)
+class NaivePem:
+    """Model that errs on purpose: the fixed proposal of stl-ams ("Imp-Naive", section IV).
+
+    Each vehicle is missed with a fixed probability, whatever the truth, and the position of a detected one is
+    normal around it, along the world's axes. It models no detector: sampling from it makes failures frequent,
+    and ``log_prob`` gives the importance weight. Its speed has the distribution of the other models, so that
+    this part of the weights cancels.
+
+    Attributes:
+        config: Options.
+        scene: The observed vehicles.
+    """
+
+    config: NaivePemConfig
+    scene: Scene
+
+    @property
+    def noise_size(self) -> int:
+        """Standard normal numbers per particle and step."""
+        return NOISE_PER_VEHICLE * len(self.scene.names)
+
+    def observe(self, world: World, noise: Floats) -> Observation:
+        """Return one observation of every other vehicle, from noise (N, noise_size)."""
+        others = world.others
+        parts = noise.reshape(*others.x.shape, NOISE_PER_VEHICLE)
+        detected = normal.cdf(parts[..., 0]) < self.config.detection
+        missing = np.where(detected, 0.0, np.nan)
+        speed = others.speed * np.cos(others.heading)
+        return Observation(
+            detected=detected,
+            x=others.x + self.config.sd * parts[..., 1] + missing,
+            y=others.y + self.config.sd * parts[..., 2] + missing,
+            speed_x=speed + self.config.speed_sd * parts[..., 3] + missing,
+        )
+
+    def log_prob(self, world: World, observation: Observation) -> Floats:
+        """Return the (N,) joint log density of detected, x, y and speed_x of all vehicles."""
+        others, config = world.others, self.config
+        speed = others.speed * np.cos(others.heading)
+        errors = (
+            (observation.x - others.x, config.sd),
+            (observation.y - others.y, config.sd),
+            (observation.speed_x - speed, config.speed_sd),
+        )
+        seen = np.full(others.x.shape, math.log(config.detection))
+        for error, sd in errors:
+            seen = seen + normal_log_density(np.where(observation.detected, error, 0.0), sd)
+        missed = math.log1p(-config.detection)
+        return np.where(observation.detected, seen, missed).sum(axis=-1)  # type: ignore[no-any-return]
+
+
+def build_naive(config: NaivePemConfig, scene: Scene) -> NaivePem | PersistentPem:
+    """Build the naive model for a scene."""
+    return with_persistence(NaivePem(config, scene), config.persistence, scene)

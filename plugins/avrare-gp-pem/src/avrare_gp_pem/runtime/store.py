@@ -1,0 +1,162 @@
+"""Model files: fitted perception error models as NumPy arrays and strings, never pickles."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError, did_you_mean
+from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
+from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
+from avrare_gp_pem.runtime.networks import Networks, networks
+from avrare_gp_pem.runtime.variant import FittedPem, Variant, YawErrors
+
+Arrays = Mapping[str, NDArray[Any]]
+FORMAT = 2
+FOLDER = Path(__file__).parents[1] / "models"
+_GP_ARRAYS = ("inducing", "lengthscale", "variance", "location", "factor", "prior", "jitter")
+_NUMBERS = ("input_mean", "input_sd", "base_scale", "dof", "limit")
+_CALIBRATION = ("bounds", "line", "stretch")
+_YAW_ARRAYS = ("flip", "scale", "dof")
+_CAR = Box(*(np.array([[value]]) for value in (2.0, 20.0, 1.5, 4.5, 1.8, 1.6, 4.0)))
+_UNREADABLE = (
+    ValueError,
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    np.linalg.LinAlgError,
+    IndexError,
+    TypeError,
+)
+
+
+def locate(model: str) -> Path:
+    """Return the file of a shipped model's name, or of a path that ends in ``.npz``.
+
+    Raises:
+        UsageError: There is no such model or file.
+    """
+    if model.endswith(".npz"):
+        path = Path(model)
+        if not path.is_file():
+            raise UsageError(f"{model}: no such file")
+        return path
+    shipped = {path.stem: path for path in FOLDER.glob("*.npz")}
+    if model not in shipped:
+        hint = did_you_mean(model, shipped) or "give the name of a shipped model or the path of an .npz file"
+        raise UsageError(f"unknown perception model {model!r}", hint)
+    return shipped[model]
+
+
+def load(path: Path) -> FittedPem:
+    """Read a fitted model of format 1 or 2.
+
+    Raises:
+        UsageError: The file was not written by ``save``.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        version = int(arrays["format"])
+        if version not in (1, FORMAT):
+            raise UsageError(f"{path}: model format {version}, this version reads 1 and {FORMAT}")
+        return _from_format_1(arrays) if version == 1 else _from_format_2(arrays)
+    except KeyError as error:
+        raise UsageError(f"{path}: not a perception model: {error.args[0]!r} is missing") from None
+    except _UNREADABLE as error:
+        reason = error if zipfile.is_zipfile(path) else "not an .npz file"  # NumPy's message is about pickles
+        raise UsageError(f"{path}: not a perception model: {reason}") from None
+
+
+def save(path: Path, model: FittedPem) -> None:
+    """Write a fitted model; the same model gives the same bytes."""
+    arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT)}
+    for name, variant in (("clean", model.clean), ("delivered", model.delivered)):
+        if variant is not None:
+            arrays |= {f"{name}_{key}": value for key, value in _variant_arrays(variant).items()}
+    if model.yaw is not None:
+        arrays |= {f"yaw_{name}": getattr(model.yaw, name) for name in _YAW_ARRAYS}
+    arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
+    arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
+    np.savez_compressed(path, allow_pickle=False, **arrays)
+
+
+def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
+    arrays = {name: np.asarray(getattr(variant, name)) for name in (*_NUMBERS, *_CALIBRATION)}
+    arrays["inputs"] = np.array(variant.inputs, dtype=np.str_)
+    arrays |= {name: np.array(getattr(variant, name)) for name in ("link", "frame")}
+    latents = variant.latents
+    if isinstance(latents, GpPair):
+        for prefix, process in (("detection", latents.detection), ("error", latents.error)):
+            arrays |= {f"{prefix}_{name}": getattr(process, name) for name in _GP_ARRAYS}
+    elif isinstance(latents, Networks):
+        for i, (weight, bias) in enumerate(zip(latents.weights, latents.biases, strict=True)):
+            arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
+    else:
+        raise TypeError(f"{type(latents).__name__} cannot be stored in a file")
+    return arrays
+
+
+def _from_format_2(arrays: Arrays) -> FittedPem:
+    parts: dict[str, Variant] = {}
+    for name in ("clean", "delivered"):
+        own = {key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")}
+        if own:
+            parts[name] = _variant(own)
+    yaw = YawErrors(*(arrays[f"yaw_{name}"] for name in _YAW_ARRAYS)) if "yaw_flip" in arrays else None
+    return FittedPem(parts["clean"], parts.get("delivered"), _provenance(arrays), yaw)
+
+
+def _from_format_1(arrays: Arrays) -> FittedPem:  # two processes, ten inputs, no artefact or calibration
+    numbers = {name: np.asarray(arrays[name], float) for name in _NUMBERS}
+    variant = Variant(_gp_pair(arrays), NAMES, link="probit", frame="vehicle", **numbers)
+    return FittedPem(_checked(variant), None, _provenance(arrays))
+
+
+def _variant(arrays: Arrays) -> Variant:
+    names = tuple(str(name) for name in arrays["inputs"])
+    unknown = set(names) - set(COLUMNS)
+    if unknown:
+        raise ValueError(
+            f"it reads the columns {', '.join(sorted(unknown))}, which this version does not know"
+        )
+    variant = Variant(
+        latents=_gp_pair(arrays) if "detection_inducing" in arrays else _networks(arrays),
+        inputs=names,
+        link=str(arrays["link"]),
+        frame=str(arrays["frame"]),
+        **{name: np.asarray(arrays[name], float) for name in (*_NUMBERS, *_CALIBRATION)},
+    )
+    return _checked(variant)
+
+
+def _checked(variant: Variant) -> Variant:
+    law = variant.law(_CAR, speed_sd=0.0)
+    if not all(np.isfinite(part).all() for part in (law.detect, law.location, law.scale, law.limit, law.dof)):
+        raise ValueError("its predictions are not finite")
+    return variant
+
+
+def _networks(arrays: Arrays) -> Networks:
+    layers = range(sum(key.startswith("weight_") for key in arrays))
+    weights = tuple(np.asarray(arrays[f"weight_{i}"], float) for i in layers)
+    return networks(weights, tuple(np.asarray(arrays[f"bias_{i}"], float) for i in layers))
+
+
+def _gp_pair(arrays: Arrays) -> GpPair:
+    processes = []
+    for prefix in ("detection", "error"):
+        parameters = {name: np.asarray(arrays[f"{prefix}_{name}"], float) for name in _GP_ARRAYS}
+        kind = DiagonalGp if parameters["factor"].ndim == 2 else SparseGp
+        processes.append(kind(**parameters))
+    return GpPair(*processes)
+
+
+def _provenance(arrays: Arrays) -> dict[str, str]:
+    keys, values = arrays["provenance_keys"], arrays["provenance_values"]
+    return {str(key): str(value) for key, value in zip(keys, values, strict=True)}

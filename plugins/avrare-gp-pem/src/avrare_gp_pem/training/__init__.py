@@ -1,0 +1,1 @@
+"""Fitting a perception error model to a detector's output; needs the ``train`` extra."""

@@ -1,0 +1,365 @@
+"""Predicates and quantities of formulas: positions, motion, distances."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.protocols import Floats
+from avrare_traffic_rules.traffic import Bodies
+from avrare_traffic_rules.vocabulary import Setting, predicate, quantity
+
+# Positions: lanes, ahead, beside
+
+
+@predicate("lateral")
+def in_same_lane(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A and b occupy a common lane."""
+    return np.asarray(np.minimum(a.lanes, b.lanes).max(axis=0))
+
+
+@predicate("longitudinal")
+def in_front_of(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """The rear of a is beyond the front of b."""
+    return a.rear - b.front
+
+
+@predicate("longitudinal")
+def nearer(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """The rear of a is less far along the road than the rear of b."""
+    return b.rear - a.rear
+
+
+@predicate("mixed")
+def other_than(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A and b are two vehicles, not one: infinite, or minus infinite."""
+    return np.where(a.number == b.number, -np.inf, np.inf)
+
+
+@predicate("mixed")
+def left_of(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A is beside b, wholly to its left."""
+    aside = (a.y - a.half_width - b.y - b.half_width) / s.scales.lateral
+    beside = np.minimum(b.front - a.rear, a.front - b.rear)
+    return np.minimum(aside, beside / s.scales.longitudinal)
+
+
+@predicate("lateral")
+def single_lane(s: Setting, a: Bodies) -> Floats:
+    """A touches one lane only."""
+    lanes = range(len(a.lanes))
+    only = [
+        np.min([a.lanes[lane] if lane == own else -a.lanes[lane] for lane in lanes], axis=0) for own in lanes
+    ]
+    return np.asarray(np.max(only, axis=0))
+
+
+@predicate("mixed")
+def cut_in(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A changes lanes towards b and already shares one with it."""
+    left = (a.y - b.y) / s.scales.lateral
+    turning_left = a.heading / s.scales.heading
+    approaching = np.maximum(np.minimum(left, -turning_left), np.minimum(-left, turning_left))
+    return np.minimum(np.minimum(-single_lane(s, a), approaching), in_same_lane(s, a, b))
+
+
+@predicate("lateral")
+def on_access_ramp(s: Setting, a: Bodies) -> Floats:
+    """A touches a lane of an access ramp."""
+    return _touches(a, list(s.road.access_ramp))
+
+
+@predicate("lateral")
+def on_main_carriageway(s: Setting, a: Bodies) -> Floats:
+    """A touches a lane that is no access ramp and no shoulder."""
+    return _touches(a, s.main_lanes)
+
+
+@predicate("lateral")
+def on_shoulder(s: Setting, a: Bodies) -> Floats:
+    """A touches a shoulder."""
+    return _touches(a, list(s.parameters.shoulder))
+
+
+@predicate("lateral")
+def in_right_lane(s: Setting, a: Bodies) -> Floats:
+    """A touches the rightmost lane of the main carriageway."""
+    return _touches(a, s.main_lanes[:1])
+
+
+@predicate("lateral")
+def in_leftmost_lane(s: Setting, a: Bodies) -> Floats:
+    """A touches the leftmost lane of the main carriageway."""
+    return _touches(a, s.main_lanes[-1:])
+
+
+@predicate("mixed")
+def on_broad_road(s: Setting, a: Bodies) -> Floats:
+    """The main carriageway is at least as wide as a broad road: infinite, or minus infinite."""
+    broad = len(s.main_lanes) * s.road.lane_width >= s.parameters.broad_road
+    return np.full(a.x.shape, np.inf if broad else -np.inf)
+
+
+@predicate("lateral")
+def keeps_right(s: Setting, a: Bodies) -> Floats:
+    """The right side of a is near the right border of every lane that it touches, or beyond it."""
+    return _near_border(s, a, a.y - a.half_width, -0.5 * s.road.lane_width, 1.0)
+
+
+@predicate("lateral")
+def keeps_left(s: Setting, a: Bodies) -> Floats:
+    """The left side of a is near the left border of every lane that it touches, or beyond it."""
+    return _near_border(s, a, a.y + a.half_width, 0.5 * s.road.lane_width, -1.0)
+
+
+def _touches(a: Bodies, lanes: list[int]) -> Floats:
+    return np.asarray(a.lanes[lanes].max(axis=0, initial=-np.inf))
+
+
+def _near_border(s: Setting, a: Bodies, side: Floats, border: float, inwards: float) -> Floats:
+    borders = np.array(s.road.lane_centres).reshape(-1, *[1] * a.y.ndim) + border
+    near = s.parameters.border_distance - inwards * (side - borders)
+    return np.asarray(np.maximum(-a.lanes, near).min(axis=0))
+
+
+# Motion: speed, acceleration, heading
+
+
+@quantity("m/s")
+def speed(s: Setting, a: Bodies) -> Floats:
+    """Speed of a along its heading."""
+    return a.speed
+
+
+@quantity("m/s^2")
+def acceleration(s: Setting, a: Bodies) -> Floats:
+    """Acceleration of a along its heading."""
+    return a.acceleration
+
+
+@quantity("rad")
+def heading(s: Setting, a: Bodies) -> Floats:
+    """Heading of a against the road, left is positive."""
+    return a.heading
+
+
+@predicate("acceleration")
+def brakes(s: Setting, a: Bodies) -> Floats:
+    """A slows down."""
+    return np.asarray(-a.acceleration)
+
+
+@predicate("acceleration")
+def brakes_abruptly(s: Setting, a: Bodies) -> Floats:
+    """A brakes harder than ``abrupt_braking``."""
+    return s.parameters.abrupt_braking - a.acceleration
+
+
+@predicate("acceleration")
+def brakes_abruptly_relative(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A brakes harder than ``abrupt_braking`` beyond what b brakes."""
+    return s.parameters.abrupt_braking - (a.acceleration - np.minimum(b.acceleration, 0.0))
+
+
+@predicate("speed")
+def slow(s: Setting, a: Bodies) -> Floats:
+    """A is slower than ``speed_limit`` by more than ``slow_difference``."""
+    return s.parameters.speed_limit - s.parameters.slow_difference - a.speed
+
+
+@predicate("speed")
+def preserves_flow(s: Setting, a: Bodies) -> Floats:
+    """A is slower than ``speed_limit`` by less than ``slow_difference``."""
+    return a.speed - s.parameters.speed_limit + s.parameters.slow_difference
+
+
+@predicate("speed")
+def drives_faster(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A is faster than b."""
+    return a.speed - b.speed
+
+
+@predicate("speed")
+def drives_slightly_faster(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A is faster than b by less than ``slightly_faster``, or not faster at all."""
+    return s.parameters.slightly_faster - (a.speed - b.speed)
+
+
+@predicate("speed")
+def has_congestion_speed(s: Setting, a: Bodies) -> Floats:
+    """A is slower than ``congestion_speed``."""
+    return s.parameters.congestion_speed - a.speed
+
+
+@predicate("speed")
+def has_slow_traffic_speed(s: Setting, a: Bodies) -> Floats:
+    """A is slower than ``slow_traffic_speed``."""
+    return s.parameters.slow_traffic_speed - a.speed
+
+
+@predicate("speed")
+def has_queue_speed(s: Setting, a: Bodies) -> Floats:
+    """A is slower than ``queue_speed``."""
+    return s.parameters.queue_speed - a.speed
+
+
+@predicate("speed")
+def stands(s: Setting, a: Bodies) -> Floats:
+    """A is slower than ``standstill_speed`` either way."""
+    return s.parameters.standstill_speed - np.abs(a.speed)
+
+
+@predicate("speed")
+def reverses(s: Setting, a: Bodies) -> Floats:
+    """A goes backwards faster than ``standstill_speed``."""
+    return -s.parameters.standstill_speed - a.speed
+
+
+@predicate("heading")
+def turns_around(s: Setting, a: Bodies) -> Floats:
+    """A is turned against the road by more than ``turn_heading``."""
+    turned = np.abs(np.remainder(a.heading + np.pi, 2.0 * np.pi) - np.pi)
+    return turned - s.parameters.turn_heading
+
+
+@predicate("mixed")
+def keeps_lane_limit(s: Setting, a: Bodies) -> Floats:
+    """A is not faster than the limit of any lane that it touches."""
+    limit = s.parameters.lane_limit
+    if not isinstance(limit, tuple):
+        return ((np.inf if limit is None else limit) - a.speed) / s.scales.speed
+    limits = np.array([np.inf if one is None else one for one in limit]).reshape(-1, *[1] * a.speed.ndim)
+    below = (limits - a.speed) / s.scales.speed
+    return np.asarray(np.maximum(-a.lanes / s.scales.lateral, below).min(axis=0))
+
+
+@predicate("speed")
+def keeps_type_limit(s: Setting, a: Bodies) -> Floats:
+    """A is not faster than ``truck_limit``, if it is the ego and a truck."""
+    truck = s.parameters.vehicle_type == "truck"
+    return np.where(truck & (a.number < 0), s.parameters.truck_limit, np.inf) - a.speed
+
+
+@predicate("speed")
+def keeps_view_limit(s: Setting, a: Bodies) -> Floats:
+    """A can stop within ``field_of_view``: v t + v^2 / 2b is not more."""
+    b, t = s.braking(a), s.parameters.reaction_time
+    return b * (np.sqrt(t**2 + 2.0 * s.parameters.field_of_view / b) - t) - a.speed
+
+
+@predicate("speed")
+def keeps_braking_limit(s: Setting, a: Bodies) -> Floats:
+    """A brakes to a stop within ``braking_distance``: v^2 / 2b is not more."""
+    return np.sqrt(2.0 * s.braking(a) * s.parameters.braking_distance) - a.speed
+
+
+# Distances between vehicles, and safe distances
+
+
+@quantity("m")
+def distance(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """Distance between the rectangles of a and b; minus the depth of their overlap."""
+    return signed_distance(_rectangle(a), _rectangle(b))
+
+
+@quantity("m")
+def gap(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """Distance from the front of a to the rear of b along the road; negative unless b is in front."""
+    return b.rear - a.front
+
+
+@predicate("longitudinal")
+def keeps_safe_distance(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A can stop behind b if both brake as hard as they can, a after its reaction time."""
+    behind, before = onward(a), onward(b)
+    own, theirs = behind**2 / (2.0 * s.braking(a)), before**2 / (2.0 * s.braking(b))
+    needed = np.maximum(own - theirs + behind * s.parameters.reaction_time, 0.0)
+    return b.rear - a.front - needed
+
+
+@quantity("s")
+def time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """Time until the boxes of a and b touch at constant velocities; infinite if they never do."""
+    # closed intervals: boxes that touch now have collided, whether they approach or not
+    reaches = (a.half_length + b.half_length, a.half_width + b.half_width)
+    apart = (b.x - a.x, b.y - a.y)
+    closing = (_along(a) - _along(b), _across(a) - _across(b))
+    along, across = (_meeting(*axis) for axis in zip(apart, reaches, closing, strict=True))
+    enter = np.maximum(np.maximum(along[0], across[0]), 0.0)
+    return np.where(enter <= np.minimum(along[1], across[1]), enter, np.inf)
+
+
+@predicate("time")
+def keeps_time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """The time to collision of a and b is ``least_time_to_collision`` or more."""
+    return time_to_collision(s, a, b) - s.parameters.least_time_to_collision
+
+
+@quantity("m")
+def rss_longitudinal(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """Room that a has behind b beyond the longitudinal RSS distance."""
+    p = s.parameters
+    rho, behind = p.rss_response_time, onward(a)
+    faster = behind + rho * p.rss_acceleration
+    own = behind * rho + 0.5 * p.rss_acceleration * rho**2 + faster**2 / (2.0 * p.rss_least_braking)
+    needed = np.maximum(own - onward(b) ** 2 / (2.0 * p.rss_strongest_braking), 0.0)
+    return b.rear - a.front - needed
+
+
+@quantity("m")
+def rss_lateral(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """Room between a and b across the road beyond the lateral RSS distance."""
+    to_b = np.where(b.y > a.y, 1.0, -1.0)
+    approach = _approach(s, to_b * _across(a)) + _approach(s, -to_b * _across(b))
+    between = np.abs(b.y - a.y) - a.half_width - b.half_width
+    return between - s.parameters.rss_lateral_margin - np.maximum(approach, 0.0)
+
+
+@predicate("longitudinal")
+def keeps_rss_longitudinal(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A keeps the longitudinal RSS distance behind b."""
+    return rss_longitudinal(s, a, b)
+
+
+@predicate("lateral")
+def keeps_rss_lateral(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A and b keep the lateral RSS distance."""
+    return rss_lateral(s, a, b)
+
+
+def onward(bodies: Bodies) -> Floats:
+    """Return the speed of each vehicle for its braking distance; 0 if it moves against the road [m/s].
+
+    The speed, not its component along the road: a vehicle that changes lanes brakes along its heading.
+    """
+    return np.where(_along(bodies) > 0.0, np.abs(bodies.speed), 0.0)
+
+
+def _approach(s: Setting, towards: Floats) -> Floats:
+    # It accelerates for the response time, then brakes; if it still moves away then, it stops at once.
+    p = s.parameters
+    rho, gained = p.rss_response_time, p.rss_response_time * p.rss_lateral_acceleration
+    after = np.maximum(towards + gained, 0.0)
+    return towards * rho + 0.5 * gained * rho + after**2 / (2.0 * p.rss_lateral_braking)
+
+
+def _meeting(apart: Floats, reach: Floats, closing: Floats) -> tuple[Floats, Floats]:
+    """Return when intervals on a line, ``apart`` between centres, begin and cease to touch [s]."""
+    still = np.where(np.abs(apart) <= reach, np.inf, -np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, two = (apart - reach) / closing, (apart + reach) / closing
+    moving = closing != 0.0
+    begin = np.where(moving, np.minimum(one, two), -still)
+    return begin, np.where(moving, np.maximum(one, two), still)
+
+
+def _rectangle(bodies: Bodies) -> Rectangle:
+    return Rectangle(bodies.x, bodies.y, bodies.heading, bodies.length, bodies.width)
+
+
+def _along(bodies: Bodies) -> Floats:
+    return bodies.speed * np.cos(bodies.heading)
+
+
+def _across(bodies: Bodies) -> Floats:
+    return bodies.speed * np.sin(bodies.heading)

@@ -1,1 +1,0 @@
-"""The predicates by what they speak of: places on the road, motion, distances that keep safe."""

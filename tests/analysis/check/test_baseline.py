@@ -1,0 +1,115 @@
+"""Baseline files: written, read and refused; differences between two scenarios that change the problem."""
+
+import json
+import math
+
+import pytest
+
+from avrare.analysis.check import baseline
+from avrare.analysis.check.baseline import BaselineEntry, find_differences, summarise_differences
+from avrare.analysis.check.confidence_distributions import Binomial, LogNormal
+from avrare.base.errors import UsageError
+from avrare.scenario.load import load
+
+
+@pytest.fixture
+def scenario(drive):
+    return load(drive())
+
+
+def test_files_are_numbered_and_the_newest_is_read(scenario, estimate, tmp_path):
+    folder = tmp_path / "deep" / "folder"
+    assert baseline.read_newest(folder) is None
+    first = baseline.save(folder, scenario, [estimate(Binomial(5, 1000))])
+    (folder / "notes.txt").write_text("no baseline")
+    (folder / "0007.json").write_bytes(first.read_bytes())
+    second = baseline.save(folder, scenario, [estimate(LogNormal(1e-3, 0.1, 9), health={"ties": "..."})])
+    assert (first.name, second.name) == ("0001.json", "0008.json")
+    found = baseline.read_newest(folder)
+    assert found.path == second
+    assert found.entries["rule"].health == ("ties",)
+    assert found.entries["rule"].distribution == LogNormal(1e-3, 0.1, 9)
+    assert found.scenario == scenario.resolved
+    assert found.versions == scenario.versions
+    assert found.versions["avrare-gusts"] == "1.0"
+
+
+@pytest.mark.parametrize("law", [Binomial(0, 10), Binomial(5, 1000), LogNormal(1e-3, 0.1, 9)], ids=str)
+def test_an_estimate_survives(scenario, estimate, tmp_path, law):
+    result = estimate(law, relative_error=math.nan if law == Binomial(0, 10) else 0.1)
+    path = baseline.save(tmp_path, scenario, [result])
+    entry, wanted = baseline.read(path).entries["rule"], BaselineEntry.from_result(result)
+    assert (entry.distribution, entry.probability, entry.rollouts) == (law, wanted.probability, 1000)
+    assert entry.relative_error == pytest.approx(wanted.relative_error, nan_ok=True)
+
+
+def test_the_default_folder_is_next_to_the_scenario(scenario, tmp_path):
+    assert (tmp_path / baseline.default_folder(scenario)).resolve() == tmp_path / "baselines" / "drive"
+
+
+@pytest.mark.parametrize(
+    ("break_it", "message"),
+    [
+        (lambda text: text[:40], "not a baseline that can be read"),
+        (lambda text: "[]", "not a baseline"),
+        (lambda text: text.replace('"schema": 1', '"schema": 2'), "has schema 2"),
+        (lambda text: text.replace('"law": "binomial"', '"law": "levy"'), "not an estimate"),
+        (lambda text: json.dumps({**json.loads(text), "estimates": [{}]}), "'specification' is missing"),
+    ],
+)
+def test_a_damaged_file_is_refused_with_its_name(scenario, estimate, tmp_path, break_it, message):
+    path = baseline.save(tmp_path, scenario, [estimate(Binomial(5, 1000))])
+    path.write_text(break_it(path.read_text()))
+    with pytest.raises(UsageError, match=message) as caught:
+        baseline.read_newest(tmp_path)
+    assert str(path) in caught.value.message
+    assert "remove it" in caught.value.hint
+
+
+def test_a_folder_that_cannot_be_written_to(scenario, estimate, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="cannot"):
+        baseline.save(tmp_path / "file", scenario, [estimate(Binomial(5, 1000))])
+
+
+OLD = {
+    "steps": 40, "simulator": {"plugin": "box", "dt": 0.1, "cars": [{"x": 1.0}, {"x": 2.0}]},
+    "perception": {"plugin": "gp"}, "controller": {"plugin": "mpc", "horizon": 8}, "seed": 0,
+    "specifications": {"near": {"stl": "always (gap > 2)", "until": "closed", "score": None}},
+    "estimator": {"plugin": "mc"}, "thresholds": [],
+}  # fmt: skip
+
+
+def changed(**changes):
+    return find_differences(OLD, {**OLD, **changes}, ["near"])
+
+
+def test_the_stack_the_estimator_and_the_thresholds_may_change():
+    assert changed(controller={"plugin": "other"}, tracker={"plugin": "imm"}, seed=3) == []
+    assert changed(estimator={"plugin": "ams"}, thresholds=[1], chunk=5, name="x", confidence=0.9) == []
+
+
+def test_the_world_the_length_the_perception_and_the_rules_may_not():
+    assert changed(steps=41) == ["steps 40 -> 41"]
+    assert changed(simulator={**OLD["simulator"], "dt": 0.05}) == ["simulator.dt 0.1 -> 0.05"]
+    cars = [{"x": 1.0}, {"x": 3.0}]
+    assert changed(simulator={**OLD["simulator"], "cars": cars}) == ["simulator.cars.1.x 2.0 -> 3.0"]
+    assert changed(simulator={**OLD["simulator"], "cars": []})[0].startswith("simulator.cars [{")
+    assert changed(simulator={**OLD["simulator"], "wet": True}) == ["simulator.wet none -> True"]
+    assert changed(perception=None) == ["perception gp -> none"]
+    assert changed(perception={"plugin": "other", "x": 1}) == ["perception.plugin gp -> other"]
+    rule = {**OLD["specifications"]["near"], "stl": "always (gap > 3)"}
+    assert changed(specifications={"near": rule}) == [
+        "specifications.near.stl always (gap > 2) -> always (gap > 3)"
+    ]
+
+
+def test_a_score_and_rules_that_only_one_has_are_no_difference():
+    rule = {**OLD["specifications"]["near"], "score": "margin"}
+    assert changed(specifications={"near": rule, "new": {"stl": "x"}}) == []
+    assert changed(specifications={}) == []
+
+
+def test_long_lists_are_cut():
+    assert summarise_differences(["a", "b"]) == "a, b"
+    assert summarise_differences(list("abcdefg")) == "a, b, c, d, e, and 2 more"

@@ -1,0 +1,93 @@
+"""Pooled batches: the estimate equals that of one large batch."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from avrare.analysis.check.confidence_distributions import Binomial, LogNormal, Tabulated, derive_distribution
+from avrare.analysis.check.pooling import pool
+from avrare.estimation import intervals
+
+
+def runs(estimate, values, **changes):
+    values = np.array(values)
+    mean = float(values.mean())
+    spread = float(values.var(ddof=1)) / len(values) / mean**2 if mean else 0.0
+    at = partial(intervals.log_normal, mean, spread, freedom=len(values) - 1) if mean else intervals.unknown
+    return estimate(interval_at=at, probability=mean, run_probabilities=values, estimator="ams", **changes)
+
+
+def test_counts_add_up(estimate):
+    whole = pool([estimate(Binomial(2, 100, 1)), estimate(Binomial(5, 300, 2))], 0.01)
+    assert derive_distribution(whole) == Binomial(7, 400, 3)
+    assert whole.interval == intervals.clopper_pearson(7, 400, 0.95, 3)
+    assert (whole.probability, whole.rollouts, whole.seconds, whole.failures.count) == (
+        7 / 400,
+        2000,
+        4.0,
+        10,
+    )
+
+
+def test_runs_are_put_together_and_dead_ones_count(estimate):
+    first, second = [1e-4, 2e-4, 0.0], [3e-4, 2e-4]
+    whole = pool([runs(estimate, first), runs(estimate, second)], 0.01)
+    assert whole.probability == pytest.approx(1.6e-4)
+    assert derive_distribution(whole) == derive_distribution(runs(estimate, first + second))
+    dead = pool([runs(estimate, [0.0, 0.0]), runs(estimate, second)], 0.01)
+    assert dead.probability == pytest.approx(1.25e-4)
+    assert dead.interval == pytest.approx(runs(estimate, [0.0, 0.0, *second]).interval)
+
+
+def test_runs_that_all_died_out_say_nothing(estimate):
+    whole = pool([runs(estimate, [0.0, 0.0]), runs(estimate, [0.0, 0.0])], 0.01)
+    assert whole.interval_at(0.95) == (0.0, 1.0)
+
+
+def test_single_runs_are_weighted_by_their_rollouts(estimate):
+    one = estimate(LogNormal(1e-3, 0.04, 20), rollouts=1000)
+    two = estimate(LogNormal(2e-3, 0.01, 30), rollouts=3000)
+    law = derive_distribution(pool([one, two], 0.01))
+    assert law.mean == pytest.approx(1.75e-3)
+    variance = (0.25 * 1e-3) ** 2 * 0.04 + (0.75 * 2e-3) ** 2 * 0.01
+    assert law.relative_variance == pytest.approx(variance / 1.75e-3**2)
+    assert law.freedom == 50
+
+
+def test_what_cannot_be_put_together_is_left_to_the_newest(estimate):
+    one, two = estimate(LogNormal(1e-3, 0.04, 20)), estimate(interval_at=lambda c: (1e-4, 1e-2))
+    whole = pool([one, two], 0.01)
+    assert isinstance(derive_distribution(whole), Tabulated)
+    assert whole.interval == (1e-4, 1e-2)
+    assert whole.rollouts == 2000
+
+
+def test_health_is_the_newest_but_errors_count_over_all(estimate):
+    ill = estimate(Binomial(1, 100), health={"all_failed": "x", "errors": "20 of 1000"}, errors=20)
+    well = estimate(Binomial(1, 100), errors=0)
+    assert pool([ill, well], 0.01).health == {}
+    assert set(pool([ill, well], 0.005).health) == {"errors"}
+    assert set(pool([well, ill], 0.02).health) == {"all_failed"}
+
+
+def test_a_system_found_not_to_be_deterministic_stays_so(estimate):
+    ill, well = estimate(Binomial(1, 100), health={"not_deterministic": "x"}), estimate(Binomial(1, 100))
+    assert pool([ill, well, well], 0.01).health == {"not_deterministic": "x"}
+
+
+def test_one_batch_is_itself(estimate):
+    result = estimate(Binomial(1, 100))
+    assert pool([result], 0.01) is result
+
+
+def test_pooled_counts_are_those_of_one_run_of_both():
+    """Compare counts of a real estimator: other rollouts, but the same law."""
+    import avrare
+    from avrare.testing.problems import walk
+
+    problem = walk(1.0, steps=10).problem()
+    batches = [avrare.estimate(problem, "mc", seed=seed, rollouts=500) for seed in (1, 2)]
+    whole = pool(batches, 0.01)
+    assert whole.probability == pytest.approx(np.mean([one.probability for one in batches]))
+    assert derive_distribution(whole).trials == 1000

@@ -1,0 +1,108 @@
+"""Predicted costs: with the predicted rollouts, nine of ten checks reach a verdict."""
+
+import math
+
+import numpy as np
+import pytest
+
+from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.confidence_distributions import Binomial, LogNormal
+from avrare.analysis.check.criteria import Criterion, decide_criteria
+from avrare.analysis.check.power_analysis import estimate_costs
+from avrare.scenario.schema import Regression, Threshold
+
+
+@pytest.fixture
+def entry(estimate):
+    def entry(failures, trials):
+        p = failures / trials
+        error = math.sqrt((1 - p) / (p * trials)) if failures else math.nan
+        law = Binomial(failures, trials)
+        return BaselineEntry.from_result(
+            estimate(law, relative_error=error, rollouts=trials, simulated_steps=40 * trials)
+        )
+
+    return entry
+
+
+def planned(entry, criterion, baseline=None):
+    criteria = [Criterion("s", "rule", criterion, baseline)]
+    return estimate_costs("s", criteria, {"rule": entry}, "a pilot run", 0.95)
+
+
+def decided(estimate, criteria, p, rollouts):
+    """Return the share of clear verdicts over draws of ``rollouts``, one for each criterion."""
+    rng, clear = np.random.default_rng(3), 0
+    for criterion, failures in zip(criteria, rng.binomial(rollouts, p, len(criteria)), strict=True):
+        result = estimate(Binomial(int(failures), rollouts))
+        clear += bool(decide_criteria([criterion], lambda _: result, 1.0, {}))  # noqa: B023
+    return clear / len(criteria)
+
+
+def comparisons(entry, p, rollouts, many=25):
+    """Return criteria against baselines that are drawn with a probability."""
+    counts = np.random.default_rng(4).binomial(rollouts, p, many)
+    return [Criterion("s", "rule", Regression(), entry(int(count), rollouts)) for count in counts]
+
+
+@pytest.mark.parametrize(("p", "bound"), [(0.01, "< 0.02"), (0.001, "< 0.01"), (0.02, "< 0.01")])
+def test_thresholds(estimate, entry, p, bound):
+    criterion = Threshold(specification="rule", probability=bound)
+    cost, _ = planned(entry(int(p * 100_000), 100_000), criterion)
+    assert 0.84 <= decided(estimate, [Criterion("s", "rule", criterion)] * 200, p, cost.rollouts) <= 0.98
+    assert cost.steps == pytest.approx(40 * cost.rollouts)
+    assert cost.seconds == pytest.approx(2.0 * cost.rollouts / 100_000)
+
+
+def test_a_rule_that_was_never_broken(entry):
+    criterion = Threshold(specification="rule", probability="< 1e-3")
+    cost, precision = planned(entry(0, 200), criterion)
+    assert 2995 <= cost.rollouts <= 3000  # the rule of three: ln(20) / 1e-3
+    assert "if nothing fails" in cost.reason
+    assert precision.rollouts is None
+    assert "no failures in" in precision.reason
+
+
+@pytest.mark.slow
+def test_a_regression(estimate, entry):
+    baseline = entry(40, 4000)
+    cost, _ = planned(baseline, Regression(), baseline)
+    criteria = comparisons(entry, 0.01, 4000)
+    assert decided(estimate, criteria, 0.01, cost.rollouts) >= 0.7
+    assert decided(estimate, criteria, 0.02, cost.rollouts) >= 0.8
+
+
+@pytest.mark.slow
+def test_a_regression_before_there_is_a_baseline(estimate, entry):
+    cost, _ = planned(entry(10, 1000), Regression())
+    assert "for the baseline and each check" in cost.reason
+    criteria = comparisons(entry, 0.01, cost.rollouts)
+    assert decided(estimate, criteria, 0.01, cost.rollouts) >= 0.7
+
+
+def test_a_coarse_baseline_is_named(entry):
+    cost, _ = planned(entry(3, 1000), Regression(), entry(3, 1000))
+    assert cost.rollouts is None
+    assert "the baseline is too imprecise" in cost.reason
+    cost, _ = planned(entry(0, 1000), Regression(), entry(0, 1000))
+    assert "use a threshold" in cost.reason
+
+
+def test_precision(estimate, entry):
+    *_, cost = planned(entry(100, 10_000), Regression(), entry(100, 10_000))
+    _, high = Binomial(round(0.01 * cost.rollouts), cost.rollouts).interval_at(0.95)
+    assert high / 0.01 == pytest.approx(1.2, abs=0.02)
+
+
+def test_other_estimators_are_planned_by_their_own_variance(estimate):
+    law = LogNormal(1e-4, 0.02, 9)
+    entry = BaselineEntry.from_result(estimate(law, relative_error=math.sqrt(0.02), rollouts=20_000))
+    cost, precision = planned(entry, Threshold(specification="rule", probability="< 3e-4"))
+    factor = 1.959964 + 1.281552
+    assert cost.rollouts == pytest.approx(0.02 * 20_000 * (factor / math.log(3)) ** 2, rel=0.05)
+    assert precision.rollouts == pytest.approx(0.02 * 20_000 * (1.959964 / math.log(1.2)) ** 2, rel=0.05)
+
+
+def test_a_bound_at_the_estimate_has_no_price(entry):
+    cost, _ = planned(entry(10, 1000), Threshold(specification="rule", probability="< 0.01"))
+    assert cost.rollouts is None

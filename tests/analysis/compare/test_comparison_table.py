@@ -1,0 +1,114 @@
+"""Table, Markdown and plot of a comparison."""
+
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from avrare.analysis.compare.case import ComparisonCase, GroundTruth
+from avrare.analysis.compare.estimator_arms import parse_arms
+from avrare.analysis.compare.study import ArmResult, Comparison, Repetition, StudyDesign
+from avrare.base.errors import UsageError
+from avrare.base.format import format_amount
+from avrare.estimation.budget import Budget
+from avrare.plugin.registry import default_registry
+from avrare.report.plots import comparison_plot
+from avrare.report.terminal.comparison_table import comparison_table, headline, markdown, note_lines
+from avrare.testing.problems import conjunction, walk
+
+P = 1.165e-4
+LONG = "is:proposal={gaussian: {mean: 0.4, std: 1.1}}"
+
+
+def repetitions(values, health=()):
+    return tuple(
+        Repetition(r, value, (value / 2, max(2 * value, 1e-5)), 0.1, 9876, 987_600, 3, 0, health, 0.1)
+        for r, value in enumerate(values)
+    )
+
+
+@pytest.fixture
+def comparison():
+    mc, ams, weighted = parse_arms(f"mc,ams:particles=100,{LONG}", [], None, default_registry())
+    entries = (
+        ArmResult(mc, repetitions([0.0, 1e-4, 0.0, 0.0])),
+        ArmResult(ams, repetitions([1.1e-4, 1.3e-4, 1.2e-4, 0.9e-4], ("few_roots",))),
+        ArmResult(weighted, refusal=UsageError("it does not fit")),
+    )
+    design = StudyDesign(Budget("steps", 1e6), repeat=4)
+    problem = walk(3.8, 100).problem()
+    return Comparison(ComparisonCase("walk", "", problem), design, entries, GroundTruth(P, "exact"))
+
+
+def shown(comparison, width=100):
+    console = Console(width=width, record=True, force_terminal=False, color_system=None)
+    with console.capture() as captured:
+        console.print(comparison_table(comparison))
+    return captured.get()
+
+
+def test_the_table_fits_a_hundred_columns_and_cuts_nothing(comparison):
+    text = shown(comparison)
+    assert max(map(len, text.splitlines())) <= 100
+    assert "…" not in text
+    for part in ("1.1e-4", "0.966", "0.13", "4/4", "988k", "3/4"):
+        assert f" {part} " in text or f" {part}\n" in text, part
+    first_column = "".join(line.split("  ")[0] for line in text.splitlines())
+    assert "ams:particles=100" in first_column
+    assert LONG.replace(" ", "") in first_column.replace(" ", "")
+
+
+def test_notes_say_what_to_doubt(comparison):
+    lines = note_lines(comparison)
+    assert f"{LONG} cannot take this problem: it does not fit" in lines
+    assert "mc: most estimates are zero: a few more repetitions may change its numbers a lot" in lines
+    assert "ams:particles=100: health warnings: few_roots in 4 of 4 repetitions" in lines
+    assert len(lines) == 3
+
+
+def test_notes_on_the_truth(comparison):
+    assert "the truth is unknown" in note_lines(replace(comparison, truth=None))[1]
+    pooled = GroundTruth(P, "pooled monte carlo", None, 144)
+    assert "144 failures: relative error 8%" in note_lines(replace(comparison, truth=pooled))[1]
+    assert "p unknown" in headline(replace(comparison, truth=None))[0]
+
+
+def test_notes_on_an_interruption_and_a_single_repetition(comparison):
+    assert note_lines(replace(comparison, interrupted=True))[-1].startswith("interrupted: 4 of 4")
+    single = replace(comparison, design=replace(comparison.design, repeat=1))
+    assert "one repetition has no spread: give --repeat 2 or more" in note_lines(single)
+
+
+def test_markdown_is_one_table(comparison):
+    rows = [line for line in markdown(comparison).splitlines() if line.startswith("|")]
+    assert len(rows) == 2 + 3
+    assert {row.count("|") for row in rows} == {11}
+    assert "| `ams:particles=100` | 1.1e-4 (" in rows[3]
+    assert rows[4].startswith(f"| `{LONG}` | - |")
+
+
+def test_a_static_problem_costs_rollouts(comparison):
+    case = replace(comparison.case, problem=conjunction(-1.5).problem())
+    assert "cost [rollouts]" in markdown(replace(comparison, case=case))
+    assert "cost [steps]" in markdown(comparison)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"), (0.423, "0.42"), (7.34, "7.3"), (9.99, "10"), (85.2, "85"), (790, "790"), (999.7, "1.0k"),
+        (1234, "1.2k"), (99_999, "100k"), (3.4e6, "3.4M"), (5.6e9, "5.6e9"), (float("inf"), "inf"),
+    ],
+)  # fmt: skip
+def test_numbers_are_short(value, text):
+    assert format_amount(value) == text
+
+
+def test_the_picture(comparison, tmp_path):
+    pytest.importorskip("matplotlib")
+    nothing = replace(
+        comparison, arms=(replace(comparison.arms[0], repetitions=repetitions([0.0] * 3)),), truth=None
+    )
+    for name, content in (("some", comparison), ("nothing", nothing)):
+        comparison_plot.draw(content, tmp_path / f"{name}.png")
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")

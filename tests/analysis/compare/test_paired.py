@@ -1,0 +1,159 @@
+"""Paired comparison of two versions of a system on the same noise."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.analysis.compare.paired import PairedCounts, compare_pairs
+from avrare.base.errors import UsageError
+from avrare.cli.main import main
+from avrare.rollout.executors.processes import ProcessExecutor
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.testing import awkward_systems as systems
+
+LANE_CHANGE = str(Path(__file__).parents[3] / "scenarios" / "lane_change.yaml")
+
+
+@dataclass
+class Fails:
+    """System that fails if the noise exceeds ``limit``, with an error above ``breaks``."""
+
+    limit: float
+    breaks: float = np.inf
+    noise_size: int = 1
+
+    def initial(self, noise):
+        """The noise."""
+        return {"x": np.where(noise[:, 0] > self.breaks, np.nan, noise[:, 0])}
+
+    def step(self, state, noise):
+        """Nothing."""
+        return state
+
+    def signals(self, state):
+        """How far below the limit."""
+        return {"gap": self.limit - state["x"]}
+
+
+def problem(limit, **options):
+    return avrare.Problem(Fails(limit, **options), avrare.stl("always (gap > 0)"), 0, chunk=100)
+
+
+def pairs(first, second, rollouts=400, seed=0, executor=None):
+    return compare_pairs(first, second, rollouts, seed, executor or SerialExecutor())[0]
+
+
+@pytest.mark.slow
+def test_the_interval_covers_the_true_difference_and_is_far_narrower_than_an_unpaired_one():
+    from statistics import NormalDist
+
+    truth = NormalDist().cdf(-1.4) - NormalDist().cdf(-1.5)
+    found = [pairs(problem(1.5), problem(1.4), seed=seed) for seed in range(400)]
+    bounds = np.array([pair.interval(0.9) for pair in found])
+    covered = ((bounds[:, 0] <= truth) & (truth <= bounds[:, 1])).mean()
+    assert covered > 0.9 - 4 * np.sqrt(0.09 / len(found))
+    differences = np.array([pair.difference for pair in found])
+    assert abs(differences.mean() - truth) < 4 * differences.std() / np.sqrt(len(found))
+    unpaired = np.sqrt(2 * 0.07 * 0.93 / 400)
+    assert differences.std() < 0.5 * unpaired
+
+
+def test_an_unchanged_stack_is_rarely_called_changed():
+    rng = np.random.default_rng(0)
+    values = []
+    for _ in range(2000):
+        first, second = rng.random((2, 200)) < 0.1
+        values.append(PairedCounts.from_outcomes("", first, second, np.zeros(200, dtype=bool)).p_value)
+    assert 0.01 < (np.array(values) < 0.05).mean() <= 0.05
+
+
+def test_the_same_twice_differs_nowhere():
+    pair = pairs(problem(1.0), problem(1.0))
+    assert (pair.only_first, pair.only_second, pair.difference, pair.p_value) == (0, 0, 0.0, 1.0)
+    assert pair.both + pair.neither == 400
+    low, high = pair.interval(0.95)
+    assert low < 0.0 < high
+
+
+def test_rollouts_that_break_down_may_have_gone_either_way():
+    sound, broken = pairs(problem(1.0), problem(0.9)), pairs(problem(1.0), problem(0.9, breaks=2.0))
+    assert broken.errors > 0
+    assert broken.count + broken.errors == 400
+    share = broken.errors / 400
+    wide, narrow = np.diff(broken.interval(0.95))[0], np.diff(sound.interval(0.95))[0]
+    assert wide > narrow + 1.9 * share
+
+
+def test_an_improvement_may_be_undone_by_what_broke_down():
+    pair = PairedCounts("", both=0, only_first=300, only_second=0, neither=300, errors=400)
+    worst = PairedCounts("", both=0, only_first=300, only_second=400, neither=300).difference
+    best = PairedCounts("", both=0, only_first=700, only_second=0, neither=300).difference
+    low, high = pair.interval(0.95)
+    assert low < best < worst < high
+
+
+def test_all_broken():
+    pair = pairs(problem(1.0), problem(1.0, breaks=-np.inf))
+    assert np.isnan(pair.difference)
+    assert pair.interval(0.95) == (-1.0, 1.0)
+
+
+@pytest.mark.slow
+def test_workers_change_nothing():
+    def walk(limit):
+        return avrare.Problem(systems.Walk(), avrare.stl(f"always (x < {limit})"), 30, chunk=64)
+
+    assert pairs(walk(1.0), walk(0.9)) == pairs(walk(1.0), walk(0.9), executor=ProcessExecutor(2))
+
+
+def test_what_cannot_be_paired_is_refused():
+    named = avrare.Problem(Fails(1.0), {"other": avrare.stl("always (gap > 0)")}, 0)
+    with pytest.raises(UsageError, match="no specification in common"):
+        pairs(problem(1.0), named)
+    with pytest.raises(UsageError, match="1 numbers and 0 steps of 3 numbers"):
+        pairs(problem(1.0), problem(1.0, noise_size=3))
+
+
+@pytest.mark.slow
+def test_on_the_command_line(tmp_path, capsys):
+    words = ["compare", LANE_CHANGE, "--against", LANE_CHANGE, "--set", "scenario.steps=3"]
+    more = ["--set", "against.controller.turn_rate_change_weight=1", "--budget", "rollouts=6"]
+    assert main([*words, *more, "--out", str(tmp_path)]) == 0
+    screen = capsys.readouterr().out
+    assert "with other settings: 6 rollouts each, on the same noise" in screen
+    assert "no_abrupt_braking" in screen
+    assert main([*words, *more, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content == json.loads((tmp_path / "paired.json").read_text())
+    assert content["fingerprints"][0] != content["fingerprints"][1]
+    assert content["specifications"][0]["errors"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--truth", "0.1"], "cannot be combined with --against"),
+        (["--set", "ams.particles=3"], "KEY must begin with scenario. or against."),
+        (["--budget", "seconds=3"], "is not comparable: its cost differs between machines and runs"),
+        (["--budget", "steps=3"], "does not cover one rollout"),
+        (["--set", "against.steps=20"], "cannot share their noise"),
+        (["--workers", "0"], "at least 1"),
+    ],
+)
+def test_mistakes_are_told(words, told, capsys):
+    assert main(["compare", LANE_CHANGE, "--against", LANE_CHANGE, *words]) == 4
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("only_first", "only_second", "worse"), [(0, 5, False), (0, 7, True), (0, 0, False)])
+def test_few_differing_rollouts_prove_little(only_first, only_second, worse):
+    pair = PairedCounts("s", 0, only_first, only_second, 10_000 - only_first - only_second)
+    low, high = pair.interval(0.95)
+    assert (low > 0.0) == worse
+    assert high > 3.6e-4
+    assert (pair.p_value < 0.05) == worse

@@ -1,0 +1,99 @@
+"""Rollouts as files that ``avrare monitor`` reads."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from avrare.base.errors import UsageError
+from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
+from avrare.results.recordings.csv_recording import csv_vehicle_names, read_csv, to_csv
+from avrare.results.recordings.recording import FIELDS, Recording
+from avrare.rollout.replay import replay_tape, replay_tapes
+
+
+@pytest.fixture(scope="module")
+def recording(drive_past):
+    tape = np.random.default_rng(0).standard_normal((9, 4))
+    found = replay_tape(drive_past.problem("near"), tape)
+    return Recording("test", 0.1, 0.0, found.signals, drive_past.scene, drive_past.scene.names)
+
+
+def test_vehicles_in_csv_come_back_to_the_bit(recording, tmp_path):
+    (tmp_path / "drive.csv").write_text(to_csv(recording))
+    again = read_csv(str(tmp_path / "drive.csv"), "ego", recording.scene.road)
+    assert (again.dt, again.names) == (recording.dt, recording.names)
+    for name in (f"{who}_{field}" for who in ("ego", "others") for field in FIELDS):
+        np.testing.assert_array_equal(again.signals[name], recording.signals[name])
+    np.testing.assert_array_equal(again.signals["gap"], recording.signals["gap"])
+
+
+def test_a_vehicle_that_is_called_as_the_ego_gets_another_name(recording, tmp_path):
+    assert csv_vehicle_names(("ego_2", "ego", "van")) == ("ego_2", "ego_3", "van")
+    assert csv_vehicle_names(("van", "Ego")) == ("van", "Ego")
+    named = replace(recording, scene=replace(recording.scene, names=("ego",)), names=("ego",))
+    (tmp_path / "drive.csv").write_text(to_csv(named))
+    again = read_csv(str(tmp_path / "drive.csv"), "ego", recording.scene.road)
+    assert again.names == ("ego_2",)
+    for name in (f"{who}_{field}" for who in ("ego", "others") for field in FIELDS):
+        np.testing.assert_array_equal(again.signals[name], recording.signals[name])
+
+
+def test_signals_in_csv_come_back_to_the_bit(linear, pushed, tmp_path):
+    found = replay_tape(linear.problem("near"), pushed)
+    (tmp_path / "drive.csv").write_text(to_csv(Recording("test", 0.1, 0.0, found.signals)))
+    again = read_csv(str(tmp_path / "drive.csv"))
+    assert again.dt == 0.1
+    for name, values in found.signals.items():
+        np.testing.assert_array_equal(again.signals[name], values)
+
+
+def test_commonroad_comes_back_to_the_bit(recording, tmp_path):
+    pytest.importorskip("commonroad.common.file_reader")
+    (tmp_path / "drive.xml").write_text(to_commonroad(recording, "past a parked car"))
+    again = read_commonroad(str(tmp_path / "drive.xml"), "1")
+    assert (again.dt, again.names, again.samples) == (0.1, ("2",), 9)
+    for who in ("ego", "others"):
+        for field in ("x", "y", "speed"):
+            np.testing.assert_array_equal(
+                again.signals[f"{who}_{field}"], recording.signals[f"{who}_{field}"]
+            )
+        headings = [one.signals[f"{who}_heading"] for one in (again, recording)]
+        np.testing.assert_allclose(*headings, rtol=0.0, atol=1e-12)
+    road, before = again.scene.road, recording.scene.road
+    assert road.lane_centres == pytest.approx(before.lane_centres)
+    assert (road.lane_width, road.access_ramp) == (before.lane_width, before.access_ramp)
+
+
+def test_commonroad_needs_a_road(linear, pushed):
+    found = replay_tape(linear.problem("near"), pushed)
+    with pytest.raises(UsageError, match="needs vehicles and a road"):
+        to_commonroad(Recording("test", 0.1, 0.0, found.signals), "x")
+
+
+def test_drives_side_by_side_are_those_alone(linear, pushed, drive_past):
+    tapes = np.stack([factor * pushed for factor in (0.0, 0.5, 1.0, -1.0)])
+    noise = np.random.default_rng(1).standard_normal((3, 9, 4))
+    for problem, batch in ((linear.problem("near"), tapes), (drive_past.problem("near"), noise)):
+        for tape, together in zip(batch, replay_tapes(problem, batch), strict=True):
+            alone = replay_tape(problem, tape)
+            assert (alone.robustness, alone.outcome) == (together.robustness, together.outcome)
+            for name, values in alone.signals.items():
+                np.testing.assert_array_equal(together.signals[name], values, strict=True)
+
+
+def test_a_drive_that_breaks_down_keeps_its_beginning(weighted):
+    problem = weighted(np.ones((6, 3)), nan=5.0)
+    noise = np.zeros((3, 6, 3))
+    noise[1, 4, 0] = 6.0
+    noise[2, 0, 0] = 6.0
+    found = replay_tapes(problem, noise)
+    assert [one.outcome for one in found] == ["passes", "error", "error"]
+    assert [len(one.signals.get("x", ())) for one in found] == [6, 4, 0]
+    assert "NaN" in found[1].error
+
+
+def test_names_with_commas_come_back(recording, tmp_path):
+    scene = replace(recording.scene, names=('a "van", red',))
+    (tmp_path / "drive.csv").write_text(to_csv(replace(recording, scene=scene)))
+    assert read_csv(str(tmp_path / "drive.csv"), "ego", scene.road).names == scene.names

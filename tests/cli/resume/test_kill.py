@@ -1,0 +1,175 @@
+"""A run that is killed, interrupted or left without room goes on, and ends as if nothing had been."""
+
+import os
+import resource
+import signal
+import time
+
+import numpy as np
+import pytest
+
+SLOW = {"AVRARE_TOY_PAUSE": "0.004"}
+
+
+def wait_for(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came to that"
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("estimator", "seed"), [("mc", 5), ("ams", 6)])
+def test_kill_minus_nine_at_random_moments(night, estimator, seed):
+    scenario = night.scenario(estimator)
+    night.run(scenario, "--out", "whole")
+    (night.folder / "torn").mkdir()
+    random = np.random.default_rng(seed)
+    for life in range(5):
+        process = night.start(scenario, "--resume", "torn", "--workers", 1 + life % 2, **SLOW)
+        time.sleep(random.uniform(0.3, 1.6))
+        process.kill()
+        process.communicate()
+    night.run(scenario, "--resume", "torn")
+    assert night.result("torn") == night.result("whole"), f"seed {seed}"
+    assert not (night.folder / "torn" / "checkpoint").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["is", "ce"])
+def test_weighted_samples_are_gone_on_with(night, estimator):
+    scenario = night.scenario(estimator)
+    night.run(scenario, "--out", "whole")
+    process = night.start(scenario, "--out", "torn", **SLOW)
+    wait_for(lambda: len(night.saved("torn")) >= 12)
+    process.kill()
+    process.communicate()
+    night.run("--resume", "torn", "--workers", 2)
+    assert night.result("torn") == night.result("whole")
+
+
+@pytest.mark.slow
+def test_killed_means_no_more_than_the_chunk_in_hand(night):
+    scenario = night.scenario()
+    process = night.start(scenario, "--out", "torn", **SLOW)
+    wait_for(lambda: len(night.saved("torn")) >= 5)
+    process.kill()
+    process.communicate()
+    before = {path: path.stat().st_mtime_ns for path in night.saved("torn")}
+    process = night.start("--resume", "torn", **SLOW)
+    wait_for(lambda: len(night.saved("torn")) > len(before) + 2)
+    process.send_signal(signal.SIGTERM)
+    process.communicate()
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_signal_ends_it_after_the_chunk_in_hand(night, number, workers):
+    scenario = night.scenario()
+    night.run(scenario, "--out", "whole")
+    process = night.start(scenario, "--out", "a folder", "--workers", workers, **SLOW)
+    wait_for(lambda: len(night.saved("a folder")) >= 3)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2, err
+    assert "stopping after the current chunk" in err
+    many = len(night.saved("a folder"))
+    assert f"interrupted, {many} chunks are saved\nhint: resume with avrare run --resume 'a folder'\n" in err
+    assert 3 <= many < 40
+    night.run("--resume", "a folder")
+    assert night.result("a folder") == night.result("whole")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chunks", [0, 3])
+def test_ctrl_c_reaches_the_workers_too_and_is_no_different(night, chunks):
+    """At no time: with no chunk saved they are just starting."""
+    process = night.start(night.scenario(), "--out", "torn", "--workers", 2, **SLOW)
+    wait_for(lambda: (night.folder / "torn" / "checkpoint" / "walk").exists())
+    wait_for(lambda: len(night.saved("torn")) >= chunks)
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert err.startswith("\nstopping after")
+    assert "Traceback" not in err
+    assert "KeyboardInterrupt" not in err
+
+
+@pytest.mark.slow
+def test_a_signal_to_the_program_and_its_group_is_one(night):
+    """As ``timeout`` sends it: twice to the program, once to each worker."""
+    process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="0.05")
+    wait_for(lambda: len(night.saved("torn")) >= 2)
+    many = len(night.saved("torn"))
+    process.send_signal(signal.SIGTERM)
+    time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGTERM)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2, err
+    assert len(night.saved("torn")) > many, "the chunks in hand are lost"
+    assert "Traceback" not in err
+
+
+@pytest.mark.slow
+def test_the_second_signal_leaves_at_once(night):
+    process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="5")
+    wait_for(lambda: (night.folder / "torn" / "checkpoint" / "walk").exists())
+    time.sleep(2.0)  # a chunk takes 100 seconds
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert "0 chunks are saved" in err
+
+
+@pytest.mark.slow
+def test_without_a_folder_ctrl_c_saves_as_well(night):
+    process = night.start(night.scenario(), AVRARE_TOY_PAUSE="0.01")
+    wait_for(lambda: list((night.folder / "runs").rglob("*.npz")))
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 2
+    (folder,) = (night.folder / "runs").iterdir()
+    night.run("--resume", folder)
+    night.run(night.scenario(), "--out", "whole")
+    assert f"resume with avrare run --resume runs/{folder.name}" in err
+    assert night.result(folder) == night.result("whole")
+
+
+@pytest.mark.slow
+def test_no_room_left(night):
+    scenario = night.scenario()
+    night.run(scenario, "--out", "whole")
+    process = night.start(scenario, "--out", "torn", **SLOW)
+    wait_for(lambda: len(night.saved("torn")) >= 3)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (500, 500))
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    hint = "free some disk space; completed chunks are saved: resume with avrare run --resume torn"
+    assert f"cannot save: File too large\nhint: {hint}\n" in err
+    assert not [path for path in (night.folder / "torn").rglob("*") if path.name.startswith(".")]
+    assert len(night.saved("torn")) >= 3
+    night.run("--resume", "torn")
+    assert night.result("torn") == night.result("whole")
+
+
+def test_workers_do_not_outlive_a_killed_parent(night):
+    process = night.start(night.scenario(), "--out", "torn", "--workers", 2, **SLOW)
+    wait_for(lambda: len(night.saved("torn")) >= 1)
+    process.kill()
+    process.communicate()  # returns once nobody holds its pipes, the workers among them
+
+
+@pytest.mark.slow
+def test_a_dead_worker_is_replaced(night):
+    scenario = night.scenario()
+    night.run(scenario, "--out", "whole")
+    trap = night.folder / "trap"
+    trap.touch()
+    _, err = night.run(scenario, "--out", "mended", "--workers", 2, AVRARE_TOY_DIE=str(trap))
+    assert "note: workers died 1 time(s); their chunks were run again" in err
+    assert night.result("mended") == night.result("whole")

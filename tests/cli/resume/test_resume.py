@@ -1,0 +1,372 @@
+"""``avrare run --resume``: what is gone on with, and what is refused."""
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrare.base.errors import Interrupted
+from avrare.cli import run as command
+from avrare.cli.main import main
+from avrare.estimation.checkpoint import store as checkpoint
+
+
+@pytest.fixture(autouse=True)
+def _inside(inside):
+    """All of these run in this process."""
+
+
+@pytest.fixture
+def interrupted(night, monkeypatch):
+    """Runs a command that is asked to stop once so many chunks are done."""
+
+    def interrupt(chunks, *words):
+        write = checkpoint.FileJournal.write
+        done = []
+
+        def counting(self, stage, index, *rest):
+            write(self, stage, index, *rest)
+            done.append(index)
+            if len(done) == chunks:
+                os.kill(os.getpid(), 2)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(checkpoint.FileJournal, "write", counting)
+            assert run(*words) == 2
+        assert len(done) == chunks
+
+    return interrupt
+
+
+def run(*words):
+    return main(["run", *map(str, words), "--no-pictures"])
+
+
+def test_the_first_line_of_progress_goes_on(night, interrupted, monkeypatch):
+    scenario = night.scenario()
+    interrupted(7, scenario, "--out", "torn")
+    seen = []
+    monkeypatch.setattr(
+        "avrare.report.terminal.progress_line.Progress.__call__", lambda self, info: seen.append(info)
+    )
+    assert run("--resume", "torn") == 0
+    assert [info.rollouts for info in seen[:9]] == [10, 20, 30, 40, 50, 60, 70, 80, 80]
+
+
+@pytest.mark.slow
+def test_what_is_done_is_not_run_again(night, interrupted, monkeypatch):
+    """Two scenarios, of which splitting would run one specification after another."""
+    monkeypatch.setattr("avrare.estimation.monte_carlo.MonteCarlo.single", True)
+    words = (night.scenario(name="one"), night.scenario(name="two"))
+    assert run(*words, "--out", "whole") == 0
+    interrupted(130, *words, "--out", "torn")  # 40 chunks for each of four estimates
+    assert (Path("torn") / "one" / "result.json").exists()
+    written = []
+    write = checkpoint.FileJournal.write
+    monkeypatch.setattr(
+        checkpoint.FileJournal, "write", lambda *args: (written.append(args[0].folder.name), write(*args))
+    )
+    assert run("--resume", "torn") == 0
+    assert written == ["far"] * 30
+    for name in ("one", "two"):
+        assert night.result("torn", name) == night.result("whole", name)
+
+
+def test_the_json_of_a_resumed_run(night, interrupted, capsys):
+    interrupted(3, night.scenario(), "--out", "torn", "--budget", "rollouts=200")
+    capsys.readouterr()
+    assert run("--resume", "torn", "--json") == 0
+    content = json.loads(capsys.readouterr().out)
+    assert [entry["rollouts"] for entry in content["estimates"]] == [200, 200]
+    assert content == json.loads(Path("torn/result.json").read_text())
+
+
+def test_a_finished_run_is_told_again(night, capsys):
+    scenario = night.scenario()
+    assert run(scenario, "--out", "done") == 0
+    capsys.readouterr()
+    for words in (["--resume", "done"], [scenario, "--resume", "done"]):
+        assert run(*words, "--json") == 0
+        out, err = capsys.readouterr()
+        assert json.loads(out) == json.loads(Path("done/result.json").read_text())
+        assert err == "done: this run is already finished\n"
+    assert run(scenario, "--seed", "8", "--resume", "done") == 4
+    assert "contains the result of another run" in capsys.readouterr().err
+
+
+def test_a_finished_run_had_its_budget(night, capsys):
+    words = [night.scenario(), "--budget", "rollouts=20"]
+    assert run(*words, "--out", "done") == 0
+    assert run(*words, "--resume", "done") == 0
+    assert run("--resume", "done") == 0
+    assert run("--resume", "done", "--budget", "rollouts=40") == 4
+    assert "finished, with a budget of rollouts=20" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["", "[]", '{"budget": "rollouts=no"}'])
+def test_a_damaged_provenance_does_not_hide_a_finished_run(night, capsys, content):
+    words = [night.scenario(), "--budget", "rollouts=20"]
+    assert run(*words, "--out", "done") == 0
+    Path("done/provenance.json").write_text(content)
+    assert run("--resume", "done") == 0
+    assert "this run is already finished" in capsys.readouterr().err
+    assert run(*words, "--resume", "done") == 4
+    assert "finished, with a budget of its own options" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "change"),
+    [
+        (["--set", "simulator.dt=0.5"], "scenarios.walk.simulator.dt 1.0 -> 0.5"),
+        (["--seed", "7"], "scenarios.walk.seed 0 -> 7"),
+        (["--set", "chunk=20"], "scenarios.walk.chunk 10 -> 20"),
+        (["--set", "estimator.rollouts=500"], "scenarios.walk.estimator.rollouts 400 -> 500"),
+        (["--budget", "rollouts=100"], 'budget null -> "rollouts=100.0"'),
+        (["--set", "specifications.far.stl=always (x < 2)"], '"always (x < 1.2)" -> "always (x < 2)"'),
+    ],
+)
+@pytest.mark.parametrize("named", [False, True])
+def test_another_task_is_refused_by_what_differs(night, interrupted, capsys, words, change, named):
+    scenario = night.scenario()
+    interrupted(2, scenario, "--out", "torn")
+    assert run(*([scenario] if named else []), "--resume", "torn", *words) == 4
+    assert change in capsys.readouterr().err
+    assert len(night.saved("torn")) == 2
+    assert run("--resume", "torn") == 0
+
+
+@pytest.mark.parametrize(
+    "words", [["--seed", "8"], ["--set", "simulator.scale=0.2"], ["--estimator", "ams"], ["--set", "no=1"]]
+)
+def test_a_finished_run_is_not_taken_for_another(night, words, capsys):
+    assert run(night.scenario(), "--out", "done") == 0
+    assert run("--resume", "done", *words) == 4
+    assert run("--resume", "done", "--set", "chunk=10") == 0
+    assert "this run is already finished" in capsys.readouterr().err
+
+
+def test_killed_before_its_scenario_was_saved(night, interrupted, capsys):
+    scenario = night.scenario()
+    interrupted(2, scenario, "--out", "torn")
+    Path("torn/checkpoint/walk/scenario.yaml").unlink()
+    assert run("--resume", "torn") == 4
+    assert "hint: avrare run SCENARIO --resume torn starts one" in capsys.readouterr().err
+    assert run(scenario, "--resume", "torn") == 0
+
+
+def test_a_scenario_with_the_name_of_the_folder_of_checkpoints(night, capsys):
+    named = night.scenario(name="checkpoint")
+    assert run(named, night.scenario(), "--out", "two") == 4
+    assert "a scenario has the same name" in capsys.readouterr().err
+    assert run(named, "--out", "one") == 0
+
+
+def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
+    interrupted(2, night.scenario(), "--out", "torn")
+    monkeypatch.setattr("avrare.base.version.__version__", "0.2.0")
+    assert run("--resume", "torn") == 4
+    assert 'scenarios.walk.versions.avrare "0.1.0" -> "0.2.0"' in capsys.readouterr().err
+
+
+def test_a_changed_code_is_found_by_running_a_rollout_again(night, interrupted, capsys, monkeypatch):
+    interrupted(2, night.scenario(), "--out", "torn")
+    monkeypatch.setenv("AVRARE_TOY_BUG", "1")
+    assert run("--resume", "torn") == 4
+    error = capsys.readouterr().err
+    assert "does not reproduce: robustness" in error
+    assert "the code or its libraries have changed" in error
+    monkeypatch.delenv("AVRARE_TOY_BUG")
+    assert run("--resume", "torn") == 0
+
+
+def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
+    scenario = night.scenario()
+    interrupted(2, scenario, "--out", "torn")
+    assert run(scenario, "--out", "torn") == 4
+    assert "torn: contains an interrupted run\nhint: avrare run --resume torn" in capsys.readouterr().err
+    assert len(night.saved("torn")) == 2
+
+
+def test_a_run_that_saved_nothing_is(night):
+    scenario = night.scenario()
+    assert run(scenario, "--out", "done") == 0
+    assert run(scenario, "--out", "done") == 0
+    checkpoint.Checkpoint.open(Path("empty/checkpoint"), {"another": "task"})
+    assert run(scenario, "--out", "empty") == 0
+    assert night.result("empty") == night.result("done")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--resume", "nowhere"], "no such folder"),
+        (["--resume", "."], "contains no interrupted run"),
+        (["--resume", ".", "--out", "other"], "--out cannot be combined with --resume"),
+        ([], "SCENARIO is required"),
+    ],
+)
+def test_nothing_to_resume(words, message, capsys):
+    assert run(*words) == 4
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: content[:-20],
+        lambda content: content[:40],
+        lambda content: b"",
+        lambda content: b"\x80\x04]" + content,
+        lambda content: b"PK\x03\x04" + b"0" * 500,
+    ],
+)
+def test_a_damaged_file_is_refused(night, interrupted, capsys, damage):
+    interrupted(4, night.scenario(), "--out", "torn")
+    path = night.saved("torn")[2]
+    path.write_bytes(damage(path.read_bytes()))
+    assert run("--resume", "torn") == 4
+    error = capsys.readouterr().err
+    assert f"{path.name}: damaged" in error
+    assert "remove this file" in error
+    path.unlink()
+    assert run("--resume", "torn") == 0
+
+
+def test_the_file_of_another_chunk_is_refused(night, interrupted, capsys):
+    interrupted(4, night.scenario(), "--out", "torn")
+    first, *_, last = night.saved("torn")
+    last.write_bytes(first.read_bytes())
+    assert run("--resume", "torn") == 4
+    assert "belongs to another estimate" in capsys.readouterr().err
+
+
+def test_nothing_is_unpickled(night, interrupted, capsys):
+    interrupted(2, night.scenario(), "--out", "torn")
+    path = night.saved("torn")[1]
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    np.savez(path, **{**arrays, "messages": np.array([{"an": "object"}], dtype=object)})
+    assert run("--resume", "torn") == 4
+    assert "damaged: Object arrays cannot be loaded" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 1}', '{"schema": 1, "task": 3, "about": {}}'])
+def test_an_index_that_is_none(night, interrupted, capsys, text):
+    interrupted(2, night.scenario(), "--out", "torn")
+    Path("torn/checkpoint/checkpoint.json").write_text(text)
+    assert run("--resume", "torn") == 4
+    assert "this is not a checkpoint" in capsys.readouterr().err
+
+
+def test_an_index_of_the_future(night, interrupted, capsys):
+    interrupted(2, night.scenario(), "--out", "torn")
+    path = Path("torn/checkpoint/checkpoint.json")
+    path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 2}))
+    assert run("--resume", "torn") == 4
+    assert "another version of avrare (schema 2)" in capsys.readouterr().err
+
+
+def test_a_full_disk(night, capsys, monkeypatch):
+    scenario, replace, calls = night.scenario(), os.replace, []
+    assert run(scenario, "--out", "whole") == 0
+
+    def full(source, target):
+        calls.append(target)
+        if len(calls) > 8:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full)
+        assert run(scenario, "--out", "torn") == 2
+    assert "cannot save: No space left on device" in capsys.readouterr().err
+    assert len(night.saved("torn")) == 6  # beside the index and the scenario
+    assert run("--resume", "torn") == 0
+    assert night.result("torn") == night.result("whole")
+
+
+def test_what_a_killed_process_left_is_swept_away(night, interrupted):
+    interrupted(2, night.scenario(), "--out", "torn")
+    first = night.saved("torn")[0]
+    (first.parent / f".{first.name}.x1y2").write_bytes(b"half a fi")
+    write, seen = checkpoint.FileJournal.write, []
+    checkpoint.FileJournal.write = lambda *args: (seen.append(sorted(first.parent.glob(".*"))), write(*args))
+    try:
+        assert run("--resume", "torn") == 0
+    finally:
+        checkpoint.FileJournal.write = write
+    assert seen[0] == []
+
+
+def test_the_saved_scenario_is_the_one_gone_on_with(night, interrupted):
+    """The file that it came from may have changed, or be gone."""
+    path = night.scenario()
+    assert run(path, "--out", "whole") == 0
+    interrupted(2, path, "--out", "torn")
+    Path(path).unlink()
+    assert run("--resume", "torn") == 0
+    assert night.result("torn") == night.result("whole")
+
+
+def test_an_error_in_the_midst_keeps_what_is_saved(night, monkeypatch, capsys):
+    def fail(*_):
+        raise Interrupted("enough")
+
+    monkeypatch.setattr(command, "_judged", fail)
+    assert run(night.scenario(), "--out", "torn") == 2
+    assert len(night.saved("torn")) == 40
+    assert "40 chunks are saved" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_run_that_nobody_named_goes_on_too(night, interrupted, capsys):
+    words = (night.scenario(name="one"), night.scenario(name="two"))
+    interrupted(5, *words)
+    (folder,) = Path("runs").iterdir()
+    assert f"hint: resume with avrare run --resume {folder}" in capsys.readouterr().err
+    assert run("--resume", folder) == 0
+    assert run(*words, "--out", "whole") == 0
+    for name in ("one", "two"):
+        assert night.result(folder, name) == night.result("whole", name)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_run_that_is_refused_leaves_nothing(night, several):
+    words = [night.scenario("{plugin: ams, particles: 50, discard: 10}")]
+    words += [night.scenario(name="two")] if several else []
+    assert run(*words, "--budget", "rollouts=10") == 4
+    assert not list(Path().glob("runs/*"))
+    assert run(*words, "--budget", "rollouts=10", "--out", "kept") == 4
+    assert Path("kept").exists() is not several  # several are asked before any folder is made
+    assert not Path("kept/checkpoint").exists()
+
+
+def test_only_one_goes_on_in_a_folder(night, interrupted, capsys):
+    scenario = night.scenario()
+    interrupted(2, scenario, "--out", "torn")
+    with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).held():
+        for words in (["--resume", "torn"], [scenario, "--resume", "torn"], [scenario, "--out", "torn"]):
+            capsys.readouterr()
+            assert run(*words) == 4
+            assert "another process is using this folder" in capsys.readouterr().err
+    assert len(night.saved("torn")) == 2
+    assert run("--resume", "torn") == 0
+
+
+def test_nor_takes_away_what_has_saved_nothing_yet(night, capsys):
+    begun = checkpoint.Checkpoint.open(Path("torn/checkpoint"), {"another": "task"})
+    with begun.held():
+        assert run(night.scenario(), "--out", "torn") == 4
+    assert "another process is using this folder" in capsys.readouterr().err
+    assert checkpoint.read_index(Path("torn/checkpoint"))["task"] == {"another": "task"}
+
+
+def test_a_file_system_without_locks_keeps_nobody_out(night, monkeypatch):
+    def refuse(file, operation):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    assert run(night.scenario(), "--out", "done") == 0

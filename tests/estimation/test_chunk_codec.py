@@ -1,0 +1,89 @@
+"""Outcomes as bytes: the same come back, or none."""
+
+import numpy as np
+import pytest
+
+from avrare.estimation.checkpoint.chunk_codec import decode, decode_seconds, digest, encode
+from avrare.rollout.request import Request, Rollouts
+
+OUTCOME = Rollouts(
+    robustness=np.array([[0.5, -np.inf], [np.nan, 3e-320]]),
+    violated=np.array([[False, True], [True, False]]),
+    error=np.array([False, True]),
+    scores=np.array([[-np.inf, 0.1, 0.3], [-0.0, 0.0, np.nextafter(1.0, 2.0)]]),
+    simulated_steps=4,
+    counts={"solves": np.array([3, 0]), "key": np.array([1, 2])},
+    messages=("ValueError: λ < 0", ""),
+    log_weight=np.array([0.0, -1.5]),
+    every=4,
+)
+FIELDS = ("robustness", "violated", "error", "scores", "log_weight")
+
+
+def same(one, two):
+    for name in FIELDS:
+        a, b = getattr(one, name), getattr(two, name)
+        if (a.dtype, a.shape, a.tobytes()) != (b.dtype, b.shape, b.tobytes()):
+            return False
+    plain = [
+        (r.simulated_steps, r.every, r.messages, {name: v.tolist() for name, v in r.counts.items()})
+        for r in (one, two)
+    ]
+    return plain[0] == plain[1]
+
+
+def request(rows=3, **changes):
+    index = np.arange(rows)
+    parts = {"run": index * 0, "stage": index * 0, "particle": index, "start": index * 0 - 1, **changes}
+    return Request(**parts)
+
+
+def test_the_same_bits_come_back():
+    outcome, seconds = decode(encode(OUTCOME, "key", 1.25), "key")
+    assert same(outcome, OUTCOME)
+    assert seconds == decode_seconds(encode(OUTCOME, "key", 1.25)) == 1.25
+
+
+def test_an_outcome_without_messages_counts_and_scores():
+    bare = Rollouts(*(np.zeros((2, 1)), np.zeros((2, 1), bool), np.zeros(2, bool), np.zeros((2, 0)), 0))
+    outcome, _ = decode(encode(bare, "", 0.0), "")
+    assert same(outcome, bare)
+
+
+@pytest.mark.slow
+def test_whatever_byte_is_wrong_no_wrong_outcome_comes_back():
+    content = encode(OUTCOME, "key", 1.25)
+    refused = 0
+    for place in range(len(content)):
+        damaged = bytearray(content)
+        damaged[place] ^= 0x10
+        try:
+            outcome, _ = decode(bytes(damaged), "key")
+        except ValueError:
+            refused += 1
+        else:
+            assert same(outcome, OUTCOME), place
+    assert refused > len(content) / 2
+
+
+@pytest.mark.parametrize("many", [0, 1, 100, -1])
+def test_a_part_of_it_is_refused(many):
+    content = encode(OUTCOME, "key", 1.25)
+    with pytest.raises(ValueError, match="damaged"):
+        decode(content[:many], "key")
+
+
+def test_another_key_is_refused():
+    with pytest.raises(ValueError, match="another estimate"):
+        decode(encode(OUTCOME, "key", 1.25), "other")
+
+
+def test_the_digest_tells_requests_apart():
+    tape = np.zeros((3, 2, 1))
+    others = [
+        request(), request(2), request(run=np.ones(3, int)), request(stage=np.ones(3, int)),
+        request(particle=np.arange(1, 4)), request(start=np.zeros(3, int)), request(stop_early=True),
+        request(tape=tape), request(tape=tape + 1e-300), request(law="a law"),
+    ]  # fmt: skip
+    assert len({digest(one) for one in others}) == len(others)
+    assert digest(request()) == digest(request())

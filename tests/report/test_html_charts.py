@@ -1,0 +1,38 @@
+"""Charts of an estimate."""
+
+import numpy as np
+import pytest
+
+from avrare.report.html import charts
+from avrare.results.reader import StoredEstimate
+
+
+def test_the_share_that_survives_is_that_of_the_particles():
+    found = charts._list_surviving_shares(
+        {"full_rollouts": 100, "roots": [3, 4], "discarded": [[5, 10], [25]]}
+    )
+    assert found == [[0.9, 0.8], [0.5]]
+    assert charts._list_surviving_shares({"shares": [[0.1]], "levels": [[1.0]]}) == [[0.1]]
+    assert charts.draw_levels({}, float, "") is None
+
+
+@pytest.mark.parametrize("found", ["low", 3.0, [1.0, 2.0], {"a": 1}, [["x"]], [[[1.0]]], [[]]])
+def test_levels_of_another_kind_are_not_drawn(found):
+    assert charts.draw_levels({"levels": found, "shares": [[0.5]]}, float, "") is None
+    assert charts.draw_levels({"levels": [[1.0]], "shares": found}, float, "") is None or found == [[]]
+    assert charts.draw_levels({"levels": [[1.0, None]], "shares": [[0.5, None]]}, float, "") is not None
+
+
+def test_zero_is_an_edge_of_the_histogram():
+    edges = charts._choose_bin_edges(np.array([-0.3, 1.1, 2.0]))
+    assert 0.0 in edges
+    assert edges[0] <= -0.3
+    assert edges[-1] >= 2.0
+    assert charts.draw_histogram(np.array([np.nan, np.inf]), False) is None
+
+
+def test_convergence_is_left_out_where_failures_cannot_be_told():
+    entry = StoredEstimate.model_construct(estimator="mc", failures=5, rollouts=4, confidence=0.95)
+    assert charts.draw_convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
+    found = charts.draw_convergence(entry.model_copy(update={"failures": 1}), np.array([-1.0, 1.0, 1.0, 1.0]))
+    assert "ending at 0.25" in found

@@ -1,0 +1,28 @@
+"""Markup: what is escaped, what is not, and minus signs."""
+
+import json
+import math
+
+import pytest
+
+from avrare.report.html.markup import Markup, json_block, tag
+from avrare.report.html.rollout_player import typeset_minus
+
+
+def test_text_and_attributes_are_escaped_and_markup_is_not():
+    found = tag("p", "a < b & c", [tag("b", "x"), None, ("y", 3)], class_="q\"'", hidden=True, id=None)
+    assert found == '<p class="q&quot;&#x27;" hidden>a &lt; b &amp; c<b>x</b>y3</p>'
+    assert isinstance(found, Markup)
+
+
+def test_no_text_ends_a_block_of_data():
+    block = json_block({"name": "</script><script>alert(1)"})
+    assert block.count("<") == 2
+    inner = block[block.index(">") + 1 : block.rindex("<")]
+    assert json.loads(inner) == {"name": "</script><script>alert(1)"}
+    with pytest.raises(ValueError, match="JSON"):
+        json_block(math.nan)
+
+
+def test_hyphens_in_names_are_no_minus():
+    assert typeset_minus("a-b cut-in -0.5 (-3) x-1 1e-5") == "a-b cut-in −0.5 (−3) x-1 1e-5"

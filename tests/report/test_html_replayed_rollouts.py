@@ -1,0 +1,22 @@
+"""Rollouts selected for a report."""
+
+import numpy as np
+
+from avrare.estimation.result import Failures, Worst
+from avrare.report.html.replayed_rollouts import select_rollouts
+from avrare.results.stored_rollouts import RolloutSample
+
+
+def test_the_most_likely_failure_has_the_shortest_noise():
+    noise = np.zeros((3, 4, 2))
+    noise[:, 0, 0] = [3.0, 1.0, 2.0]
+    found = select_rollouts("r", Failures(noise, np.array([-1.0, -0.1, -5.0]), 3), None)
+    assert [(one.title, one.robustness, one.norm) for one in found] == [
+        ("Worst failure", -5.0, 2.0),
+        ("Most likely failure", -0.1, 1.0),
+    ]
+    one = select_rollouts("r", Failures(noise[:1], np.array([-1.0]), 1), None)
+    assert [shown.title for shown in one] == ["Worst and most likely failure"]
+    near = select_rollouts("r", None, RolloutSample(np.zeros(2, np.float32), Worst(noise[0], 0.5)))
+    assert [(shown.title, shown.failed) for shown in near] == [("Nearest to a failure", False)]
+    assert select_rollouts("r", None, None) == []

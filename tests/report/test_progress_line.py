@@ -1,0 +1,185 @@
+"""Progress display of a running estimate: live, in plain lines, or quiet."""
+
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import avrare
+from avrare.base.format import format_clock
+from avrare.cli.main import main
+from avrare.estimation.plan import Info
+from avrare.report.terminal.progress_line import Progress
+
+SLOW = """\
+name: slow
+steps: 400
+simulator:
+  plugin: linear
+  dt: 0.1
+  states: [x]
+  A: [[1]]
+  process_noise: [0.01]
+  initial: {mean: [0], covariance: [0.01]}
+specifications:
+  low: {stl: "always (x < 1)"}
+estimator: {plugin: mc, rollouts: 200000}
+chunk: 50
+"""
+
+
+class Still:
+    noise_size = 1
+
+    def initial(self, noise):
+        return {"x": noise[:, 0]}
+
+    def step(self, state, noise):
+        return state
+
+    def signals(self, state):
+        return state
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return avrare.Problem(Still(), avrare.stl("always (x < 2)"), steps=1)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0, "0:00"), (7.4, "0:07"), (754, "12:34"), (12345, "3:25:45"), (1e9, "days")]
+)
+def test_durations(seconds, words):
+    assert format_clock(seconds) == words
+
+
+def test_monte_carlo_shows_its_interval_and_the_time_left(problem):
+    progress = Progress("walk  mc", problem, confidence=0.95)
+    line = progress.line(Info(rollouts=100, failures=10, goal=400), 50.0)
+    assert "p 0.1 (0.049 .. 0.18)" in line
+    assert "rollouts 100/400" in line
+    assert "2:30 left" in line
+    open_ended = progress.line(Info(rollouts=100, failures=10), 50.0)
+    assert "p 0.1  " in open_ended
+    assert "left" not in open_ended
+
+
+def test_zero_counters_and_unknown_estimates_are_not_shown(problem):
+    line = Progress("x", problem).line(Info(rollouts=9, probability=0.0, counts={"fallback_solves": 0}), 1.0)
+    assert "fallback" not in line
+    assert "p≈" not in line
+
+
+@pytest.mark.parametrize(("mode", "lines"), [("auto", 1), ("plain", 1), ("quiet", 0)])
+def test_without_a_terminal_there_are_plain_lines_now_and_then(problem, capsys, mode, lines):
+    with Progress("walk", problem, mode) as progress:
+        progress(Info(rollouts=1))
+        progress.printed -= 3600.0
+        progress(Info(rollouts=2))
+        progress(Info(rollouts=3))
+    err = capsys.readouterr().err
+    assert err.count("\n") == lines
+    assert "\x1b" not in err
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    (tmp_path / "slow.yaml").write_text(SLOW)
+    return str(tmp_path / "slow.yaml")
+
+
+def test_quiet_prints_the_verdicts_alone(scenario, tmp_path, capsys):
+    few = ["--set", "estimator.rollouts=20", "--set", "steps=3", "--out", str(tmp_path / "out")]
+    assert main(["run", scenario, "--quiet", *few]) == 0
+    out = capsys.readouterr()
+    assert re.fullmatch(r"slow low: no threshold, 0 \(0 \.\. 0\.14\)\n", out.out)
+    assert out.err == ""
+    assert main(["run", scenario, "--quiet", "--plain", *few]) == 4
+
+
+def test_plain_has_no_control_characters_even_where_colours_are_forced(
+    scenario, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    few = ["--set", "estimator.rollouts=20", "--set", "steps=3", "--out", str(tmp_path / "out")]
+    assert main(["run", scenario, "--plain", *few]) == 0
+    out = capsys.readouterr()
+    assert "\x1b" not in out.out + out.err
+    assert "results in" in out.out
+
+
+class Terminal:
+    """Command that runs on a terminal of 90 columns."""
+
+    def __init__(self, *words, **environment):
+        self.ours, theirs = pty.openpty()
+        self.seen = ""
+        settings = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "90", "OMP_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "avrare", *words],
+            stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
+            env={**settings, **environment},
+            # a shell that runs the tests in the background lets all below it ignore Ctrl-C
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )  # fmt: skip
+        os.close(theirs)
+
+    def wait(self, pattern, seconds=60.0):
+        """Wait until the output matches the pattern."""
+        end = time.monotonic() + seconds
+        while not re.search(pattern, self.seen):
+            alive = self.process.poll() is None and time.monotonic() < end
+            assert alive, f"never seen: {pattern}\n{self.seen[-2000:]}"
+            if select.select([self.ours], [], [], 0.1)[0]:
+                self._read()
+
+    def ended(self):
+        """Read the remaining output and return the exit code."""
+        while self.process.poll() is None or select.select([self.ours], [], [], 0.1)[0]:
+            if select.select([self.ours], [], [], 0.1)[0] and not self._read():
+                break
+        return self.process.wait(timeout=60)
+
+    def _read(self):
+        try:
+            found = os.read(self.ours, 65536).decode("utf-8", "replace")
+        except OSError:  # the other end is closed
+            return False
+        self.seen += found
+        return bool(found)
+
+
+@pytest.mark.slow
+def test_on_a_terminal_it_lives_and_ctrl_c_saves(scenario, tmp_path):
+    terminal = Terminal("run", scenario, "--out", str(tmp_path / "torn"), "--no-pictures")
+    try:
+        terminal.wait(r"[1-9]\d* of 200,000 rollouts")
+        terminal.wait(r"p 0(\.\d+)? \(")
+        assert "\x1b[" in terminal.seen
+        terminal.process.send_signal(signal.SIGINT)
+        code = terminal.ended()
+    finally:
+        terminal.process.kill()
+    assert code == 2, terminal.seen
+    assert re.search(r"interrupted, [1-9]\d* chunks are saved", terminal.seen)
+    assert "resume with" in terminal.seen
+    assert "Traceback" not in terminal.seen
+    assert (tmp_path / "torn" / "checkpoint").is_dir()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("option", "term"), [("--plain", "xterm-256color"), ("--no-pictures", "dumb")])
+def test_a_terminal_that_is_to_be_left_alone(scenario, tmp_path, option, term):
+    few = ("--set", "estimator.rollouts=2000", "--set", "steps=50")
+    terminal = Terminal(
+        "run", scenario, "--out", str(tmp_path / "out"), option, *few, TERM=term, NO_COLOR="1"
+    )
+    assert terminal.ended() == 0, terminal.seen
+    assert "results in" in terminal.seen
+    assert not re.search(r"\x1b\[\d*[A-LsuJK]|\x1b\[\?25l", terminal.seen)

@@ -1,0 +1,120 @@
+"""Damaged files of a run's folder: one message each, whatever is in them."""
+
+import json
+import zlib
+
+import numpy as np
+import pytest
+
+from avrare.base.errors import UsageError
+from avrare.results.reader import read_json, read_run_folder
+from avrare.results.stored_rollouts import read_arrays, read_failures, read_rollouts
+
+ESTIMATE = {
+    "specification": "left", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.05],
+    "confidence": 0.95, "relative_error": None, "rollouts": 400, "simulated_steps": 8000, "failures": 8,
+    "errors": 0, "seconds": 1, "health": [], "verdict": "pass",
+}  # fmt: skip
+RESULT = {"scenario": "drive", "fingerprint": "a", "seed": 0, "versions": {}}
+
+
+def write(folder, **changes):
+    estimate = {key: value for key, value in {**ESTIMATE, **changes}.items() if value != "gone"}
+    (folder / "result.json").write_text(json.dumps({**RESULT, "estimates": [estimate]}))
+
+
+def test_what_a_run_writes_is_read(tmp_path):
+    write(tmp_path, diagnostics={"levels": [[None]]}, run_probabilities=[0.1, None])
+    assert read_run_folder(tmp_path).result.estimates[0].run_probabilities == [0.1, None]
+
+
+@pytest.mark.parametrize("key", ESTIMATE)
+@pytest.mark.parametrize("value", ["gone", {}, [[]], -1.5, float("nan")])
+def test_an_estimate_without_its_numbers_is_told(tmp_path, key, value):
+    if key in ("relative_error", "seconds") and value == -1.5:
+        return
+    write(tmp_path, **{key: value})
+    with pytest.raises(UsageError, match=rf"result\.json: it cannot be read: estimates\.0\.{key}"):
+        read_run_folder(tmp_path)
+
+
+def test_a_result_without_estimates(tmp_path):
+    (tmp_path / "result.json").write_text(json.dumps({**RESULT, "estimates": []}))
+    with pytest.raises(UsageError, match="it cannot be read: estimates: "):
+        read_run_folder(tmp_path)
+
+
+def test_brackets_without_end(tmp_path):
+    (tmp_path / "x.json").write_text("[" * 100_000)
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_json(tmp_path / "x.json")
+
+
+def test_any_damaged_byte_of_an_archive_is_told_or_harmless(tmp_path):
+    path, rng = tmp_path / "x.npz", np.random.default_rng(0)
+    np.savez_compressed(path, a=rng.standard_normal(400), header=np.array("text"))
+    whole, told = path.read_bytes(), []
+    for place in range(0, len(whole), 7):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        try:
+            read_arrays(path, "remove it")
+        except UsageError as error:
+            told.append(error)
+    assert {error.hint for error in told} == {"remove it"}
+    assert zlib.error in {type(error.__context__) for error in told}
+
+
+def test_an_array_alone_is_no_archive(tmp_path):
+    with (tmp_path / "x.npz").open("wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(UsageError, match=r"x\.npz: cannot be read"):
+        read_arrays(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"robustness": np.zeros(3)}, {"noise": np.zeros((2, 5))}, {"count": np.zeros(2, dtype=int)},
+        {"noise": np.full((2, 5, 1), np.nan)}, {"robustness": np.array(["a", "b"])},
+        {"noise": np.zeros((0, 5, 1)), "robustness": np.zeros(0)},
+    ],
+)  # fmt: skip
+def test_failures_that_do_not_fit_each_other(tmp_path, changes):
+    fields = {"noise": np.zeros((2, 5, 1)), "robustness": np.zeros(2), "count": np.array(7)}
+    np.savez(tmp_path / "failures.npz", **{f"left.{key}": value for key, value in fields.items()})
+    assert read_failures(tmp_path)["left"].count == 7
+    np.savez(
+        tmp_path / "failures.npz", **{f"left.{key}": value for key, value in {**fields, **changes}.items()}
+    )
+    with pytest.raises(UsageError, match="left is damaged"):
+        read_failures(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"robustness": np.zeros((2, 2))}, {"worst": np.zeros(4)}, {"worst_robustness": np.array("low")}],
+)
+def test_rollouts_that_are_none(tmp_path, changes):
+    fields = {"robustness": np.zeros(2), "worst": np.zeros((5, 1)), "worst_robustness": np.array(0.5)}
+    np.savez(tmp_path / "rollouts.npz", **{f"left.{key}": value for key, value in fields.items()})
+    assert read_rollouts(tmp_path)["left"].worst.robustness == 0.5
+    np.savez(
+        tmp_path / "rollouts.npz", **{f"left.{key}": value for key, value in {**fields, **changes}.items()}
+    )
+    with pytest.raises(UsageError, match="left is damaged"):
+        read_rollouts(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"hello", b"(dp0\n.", b"\x80\x04}."])
+def test_nobody_is_advised_to_trust_a_file(tmp_path, content):
+    (tmp_path / "failures.npz").write_bytes(content)
+    with pytest.raises(UsageError, match="it holds something else than arrays") as caught:
+        read_failures(tmp_path)
+    assert "pickle" not in caught.value.message
+
+
+def test_the_hint_on_a_run_that_is_not_finished_names_its_folder(tmp_path):
+    (tmp_path / "my run" / "checkpoint").mkdir(parents=True)
+    with pytest.raises(UsageError) as caught:
+        read_run_folder(tmp_path / "my run")
+    assert f"avrare run --resume '{tmp_path}/my run' resumes it" in caught.value.hint

@@ -1,0 +1,158 @@
+"""Worker processes: what can go wrong there is said in one sentence, and nothing hangs."""
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import avrare
+import odd_systems
+from avrare.rollout.executors.processes import ProcessExecutor, WorkerDied
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Work
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+from avrare.testing import awkward_systems as systems
+
+CHUNK = 25
+
+
+def problem(system=None, score=None, steps=10):
+    return avrare.Problem(
+        system or systems.Walk(), avrare.stl("always (x < 0.3)"), steps=steps, score=score, chunk=CHUNK
+    )
+
+
+def estimate(task, **options):
+    return avrare.estimate(task, workers=2, rollouts=100, **options)
+
+
+def run_script(tmp_path, code, how="file"):
+    """Run Python code as a program of its own, from a file, as -c, or from standard input."""
+    path = tmp_path / "program.py"
+    path.write_text(code)
+    arguments = {"file": [str(path)], "command": ["-c", code], "stdin": ["-"]}[how]
+    return subprocess.run(
+        [sys.executable, *arguments],
+        input=code if how == "stdin" else None,
+        capture_output=True, text=True, timeout=60, check=False,
+        env={"PATH": "", "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+
+
+PROGRAM = """
+import numpy as np
+import avrare
+class Walk:
+    noise_size = 1
+    def initial(self, noise): return {"x": np.zeros(len(noise))}
+    def step(self, state, noise): return {"x": state["x"] + 0.1 * noise[:, 0]}
+    def signals(self, state): return {"x": state["x"]}
+def main():
+    problem = avrare.Problem(Walk(), avrare.stl("always (x < 0.3)"), steps=10, chunk=25)
+    for estimator in ("mc", "ams"):
+        options = {"rollouts": 100} if estimator == "mc" else {"particles": 20, "discard": 5, "runs": 2}
+        try:
+            one, two = (avrare.estimate(problem, estimator, workers=w, **options) for w in (1, 2))
+            print(one.probability == two.probability)
+        except avrare.AvrareError as error:
+            print(type(error).__name__, error, error.hint)
+"""
+GUARD = 'if __name__ == "__main__": '
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", [SerialExecutor, lambda: ProcessExecutor(2)])
+def test_outcomes_come_in_the_order_of_the_chunks(executor):
+    task, noise = problem(), NoiseSource(0, 1)
+    request = Request.from_start(np.zeros(90, dtype=np.int64), np.arange(90))
+    chunks = [request.slice(at, at + CHUNK) for at in range(0, 90, CHUNK)]
+    work = Work(task, noise, scored=False)
+    expected = [work.run(chunk).robustness for chunk in chunks]
+    one = executor()
+    one.open(work)
+    try:
+        found = [outcome.robustness for outcome in one.map(chunks)]
+    finally:
+        one.close()
+    assert len(found) == 4
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.slow
+def test_a_row_that_raises_in_a_worker_is_an_error_like_any_other():
+    task = problem(systems.Fragile("raise", 2.0))
+    one, two = (avrare.estimate(task, workers=workers, rollouts=100) for workers in (1, 2))
+    assert 0 < two.errors < 100
+    assert (two.errors, two.health) == (one.errors, one.health)
+    np.testing.assert_array_equal(one.robustness, two.robustness)
+
+
+def test_an_error_of_ours_arrives_with_its_hint():
+    with pytest.raises(avrare.FormulaError, match="'x' is missing"):
+        estimate(problem(odd_systems.Nameless()))
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_is_reported():
+    with pytest.raises(WorkerDied, match="without an answer") as caught:
+        estimate(problem(odd_systems.Deadly()))
+    assert "workers 1" in caught.value.hint
+    assert avrare.estimate(problem(odd_systems.Deadly()), rollouts=10).errors == 0
+
+
+def test_a_system_that_cannot_be_read_elsewhere():
+    with pytest.raises(avrare.UsageError, match="lives in one process only"):
+        estimate(problem(odd_systems.Homesick()))
+
+
+def local_system():
+    class Local(systems.Walk):
+        pass
+
+    return Local()
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        lambda: problem(local_system()),
+        lambda: problem(score=lambda signals, t: signals["x"][:, t]),
+    ],
+)
+def test_what_cannot_be_pickled_is_a_usage_error(task):
+    with pytest.raises(avrare.UsageError, match="cannot be sent") as caught:
+        estimate(task())
+    assert "workers=1" in caught.value.hint
+
+
+@pytest.mark.slow
+def test_a_guarded_script_may_use_workers(tmp_path):
+    done = run_script(tmp_path, PROGRAM + GUARD + "main()")
+    assert done.stdout.split() == ["True", "True"], done.stderr
+
+
+@pytest.mark.parametrize("how", ["command", "stdin"])
+def test_an_interactive_session_is_told_why_it_may_not(tmp_path, how):
+    done = run_script(tmp_path, PROGRAM + GUARD + "main()", how)
+    assert done.returncode == 0
+    assert done.stdout.count("UsageError the problem is defined in a session") == 2
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_an_unguarded_script_is_told_about_the_guard(tmp_path):
+    done = run_script(tmp_path, PROGRAM + "main()")
+    assert done.returncode == 0
+    assert "WorkerDied" in done.stdout
+    assert "__main__" in done.stdout
+
+
+def test_errors_survive_the_journey():
+    for error in (avrare.UsageError("a", "b"), avrare.PluginError("a"), avrare.ScenarioError([("m", "h")])):
+        copy = pickle.loads(pickle.dumps(error))
+        assert type(copy) is type(error)
+        assert copy.lines() == error.lines()

@@ -1,0 +1,59 @@
+"""Parts that do not fit each other are refused, with the place."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrare import FormulaError, estimate
+from avrare.cli.main import main
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.load import load
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.mark.parametrize(
+    ("part", "block"),
+    [
+        ("controller", "{plugin: mpc}"),
+        ("perception", "{plugin: gp_pem}"),
+        ("perception", "{plugin: parametric}"),
+        ("specifications.left", "{plugin: traffic_rules, rule: no_collision}"),
+    ],
+)
+def test_what_drives_on_a_road_needs_one(part, block, capsys):
+    words = ["validate", "--build", str(SCENARIOS / "double_integrator.yaml"), "--set", f"{part}={block}"]
+    if part == "perception":
+        words += ["--set", "tracker={plugin: imm}"]
+    assert main(words) == 4
+    error = capsys.readouterr().err
+    assert f"{part}: " in error
+    assert "driving simulator" in error
+    assert "bug" not in error
+
+
+def test_a_score_written_as_a_formula_guides_splitting():
+    scored = "specifications.clear.score={stl: 'always (x < 9)'}"
+    problem = LoadedScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
+    result = estimate(problem, "ams", seed=0, particles=20, discard=10, runs=2)
+    plain = estimate(problem.rescored(None), "ams", seed=0, particles=20, discard=10, runs=2)
+    levels, others = (np.concatenate(found.diagnostics["levels"]) for found in (result, plain))
+    assert levels.max() < -2.0 < others.min()  # x stays below 7
+
+
+def test_a_score_of_signals_that_are_not_there():
+    scored = "specifications.clear.score={stl: 'always (z < 1)'}"
+    problem = LoadedScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
+    with pytest.raises(FormulaError, match="'z'"):
+        estimate(problem, "ams", seed=0, particles=20, discard=2, runs=2)
+
+
+def test_a_start_that_raises_is_told_in_a_line(monkeypatch, capsys):
+    def broken(self, noise):
+        raise ValueError("no battery\nat all")
+
+    monkeypatch.setattr("avrare_linear.simulator.LinearSimulator.reset", broken)
+    assert main(["validate", "--build", str(SCENARIOS / "double_integrator.yaml")]) == 4
+    error = capsys.readouterr().err
+    assert "the noise-free start raised ValueError: no battery at all" in error
