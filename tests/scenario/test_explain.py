@@ -47,7 +47,7 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
         (
             "estimator.specifications=[]",
             "should be a list of specification names, found an empty list",
-            "leave it",
+            "remove the option",
         ),
         ("simulator.label=3", "should be a string, found 3", None),
         ("tracker.delay=13", "13 is unlucky", "delay: steps of delay"),
@@ -57,7 +57,7 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
         (
             "estimator.specifications=near",
             "should be a list of specification names, found the string 'near'",
-            "leave it",
+            "remove the option",
         ),
         ("thresholds.1.confidence=0.9", "the list has no item '1'", "known: 0"),
         ("steps.0=1", "there is no '0' inside 40", "shorten the path"),
