@@ -8,7 +8,6 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import entry_points
 from typing import Any
 
 from avrare.base import version
@@ -99,6 +98,8 @@ def _command(name: str) -> tuple[Any, str]:
         return importlib.import_module(reference), summary
     if name not in PROVIDED:
         raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, [*COMMANDS, *PROVIDED]))
+    from importlib.metadata import entry_points  # half the time of `avrare --help`
+
     distribution, summary = PROVIDED[name]
     points = entry_points(group=COMMAND_GROUP, name=name)
     if not points:
