@@ -26,7 +26,6 @@ from avrare.logic.formula import stl
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.testing import awkward_systems as systems
-from avrare.testing.lattices import Lattice
 from avrare.testing.problems import (
     conjunction,
     count_down,
@@ -38,6 +37,7 @@ from avrare.testing.problems import (
 )
 from avrare.testing.reference_problem import ReferenceProblem
 from avrare.testing.repeated_estimates import Audited, Study, coverage_at_most, deviation, standard_error
+from avrare.testing.walk_problems import Lattice
 
 _FALSE_ALARM = 1e-3
 """Probability that an estimator with exactly the least coverage is rejected."""

@@ -13,10 +13,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.testing.lattices import count_down, plus_minus
-from avrare.testing.reach_in_time import reach
 from avrare.testing.reference_problem import ReferenceProblem
-from avrare.testing.respond_in_time import response
 from avrare.testing.static_problems import (
     conjunction,
     exponential_sum,
@@ -24,7 +21,14 @@ from avrare.testing.static_problems import (
     linear,
     lognormal_product,
 )
-from avrare.testing.walk_problems import ornstein_uhlenbeck, walk
+from avrare.testing.walk_problems import (
+    count_down,
+    ornstein_uhlenbeck,
+    plus_minus,
+    reach,
+    response,
+    walk,
+)
 
 __all__ = [
     "ReferenceProblem", "conjunction", "count_down", "exponential_sum", "families", "four_branch", "linear",

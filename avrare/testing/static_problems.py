@@ -114,16 +114,7 @@ def lognormal_product(c: float, dim: int = 5, sigma: float = 0.5) -> ReferencePr
 def _problem(
     family: str, arguments: str, text: str, system: Static, formula: str, exact: Callable[[], float]
 ) -> ReferenceProblem:
-    return ReferenceProblem(
-        id=f"{family}({arguments})",
-        family=family,
-        text=text,
-        system=system,
-        formula=formula,
-        steps=0,
-        relation="<=0",
-        exact=exact,
-    )
+    return ReferenceProblem(f"{family}({arguments})", family, text, system, formula, 0, "<=0", exact)
 
 
 def _conjunction(beta: float) -> float:

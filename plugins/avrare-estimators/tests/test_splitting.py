@@ -10,9 +10,8 @@ from scipy import stats
 import avrare
 import odd_systems
 from avrare.testing import awkward_systems as systems
-from avrare.testing.lattices import Lattice
 from avrare.testing.problems import count_down, reference_problem
-from avrare.testing.reach_in_time import Lag
+from avrare.testing.walk_problems import Lag, Lattice
 
 WALK = reference_problem("d_rw_L2.5")
 RARE_WALK = reference_problem("d_rw_L3.8")

@@ -7,7 +7,7 @@ import avrare
 import odd_systems
 from avrare.testing import awkward_systems as systems
 from avrare.testing.problems import ReferenceProblem, count_down, reference_problem
-from avrare.testing.reach_in_time import Lag
+from avrare.testing.walk_problems import Lag
 
 WALK = reference_problem("d_rw_L2.5")
 RARE_WALK = reference_problem("d_rw_L3.8")
