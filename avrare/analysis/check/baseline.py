@@ -21,7 +21,7 @@ from avrare.analysis.check.confidence_distributions import (
     encode_distribution,
 )
 from avrare.base.errors import UsageError
-from avrare.base.files import write_text
+from avrare.base.files import explain_file_errors, write_text
 from avrare.estimation.result import Result, finite
 from avrare.results.run_folder import provenance
 from avrare.scenario.fingerprint import digests, fingerprint
@@ -37,28 +37,16 @@ _MAX_LISTED = 5
 
 @dataclass(frozen=True)
 class BaselineEntry:
-    """Stored estimate of one specification.
-
-    Attributes:
-        specification: Name of the specification.
-        probability: The estimate.
-        distribution: Its confidence distribution.
-        relative_error: Standard error over probability; NaN where the probability is 0.
-        rollouts: Rollouts of the estimate.
-        simulated_steps: Simulated steps of the estimate.
-        seconds: Wall time of the estimate.
-        health: Names of its health warnings.
-        relation: Definition of failure, as in ``Result``.
-    """
+    """Stored estimate of one specification; fields as in ``Result``."""
 
     specification: str
     probability: float
     distribution: ConfidenceDistribution
-    relative_error: float
+    relative_error: float  # NaN where the probability is 0
     rollouts: int
     simulated_steps: int
     seconds: float
-    health: tuple[str, ...]
+    health: tuple[str, ...]  # names of the warnings
     relation: str
 
     @staticmethod
@@ -72,23 +60,14 @@ class BaselineEntry:
 
 @dataclass(frozen=True)
 class Baseline:
-    """Saved run.
-
-    Attributes:
-        path: Path of the file.
-        scenario: The resolved scenario.
-        versions: Versions of avrare and the plugins.
-        commit: Commit of the scenario's repository, or None.
-        entries: Entry of each specification, by name.
-        files: Digest of the content of each file that an option names.
-    """
+    """Saved run."""
 
     path: Path
-    scenario: Mapping[str, Any]
-    versions: Mapping[str, str]
-    commit: str | None
-    entries: Mapping[str, BaselineEntry]
-    files: Mapping[str, str] = field(default_factory=dict)
+    scenario: Mapping[str, Any]  # the resolved one
+    versions: Mapping[str, str]  # of avrare and the plugins
+    commit: str | None  # of the scenario's repository
+    entries: Mapping[str, BaselineEntry]  # by specification
+    files: Mapping[str, str] = field(default_factory=dict)  # option -> digest of the file that it names
 
 
 def default_folder(scenario: Scenario) -> Path:
@@ -97,21 +76,13 @@ def default_folder(scenario: Scenario) -> Path:
 
 
 def read_newest(folder: Path) -> Baseline | None:
-    """Read the baseline with the highest number; None if there is none.
-
-    Raises:
-        UsageError: The baseline cannot be read.
-    """
+    """Read the baseline with the highest number; None if there is none."""
     numbers = _numbers(folder)
     return read(folder / numbers[max(numbers)]) if numbers else None
 
 
 def read(path: Path) -> Baseline:
-    """Read one baseline.
-
-    Raises:
-        UsageError: The baseline cannot be read.
-    """
+    """Read one baseline; UsageError if it cannot be read."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["schema"] != SCHEMA:
@@ -127,11 +98,7 @@ def read(path: Path) -> Baseline:
 
 
 def save(folder: Path, scenario: Scenario, results: Sequence[Result]) -> Path:
-    """Write the results as the baseline with the next number.
-
-    Raises:
-        UsageError: The folder cannot be written to.
-    """
+    """Write the results as the baseline with the next number; UsageError if that is not possible."""
     content = {
         "schema": SCHEMA,
         "scenario": scenario.name,
@@ -143,20 +110,15 @@ def save(folder: Path, scenario: Scenario, results: Sequence[Result]) -> Path:
         "files": digests(scenario),
     }
     path = folder / f"{max(_numbers(folder), default=0) + 1:04d}.json"
-    try:
+    with explain_file_errors(f"{path}: cannot save the baseline", "choose another folder with --baseline"):
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, json.dumps(content, indent=1) + "\n")
-    except OSError as error:
-        text = f"{path}: cannot save the baseline: {error.strerror or error}"
-        raise UsageError(text, "choose another folder with --baseline") from None
     return path
 
 
 def _numbers(folder: Path) -> dict[int, str]:
-    try:
+    with explain_file_errors(f"{folder}: cannot list the baselines"):
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    except OSError as error:
-        raise UsageError(f"{folder}: cannot list the baselines: {error.strerror or error}") from None
     return {int(found[1]): name for name in names if (found := _NAME.fullmatch(name))}
 
 
@@ -186,10 +148,7 @@ def _decode_entry(content: Mapping[str, Any]) -> BaselineEntry:
 def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specifications: list[str]) -> list[str]:
     """List how two resolved scenarios differ in their problem, as ``simulator.dt 0.1 -> 0.05``.
 
-    Args:
-        old: Resolved scenario of the baseline.
-        new: Resolved scenario of this run.
-        specifications: Specifications to compare; one that only one scenario has is no difference.
+    A specification that only one of them has is no difference.
     """
     found = [line for key in SHARED_KEYS for line in _list_differences(key, old.get(key), new.get(key))]
     definitions = [scenario.get("specifications", {}) for scenario in (old, new)]

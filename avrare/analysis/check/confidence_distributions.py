@@ -40,7 +40,7 @@ class _Counts:
     undecided: int = 0
 
     def p_value_at_most(self, value: float) -> float:
-        """Return P(as many failures or more | value), or P(the last failure as early or earlier | value)."""
+        # P(as many failures or more | value), or P(the last failure as early or earlier | value)
         return beta_cdf(value, self.failures, self.trials - self.failures + 1) if self.failures else 1.0
 
 
@@ -48,10 +48,7 @@ class _Counts:
 class Binomial(_Counts):
     """Failures among a number of rollouts that was fixed beforehand (Clopper and Pearson).
 
-    Attributes:
-        failures: Rollouts that failed.
-        trials: All rollouts.
-        undecided: Rollouts that ended in an error; ``p_value_at_least`` counts them as failures.
+    ``undecided`` rollouts ended in an error; ``p_value_at_least`` counts them as failures.
     """
 
     def interval_at(self, confidence: float) -> Interval:
@@ -80,19 +77,12 @@ class InverseBinomial(_Counts):
 
 @dataclass(frozen=True)
 class LogNormal:
-    """Mean whose logarithm follows Student's t (docs/statistics.md).
+    """Mean whose logarithm follows Student's t (docs/statistics.md)."""
 
-    Attributes:
-        mean: Positive mean.
-        relative_variance: Variance of the mean over its square.
-        freedom: Degrees of freedom; 0: the variance is taken as known.
-        undecided: Share of errors; ``p_value_at_least`` counts them as failures.
-    """
-
-    mean: float
-    relative_variance: float
-    freedom: int
-    undecided: float = 0.0
+    mean: float  # > 0
+    relative_variance: float  # variance of the mean over its square
+    freedom: int  # degrees of freedom; 0: the variance is taken as known
+    undecided: float = 0.0  # share of errors; ``p_value_at_least`` counts them as failures
 
     def interval_at(self, confidence: float) -> Interval:
         """Return the interval of splitting and of weighted samples."""
@@ -129,16 +119,11 @@ class Tabulated:
 
     A p-value above 1/2 is given as 1, since intervals do not resolve it. Where one end carries no information
     (0 or 1 at any confidence), the other is taken as one-sided.
-
-    Attributes:
-        tails: 1 - confidence, decreasing.
-        lower: Lower ends, decreasing.
-        upper: Upper ends, increasing.
     """
 
-    tails: tuple[float, ...]
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
+    tails: tuple[float, ...]  # 1 - confidence, decreasing
+    lower: tuple[float, ...]  # lower ends, decreasing
+    upper: tuple[float, ...]  # upper ends, increasing
 
     @staticmethod
     def from_intervals(interval_at: Callable[[float], Interval]) -> Tabulated:
@@ -197,11 +182,7 @@ def encode_distribution(distribution: ConfidenceDistribution) -> dict[str, Any]:
 
 
 def decode_distribution(content: Mapping[str, Any]) -> ConfidenceDistribution:
-    """Return the distribution that ``encode_distribution`` wrote.
-
-    Raises:
-        UsageError: The content is not a valid distribution.
-    """
+    """Return the distribution that ``encode_distribution`` wrote; UsageError if it is not valid."""
     try:
         fields = {key: tuple(v) if isinstance(v, list) else v for key, v in content.items() if key != "law"}
         found: ConfidenceDistribution = _LAWS[content["law"]](**fields)

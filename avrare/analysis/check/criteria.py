@@ -30,18 +30,11 @@ from avrare.scenario.schema import Regression, Threshold
 
 @dataclass(frozen=True)
 class Criterion:
-    """Condition on the failure probability of one specification.
-
-    Attributes:
-        scenario: Name of the scenario.
-        specification: Name of the specification.
-        condition: Bound of the probability, or allowed regression against ``baseline``.
-        baseline: Stored estimate that is compared with; None for a threshold.
-    """
+    """Condition on the failure probability of one specification."""
 
     scenario: str
     specification: str
-    condition: Threshold | Regression
+    condition: Threshold | Regression  # bound of the probability, or allowed regression against ``baseline``
     baseline: BaselineEntry | None = None
 
     @property
@@ -63,26 +56,16 @@ class Criterion:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Estimate weighed against one criterion.
+    """Estimate weighed against one criterion."""
 
-    Attributes:
-        normalised_p_value: p-value of "the criterion holds" over the level at which it alone would fail: it
-            fails at a value of at most 1, or less where there are several criteria.
-        passes: True if the estimate shows that the criterion holds.
-    """
-
+    # p-value of "the criterion holds" over the level at which it alone would fail: it fails at a value of at
+    # most 1, or less where there are several criteria
     normalised_p_value: float
-    passes: bool
+    passes: bool  # the estimate shows that the criterion holds
 
 
 def assess(criterion: Criterion, result: Result, share: float) -> Assessment:
-    """Weigh a result against a criterion.
-
-    Args:
-        criterion: The criterion.
-        result: Estimate of its specification.
-        share: Share of the error rate that this look uses; 1 for a single look.
-    """
+    """Weigh a result against a criterion, at a look with this share of the error rate (1: the only one)."""
     distribution = derive_distribution(result)
     condition, baseline = criterion.condition, criterion.baseline
     tail = (1.0 - condition.confidence) / 2.0
@@ -111,11 +94,8 @@ def decide_criteria(
 ) -> dict[int, str]:
     """Return "pass" or "fail" by number of the criterion after one more look; undecided ones are left out.
 
-    Args:
-        criteria: All criteria of the check.
-        results: Gives the estimate of a criterion's specification, or None.
-        share: Share of the error rate that this look uses.
-        decided: Mapping[int, str] of earlier looks; they stay.
+    Verdicts of earlier looks (``decided``) stay. ``results`` gives the estimate of a specification; ``share``
+    is the part of the error rate that this look uses.
     """
     assessments = {
         number: assess(criterion, result, share)
@@ -159,35 +139,19 @@ def find_objections(criterion: Criterion, result: Result | None) -> list[str]:
 
 @dataclass(frozen=True)
 class Decision:
-    """Verdict on one criterion, with the numbers that it rests on.
-
-    Attributes:
-        scenario: Name of the scenario.
-        specification: Name of the specification.
-        kind: "threshold" or "regression".
-        question: The condition in symbols.
-        verdict: "pass", "fail" or "inconclusive".
-        reason: Reason of the verdict; may be empty.
-        probability: The estimate, or None.
-        interval: Its interval at the confidence of the criterion.
-        baseline: Probability in the baseline, or None.
-        change: Probability over that of the baseline, or None.
-        change_interval: Interval of this ratio at the confidence of the criterion; infinity: unbounded.
-        rollouts: Rollouts of the estimate.
-        seconds: Wall time of the estimate.
-    """
+    """Verdict on one criterion, with the numbers that it rests on; intervals have its confidence."""
 
     scenario: str
     specification: str
     kind: str
     question: str
-    verdict: str
-    reason: str
+    verdict: str  # "pass", "fail" or "inconclusive"
+    reason: str  # may be empty
     probability: float | None = None
     interval: Interval | None = None
-    baseline: float | None = None
-    change: float | None = None
-    change_interval: Interval | None = None
+    baseline: float | None = None  # probability in the baseline
+    change: float | None = None  # probability over that of the baseline
+    change_interval: Interval | None = None  # infinity: unbounded
     rollouts: int = 0
     seconds: float = 0.0
 

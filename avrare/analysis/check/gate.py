@@ -29,17 +29,10 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class CheckResult:
-    """Result of a check.
+    """Result of a check."""
 
-    Attributes:
-        decisions: One for each criterion, and for each specification without a baseline.
-        results: Scenario -> its estimates, with the verdicts of their thresholds.
-        notes: Remarks for the reader.
-        looks: Number of looks.
-    """
-
-    decisions: tuple[Decision, ...]
-    results: dict[str, tuple[Result, ...]]
+    decisions: tuple[Decision, ...]  # one for each criterion, and for each specification without a baseline
+    results: dict[str, tuple[Result, ...]]  # of each scenario, with the verdicts of their thresholds
     notes: tuple[str, ...] = ()
     looks: int = 1
 
@@ -125,16 +118,10 @@ def check(
 def decide(
     targets: Sequence[CheckTarget], looks: Sequence[Look], execution: ExecutionSettings, save: bool = False
 ) -> CheckResult:
-    """Decide the criteria of several scenarios, which share one error rate.
+    """Decide the criteria of several scenarios, which share one error rate, in the planned looks.
 
-    Args:
-        targets: The scenarios.
-        looks: The planned looks.
-        execution: Settings of the estimates.
-        save: The results will be saved as baselines: take every look.
-
-    Raises:
-        UsageError: An estimator cannot take the problem or the budget.
+    Results that will be saved as baselines (``save``) take every look. UsageError if an estimator cannot take
+    the problem or the budget.
     """
     state = _CheckState([criterion for target in targets for criterion in target.criteria])
     max_error_rates = {target.name: target.definition.max_error_rate for target in targets}

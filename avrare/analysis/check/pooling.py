@@ -30,16 +30,12 @@ class _PooledMean:
 
 
 def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
-    """Return all batches as one estimate.
+    """Return all batches, in the order in which they were drawn, as one estimate.
 
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
     their rollouts. Where none of that is possible, the newest batch, as large as all others together, stands
     alone. Health is that of the newest batch, except for errors, which are counted over all batches, and for
     a system that is not deterministic.
-
-    Args:
-        batches: Batches in the order in which they were drawn, at least one.
-        max_error_rate: Share of errors above which the estimate is unhealthy.
     """
     newest = batches[-1]
     if len(batches) == 1:

@@ -27,25 +27,15 @@ _quantile = NormalDist().inv_cdf
 
 @dataclass(frozen=True)
 class CostEstimate:
-    """Predicted cost of one verdict.
-
-    Attributes:
-        scenario: Name of the scenario.
-        specification: Name of the specification.
-        question: The criterion in symbols.
-        rollouts: Rollouts needed; None where they cannot be predicted.
-        steps: Simulated steps.
-        seconds: Wall time with one worker, at the speed of the earlier estimate.
-        reason: Source of the numbers, or why there are none.
-    """
+    """Predicted cost of one verdict."""
 
     scenario: str
     specification: str
-    question: str
-    rollouts: int | None
+    question: str  # the criterion in symbols
+    rollouts: int | None  # needed; None where they cannot be predicted
     steps: int
-    seconds: float
-    reason: str
+    seconds: float  # wall time with one worker, at the speed of the earlier estimate
+    reason: str  # source of the numbers, or why there are none
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready data."""
@@ -64,12 +54,7 @@ def estimate_costs(
 ) -> list[CostEstimate]:
     """Predict the cost of a verdict on each criterion, and of +-20 % for each specification.
 
-    Args:
-        scenario: Name of the scenario.
-        criteria: Its criteria.
-        earlier: Specification -> an earlier estimate.
-        source: Description of the earlier estimates.
-        confidence: Confidence of the intervals that are to be +-20 %.
+    ``earlier`` estimates, by specification, have a ``source``; ``confidence`` is that of the +-20 %.
     """
     needs = [
         (criterion.question, entry, _need_for_criterion(criterion, entry, len(criteria)))

@@ -32,21 +32,13 @@ _SEED_RANGE = 2**63
 
 @dataclass(frozen=True)
 class CheckTarget:
-    """Scenario under check.
-
-    Attributes:
-        scenario: The scenario with its stack.
-        folder: Folder of its baselines.
-        compared: True if it is compared with a baseline.
-        baseline: The newest baseline, or None.
-        notes: Remarks on the comparison.
-    """
+    """Scenario under check."""
 
     scenario: LoadedScenario
-    folder: Path
-    compared: bool
-    baseline: Baseline | None
-    notes: tuple[str, ...] = ()
+    folder: Path  # of its baselines
+    compared: bool  # with a baseline, if there is one
+    baseline: Baseline | None  # the newest one
+    notes: tuple[str, ...] = ()  # on the comparison
 
     @property
     def definition(self) -> Scenario:
@@ -84,16 +76,9 @@ class CheckTarget:
 
 
 def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool) -> CheckTarget:
-    """Pair a scenario with its newest baseline.
+    """Pair a scenario with its newest baseline, if it is to be ``compared``.
 
-    Args:
-        definition: The scenario.
-        folder: Folder of its baselines.
-        compared: True to look for a baseline.
-        accept: Compare even if the problem has changed.
-
-    Raises:
-        UsageError: The baseline cannot be read, or is of another problem.
+    UsageError if the baseline cannot be read, or is of another problem and not to be ``accept``ed.
     """
     baseline = read_newest(folder) if compared else None
     scenario = LoadedScenario(definition)
@@ -122,17 +107,11 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
 
 @dataclass(frozen=True)
 class Look:
-    """Interim look and the batch that is drawn for it.
+    """Interim look and the batch that is drawn for it."""
 
-    Attributes:
-        number: Number of the look, from 1.
-        share: Share of the error rate.
-        budget: Budget of each estimate; None: the estimator's own options decide.
-    """
-
-    number: int
-    share: float
-    budget: Budget | None
+    number: int  # from 1
+    share: float  # of the error rate
+    budget: Budget | None  # of each estimate; None: the estimator's own options decide
 
     def seed(self, seed: int) -> int:
         """Return the seed of this look, so that the batches of all looks are independent."""
@@ -140,12 +119,7 @@ class Look:
 
 
 def plan_looks(budget: Budget | None, spend: Budget | None) -> list[Look]:
-    """Return the planned looks.
-
-    Args:
-        budget: Budget of a single look.
-        spend: Budget of all looks together; None: there is one look.
-    """
+    """Return the looks that share ``spend``; None: the only look, with ``budget``."""
     if spend is None:
         return [Look(1, 1.0, budget)]
     return [
@@ -156,27 +130,17 @@ def plan_looks(budget: Budget | None, spend: Budget | None) -> list[Look]:
 
 @dataclass(frozen=True)
 class ExecutionSettings:
-    """Settings of how estimates run; no result depends on them.
-
-    Attributes:
-        workers: Number of processes.
-        executor: Name and options of the executor; None: serial, or processes for several workers.
-        watch: Shows the progress of each estimate.
-    """
+    """Settings of how estimates run; no result depends on them."""
 
     workers: int
-    executor: str | None
-    watch: Watch
+    executor: str | None  # name and options; None: serial, or processes for several workers
+    watch: Watch  # shows the progress of each estimate
 
 
 def estimate_look(
     scenario: LoadedScenario, specifications: Sequence[str], look: Look, execution: ExecutionSettings
 ) -> list[Result]:
-    """Estimate specifications of a scenario for one look.
-
-    Raises:
-        UsageError: The estimator cannot take the problem or the budget.
-    """
+    """Estimate specifications of a scenario for one look; UsageError if the estimator cannot."""
     note = f"  look {look.number}" if look.share < 1.0 else ""
     start_executor = partial(build_executor, execution.workers, execution.executor)
     return estimate_specifications(

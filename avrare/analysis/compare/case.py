@@ -22,28 +22,17 @@ ENOUGH_FAILURES = 100
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """Failure probability in (0, 1).
-
-    Attributes:
-        probability: Value of the probability.
-        source: "exact", "given", "monte carlo" (a long run of its own) or "pooled monte carlo" (the
-            comparison's own repetitions).
-        interval: Interval, if the probability is estimated and not pooled.
-        failures: Failures that it rests on, if it is estimated.
-    """
+    """Failure probability in (0, 1)."""
 
     probability: float
+    # "exact", "given", "monte carlo" (a long run of its own) or "pooled monte carlo" (the repetitions)
     source: str
-    interval: Interval | None = None
-    failures: int | None = None
+    interval: Interval | None = None  # if the probability is estimated and not pooled
+    failures: int | None = None  # that it rests on, if it is estimated
 
     @staticmethod
     def from_monte_carlo(result: Result) -> GroundTruth:
-        """Return the truth that a long Monte Carlo run found.
-
-        Raises:
-            UsageError: No rollout failed, or all of them did.
-        """
+        """Return the truth that a long run found; UsageError if no rollout failed, or all of them did."""
         if not 0.0 < result.probability < 1.0:
             which = "no" if result.probability == 0.0 else "every"
             raise UsageError(
@@ -55,33 +44,19 @@ class GroundTruth:
 
 @dataclass(frozen=True)
 class ComparisonCase:
-    """Problem with one specification, and the settings that all estimators share.
+    """Problem with one specification, and the settings that all estimators share."""
 
-    Attributes:
-        name: Name of the scenario, or id of the reference problem.
-        specification: Name of the specification; empty for a reference problem.
-        problem: The problem.
-        truth: Its failure probability, if known.
-        scene: Scene of the driving simulator, if it is one.
-        estimator: The scenario's own estimator block.
-        seed: Seed of the scenario.
-        confidence: Confidence of the intervals.
-        max_error_rate: Share of errors above which a result is unhealthy.
-        fingerprint: Fingerprint of the scenario; None for a reference problem.
-        versions: Versions of the distributions that the scenario uses.
-    """
-
-    name: str
-    specification: str
+    name: str  # of the scenario, or id of the reference problem
+    specification: str  # empty for a reference problem
     problem: Problem
     truth: GroundTruth | None = None
-    scene: object | None = None
-    estimator: Block | None = None
+    scene: object | None = None  # of the driving simulator, if it is one
+    estimator: Block | None = None  # the scenario's own
     seed: int = 0
     confidence: float = 0.95
     max_error_rate: float = DEFAULT_MAX_ERROR_RATE
-    fingerprint: str | None = None
-    versions: Mapping[str, str] = field(default_factory=dict)
+    fingerprint: str | None = None  # None for a reference problem
+    versions: Mapping[str, str] = field(default_factory=dict)  # of the distributions that the scenario uses
 
     @property
     def title(self) -> str:
@@ -90,11 +65,7 @@ class ComparisonCase:
 
 
 def reference_case(id: str) -> ComparisonCase:
-    """Return a reference problem with its exact probability.
-
-    Raises:
-        UsageError: There is no such problem.
-    """
+    """Return a reference problem with its exact probability; UsageError if there is no such problem."""
     try:
         reference = reference_problem(id)
     except UsageError as error:
@@ -103,16 +74,9 @@ def reference_case(id: str) -> ComparisonCase:
 
 
 def scenario_case(path: str, specification: str | None, overrides: Sequence[str] = ()) -> ComparisonCase:
-    """Return one specification of a scenario.
+    """Return one specification of a scenario, which may be None if the scenario estimates only one.
 
-    Args:
-        path: Path of the scenario.
-        specification: Name of the specification; None if the scenario estimates only one.
-        overrides: ``KEY=VALUE`` settings of the scenario.
-
-    Raises:
-        ScenarioError: The scenario is invalid.
-        UsageError: There is no such specification, or several and none was chosen.
+    ScenarioError if the scenario is invalid, UsageError if the specification is missing or unknown.
     """
     definition = load(path, overrides)
     scenario = LoadedScenario(definition)
@@ -132,14 +96,7 @@ def scenario_case(path: str, specification: str | None, overrides: Sequence[str]
 
 
 def parse_truth(text: str) -> GroundTruth | int:
-    """Return the given probability, or the rollouts of the Monte Carlo run that is to estimate it.
-
-    Args:
-        text: ``1.2e-4`` or ``mc=1e6``.
-
-    Raises:
-        UsageError: The text is neither.
-    """
+    """Return the given probability (``1.2e-4``), or the rollouts that are to estimate it (``mc=1e6``)."""
     word, equals, amount = text.partition("=")
     try:
         value = float((amount if equals else word).replace("_", ""))

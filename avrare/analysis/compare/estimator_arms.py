@@ -31,25 +31,15 @@ _SHARED_SETTINGS = ("seed", "budget", "workers", "confidence")
 
 @dataclass(frozen=True)
 class Arm:
-    """Estimator with its options.
+    """Estimator with its options."""
 
-    Attributes:
-        label: Label as the user wrote it.
-        name: Name of the estimator.
-        options: Options that are set; the others have their defaults.
-        config: All options, validated.
-        component: Component of the estimator.
-        distribution: Distribution that provides it.
-        version: Version of the distribution.
-    """
-
-    label: str
+    label: str  # as the user wrote it
     name: str
-    options: Mapping[str, Any]
-    config: Any
+    options: Mapping[str, Any]  # that are set; the others have their defaults
+    config: Any  # all options, validated
     component: Component
     distribution: str = ""
-    version: str = ""
+    version: str = ""  # of the distribution
 
     @property
     def label_parts(self) -> list[str]:
@@ -62,12 +52,7 @@ class Arm:
 
 
 def make_arm(registry: Registry, name: str, options: Mapping[str, Any], label: str | None = None) -> Arm:
-    """Make an arm from an estimator's name and options.
-
-    Raises:
-        UsageError: The options are invalid.
-        PluginError: No installed plugin provides the estimator.
-    """
+    """Make an arm; UsageError if the options are invalid, PluginError if no plugin provides the estimator."""
     component = registry.require("estimator", name)
     row = registry.find("estimator", name)
     if shared := [option for option in _SHARED_SETTINGS if option in options]:
@@ -80,17 +65,10 @@ def make_arm(registry: Registry, name: str, options: Mapping[str, Any], label: s
 def parse_arms(
     text: str, settings: Sequence[str], scenario_block: Block | None, registry: Registry
 ) -> list[Arm]:
-    """Parse ``--estimators``.
+    """Parse ``--estimators``; UsageError or PluginError if it or a setting is invalid.
 
-    Args:
-        text: Value of ``--estimators``.
-        settings: ``NAME.OPTION=VALUE`` for all arms of an estimator; an arm's own options take precedence.
-        scenario_block: The scenario's estimator block, whose options are that estimator's defaults.
-        registry: Registry of the estimators.
-
-    Raises:
-        UsageError: The text, an option or a setting is invalid.
-        PluginError: No installed plugin provides one of the estimators.
+    ``settings`` (``NAME.OPTION=VALUE``) apply to all arms of an estimator. They override the options of
+    ``scenario_block``, the scenario's own estimator; an arm's own options override both.
     """
     parts = [_split_outside_brackets(part.strip(), ":") for part in _split_outside_brackets(text, ",")]
     labels = [":".join(part) for part in parts]

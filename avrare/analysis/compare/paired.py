@@ -30,23 +30,14 @@ PairedWatch = Callable[[int], Callable[[Info], None]]
 
 @dataclass(frozen=True)
 class PairedCounts:
-    """Outcomes of one specification under both versions.
-
-    Attributes:
-        specification: Name of the specification.
-        both: Rollouts that failed under both versions.
-        only_first: Rollouts that failed only under the first version.
-        only_second: Rollouts that failed only under the second version.
-        neither: Rollouts that failed under neither version.
-        errors: Rollouts that ended in an error under one version or both; not in the other counts.
-    """
+    """Rollouts by the versions under which they failed, for one specification."""
 
     specification: str
     both: int
     only_first: int
     only_second: int
     neither: int
-    errors: int = 0
+    errors: int = 0  # rollouts with an error under one version or both; not in the other counts
 
     @staticmethod
     def from_outcomes(specification: str, first: Bools, second: Bools, error: Bools) -> PairedCounts:
@@ -138,21 +129,13 @@ def _exact_limits(failures: int, trials: int, confidence: float) -> Interval:
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """Result of a paired comparison.
-
-    Attributes:
-        names: Names of the two versions.
-        scenarios: The two resolved scenarios.
-        counts: Outcomes of each specification.
-        rollouts: Rollouts of each version.
-        seed: Seed of the noise.
-    """
+    """Result of a paired comparison."""
 
     names: tuple[str, str]
-    scenarios: tuple[Scenario, Scenario]
-    counts: tuple[PairedCounts, ...]
-    rollouts: int
-    seed: int
+    scenarios: tuple[Scenario, Scenario]  # the resolved ones
+    counts: tuple[PairedCounts, ...]  # of each specification
+    rollouts: int  # of each version
+    seed: int  # of the noise
 
     @property
     def confidence(self) -> float:
@@ -171,8 +154,7 @@ def compare_pairs(
 ) -> list[PairedCounts]:  # fmt: skip
     """Simulate both problems on the same noise and count the outcomes of each common specification.
 
-    Raises:
-        UsageError: They have no specification in common, or their noise tapes have different shapes.
+    UsageError if they have none in common, or if their noise tapes have different shapes.
     """
     names = [name for name in first.names if name in second.names]
     if not names:

@@ -22,19 +22,12 @@ StudyWatch = Callable[[str], Progress]
 
 @dataclass(frozen=True)
 class StudyDesign:
-    """Settings that all estimates of a study share.
+    """Settings that all estimates of a study share."""
 
-    Attributes:
-        budget: Budget of each estimate, in steps or rollouts.
-        repeat: Repetitions of each estimator; number r has the seed ``seed + r``.
-        seed: Seed of the first repetition.
-        workers: Processes; no number depends on them.
-    """
-
-    budget: Budget
-    repeat: int = 10
+    budget: Budget  # of each estimate, in steps or rollouts
+    repeat: int = 10  # repetition number r has the seed ``seed + r``
     seed: int = 0
-    workers: int = 1
+    workers: int = 1  # no number depends on them
 
 
 @dataclass(frozen=True)
@@ -64,36 +57,22 @@ class Repetition:
 
 @dataclass(frozen=True)
 class ArmResult:
-    """Estimates of one estimator.
-
-    Attributes:
-        arm: The estimator with its options.
-        repetitions: Its estimates.
-        refusal: Why it cannot take the problem; its estimates then enter no statistic.
-    """
+    """Estimates of one estimator."""
 
     arm: Arm
     repetitions: tuple[Repetition, ...] = ()
-    refusal: AvrareError | None = None
+    refusal: AvrareError | None = None  # if it cannot take the problem; its estimates enter no statistic
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Result of a study.
-
-    Attributes:
-        case: The problem.
-        design: Settings of all estimates.
-        arms: Estimates of each estimator.
-        truth: The true probability, or None.
-        interrupted: True if repetitions are missing.
-    """
+    """Result of a study."""
 
     case: ComparisonCase
     design: StudyDesign
     arms: tuple[ArmResult, ...]
     truth: GroundTruth | None = None
-    interrupted: bool = False
+    interrupted: bool = False  # repetitions are missing
 
 
 def compare(
@@ -105,17 +84,9 @@ def compare(
 ) -> Comparison:
     """Run the study; Ctrl-C ends it with the repetitions that are complete.
 
-    Args:
-        case: The problem.
-        arms: The estimators.
-        design: Settings of all estimates.
-        watch: Shows the progress of each estimate.
-        truth_rollouts: Size of a Monte Carlo run that first estimates the truth, or None.
-
-    Raises:
-        UsageError: The budget does not pay for a run of one of the estimators (before anything runs).
-        AvrareError: No estimator can take the problem.
-        KeyboardInterrupt: Before the first estimate was complete.
+    A Monte Carlo run of ``truth_rollouts`` first estimates the truth. UsageError, before anything runs, if
+    the budget does not pay for a run of one of the estimators; AvrareError if none can take the problem;
+    KeyboardInterrupt before the first estimate is complete.
     """
     # 1. Find the estimators that cannot take the problem.
     results = {arm.label: ArmResult(arm, refusal=_find_refusal(case, arm, design)) for arm in arms}

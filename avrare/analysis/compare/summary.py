@@ -24,60 +24,36 @@ _BIAS_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Distance of the repetitions from the truth.
+    """Distance of the repetitions from the truth."""
 
-    Attributes:
-        ratio: Mean estimate over truth.
-        covered: Repetitions whose interval contains the truth.
-        covered_interval: Interval of their share (Clopper and Pearson).
-        relative_rmse: Root of the mean of (estimate / truth - 1)^2.
-        work: Its square times the mean cost in full rollouts: the work-normalised variance.
-        work_interval: Interval of ``work`` from the spread of the repetitions; None if they are equal.
-        missed: True if no estimate has a failure, or if the mean's interval misses the truth and its bias
-            makes up most of the mean squared error.
-        speed_up: Monte Carlo's ``work`` (1 - p) / p over this one's; None if the mean misses the truth,
-            since more work does not reduce a bias.
-        speed_up_interval: Interval of ``speed_up``.
-    """
-
-    ratio: float
-    covered: int
-    covered_interval: Interval
-    relative_rmse: float
-    work: float
-    work_interval: Interval | None
+    ratio: float  # mean estimate over truth
+    covered: int  # repetitions whose interval contains the truth
+    covered_interval: Interval  # of their share (Clopper and Pearson)
+    relative_rmse: float  # root of the mean of (estimate / truth - 1)^2
+    work: float  # its square times the mean cost in full rollouts: the work-normalised variance
+    work_interval: Interval | None  # from the spread of the repetitions; None if they are equal
+    # no estimate has a failure, or the mean's interval misses the truth and its bias makes up most of the
+    # mean squared error
     missed: bool
+    # Monte Carlo's ``work`` (1 - p) / p over this one's; None if missed, since more work reduces no bias
     speed_up: float | None
     speed_up_interval: Interval | None
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Statistics of an estimator's repetitions.
-
-    Attributes:
-        repetitions: Number of repetitions.
-        mean: Mean of the estimates.
-        interval: Interval of the mean; None with a single repetition.
-        steps: Mean simulated steps of a repetition.
-        rollouts: Mean rollouts of a repetition.
-        simulations: Mean cost in full rollouts: steps over those of a rollout; rollouts if it has none.
-        zeros: Estimates that are zero.
-        warned: Repetitions with health warnings.
-        warnings: Repetitions by warning.
-        accuracy: Distance from the truth; None without a truth, or with a single repetition.
-    """
+    """Statistics of an estimator's repetitions."""
 
     repetitions: int
     mean: float
-    interval: Interval | None
-    steps: float
-    rollouts: float
-    simulations: float
-    zeros: int
-    warned: int
-    warnings: dict[str, int]
-    accuracy: Accuracy | None
+    interval: Interval | None  # of the mean; None with a single repetition
+    steps: float  # mean of a repetition
+    rollouts: float  # mean of a repetition
+    simulations: float  # mean cost in full rollouts: steps over those of a rollout; rollouts if it has none
+    zeros: int  # estimates that are zero
+    warned: int  # repetitions with health warnings
+    warnings: dict[str, int]  # repetitions by warning
+    accuracy: Accuracy | None  # None without a truth, or with a single repetition
 
 
 def summarise(
@@ -85,11 +61,7 @@ def summarise(
 ) -> Summary | None:
     """Return the statistics of an estimator; None if it has no repetitions.
 
-    Args:
-        repetitions: Its estimates.
-        truth: The true probability, or None.
-        steps: Steps of a full rollout.
-        confidence: Confidence of the intervals.
+    ``steps`` are those of a full rollout.
     """
     if not repetitions:
         return None

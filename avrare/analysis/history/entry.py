@@ -16,42 +16,19 @@ from avrare.results.reader import RunFolder, StoredEstimate, read_run_folder
 
 @dataclass(frozen=True)
 class HistoryEntry:
-    """Stored estimate.
+    """Stored estimate."""
 
-    Attributes:
-        id: Digest of the estimate without its wall time; equal for equal estimates.
-        written: Time of the run, as ``2026-11-21T19:57:03+00:00``.
-        revision: Commit of the scenario's folder, or empty.
-        changed: True if there were uncommitted changes.
-        scenario: Name of the scenario.
-        fingerprint: Fingerprint of scenario and versions; estimates with different ones are not comparable.
-        specification: Name of the specification.
-        estimator: Name of the estimator.
-        seed: Seed of the run.
-        probability: The estimate.
-        low: Lower end of the interval.
-        high: Upper end of the interval.
-        confidence: Confidence of the interval.
-        rollouts: Number of rollouts.
-        steps: Simulated steps.
-        failures: Rollouts that failed.
-        errors: Rollouts that ended in an error.
-        seconds: Wall time.
-        health: Names of the health warnings, separated by commas.
-        verdict: "pass", "fail", "inconclusive", or empty.
-    """
-
-    id: str
-    written: str
-    revision: str
-    changed: bool
+    id: str  # digest of the estimate without its wall time; equal for equal estimates
+    written: str  # time of the run, as ``2026-11-21T19:57:03+00:00``
+    revision: str  # commit of the scenario's folder, or empty
+    changed: bool  # there were uncommitted changes
     scenario: str
-    fingerprint: str
+    fingerprint: str  # of scenario and versions; estimates with different ones are not comparable
     specification: str
     estimator: str
     seed: int
     probability: float
-    low: float
+    low: float  # ends of the interval
     high: float
     confidence: float
     rollouts: int
@@ -59,8 +36,8 @@ class HistoryEntry:
     failures: int
     errors: int
     seconds: float
-    health: str
-    verdict: str
+    health: str  # names of the warnings, separated by commas
+    verdict: str  # "pass", "fail", "inconclusive", or empty
 
     @property
     def when(self) -> datetime:
@@ -78,11 +55,7 @@ class HistoryEntry:
 
 
 def read_entries(folder: Path) -> list[HistoryEntry]:
-    """Read the estimates of a run folder, or of all runs in a folder of several.
-
-    Raises:
-        UsageError: The folder has no run, or its files are damaged.
-    """
+    """Read the estimates of a run folder, or of all runs in a folder; UsageError if there is no valid run."""
     several = [] if (folder / "result.json").exists() else sorted(folder.glob("*/result.json"))
     if several:
         return [entry for one in several for entry in read_entries(one.parent)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -21,46 +20,17 @@ _LOCK_TIMEOUT = 30.0
 """Seconds to wait for another process that is writing."""
 
 
-class _Connection(ABC):
-    """Database connection; statements have ``:name`` parameters."""
-
-    @abstractmethod
-    def run(self, statement: str, values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
-        """Run a statement and return its rows, if any."""
-
-    @abstractmethod
-    def close(self, commit: bool) -> None:
-        """Commit or roll back, and close."""
-
-    def create_table(self, statement: str) -> None:
-        """Create the table, unless it exists."""
-        self.run(statement, {})
-
-    def insert(self, statement: str, values: Mapping[str, Any]) -> bool:
-        """Insert a row; return False if another process has inserted its key meanwhile."""
-        self.run(statement, values)
-        return True
-
-
 class HistoryStore:
     """History in a database; a context manager that commits at its end unless there was an error.
 
-    Args:
-        url: Path of a file, or an SQLAlchemy URL.
-        create: True to create the history if there is none.
-
-    Attributes:
-        location: The file, or the URL without a password.
-
-    Raises:
-        UsageError: The history does not exist or cannot be opened.
-        PluginError: SQLAlchemy or a driver is missing.
+    ``url`` is the path of a file, or an SQLAlchemy URL; ``location`` is the same without a password.
+    UsageError if it does not exist or cannot be opened, PluginError if SQLAlchemy or a driver is missing.
     """
 
     def __init__(self, url: str = DEFAULT, *, create: bool = False) -> None:
         self.location = _without_secrets(url)
         path = url.removeprefix("sqlite:///")
-        self._connection: _Connection = (
+        self._connection: _SqliteConnection | _SqlAlchemyConnection = (
             _SqlAlchemyConnection(url) if "://" in path else _SqliteConnection(Path(path), create)
         )
         if create:
@@ -100,7 +70,7 @@ class HistoryStore:
         return [str(row[0]) for row in self._connection.run(statement, {})]
 
 
-class _SqliteConnection(_Connection):
+class _SqliteConnection:
     def __init__(self, path: Path, create: bool) -> None:
         self.path = path
         if not create and not path.is_file():
@@ -119,6 +89,13 @@ class _SqliteConnection(_Connection):
         except sqlite3.Error as error:
             raise UsageError(f"{self.path}: {error}", "is this a history file of avrare?") from None
 
+    def create_table(self, statement: str) -> None:
+        self.run(statement, {})
+
+    def insert(self, statement: str, values: Mapping[str, Any]) -> bool:
+        self.run(statement, values)
+        return True
+
     def close(self, commit: bool) -> None:
         try:
             if commit:
@@ -130,7 +107,7 @@ class _SqliteConnection(_Connection):
             self._database.close()
 
 
-class _SqlAlchemyConnection(_Connection):
+class _SqlAlchemyConnection:
     def __init__(self, url: str) -> None:
         self._place = f"--store {_without_secrets(url)}"
         try:
@@ -167,7 +144,7 @@ class _SqlAlchemyConnection(_Connection):
         try:
             with self._connection.begin_nested():
                 self._connection.execute(self._text(statement), dict(values))
-        except self._duplicate:
+        except self._duplicate:  # another process has inserted the key meanwhile
             return False
         except self._error as error:
             raise self._write_error(error) from None

@@ -31,59 +31,33 @@ Inputs = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class DecisiveSample:
-    """Sample of a drive with the vehicles and the sub-formula that decide a formula there.
-
-    Attributes:
-        sample: Index of the sample.
-        robustness: Robustness of the specification there.
-        vehicles: Maps each quantified variable to the vehicle that decides.
-        formula: Deciding sub-formula, with the names of the vehicles; empty if unknown.
-        value: Robustness of the sub-formula.
-        formula_sample: Sample at which the sub-formula has that value: another one if the formula looks ahead
-            or back.
-        existential: Variables of ``vehicles`` for which one vehicle is enough. If the specification is
-            violated, theirs is the vehicle that comes nearest.
-    """
+    """Sample of a drive with the vehicles and the sub-formula that decide a formula there."""
 
     sample: int
-    robustness: float
-    vehicles: dict[str, str]
-    formula: str
-    value: float
-    formula_sample: int
+    robustness: float  # of the specification
+    vehicles: dict[str, str]  # quantified variable -> vehicle that decides
+    formula: str  # deciding sub-formula, with the names of the vehicles; empty if unknown
+    value: float  # robustness of the sub-formula
+    formula_sample: int  # where the sub-formula has it: another sample if the formula looks ahead or back
+    # Variables for which one vehicle is enough: if the specification is violated, theirs comes nearest.
     existential: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class MonitoringResult:
-    """A recording under one specification.
-
-    Attributes:
-        name: Name of the specification.
-        formula: Text of its formula; empty if it has none.
-        recording: The recording.
-        prefix: (T,) robustness of samples 0..t.
-        prefix_violated: (T,) samples 0..t violate the specification.
-        body: For ``always φ``, the robustness of φ at each sample (T,); otherwise None.
-        first: Earliest violation; None if it is satisfied, or if no single sample can violate it.
-        worst: Sample that decides the robustness; None if unknown.
-        pointwise: A single sample can violate it, as with ``always``; ``worst`` then has the least
-            robustness.
-        no_vehicles: It quantifies over vehicles, and the recording has none of them.
-        excluded: Vehicles of the recording that the specification ignores.
-    """
+    """A recording under one specification."""
 
     name: str
-    formula: str
+    formula: str  # text; empty if the specification has none
     recording: Recording
-    prefix: Floats
-    prefix_violated: Bools
-    body: Floats | None
-    first: DecisiveSample | None
-    worst: DecisiveSample | None
-    pointwise: bool = True
-    no_vehicles: bool = False
-    excluded: tuple[str, ...] = ()
+    prefix: Floats  # (T,) robustness of samples 0..t
+    prefix_violated: Bools  # (T,) samples 0..t violate the specification
+    body: Floats | None  # (T,) for ``always φ``: robustness of φ at each sample
+    first: DecisiveSample | None  # earliest violation; None without one, or if no single sample can violate
+    worst: DecisiveSample | None  # decides the robustness; None if unknown
+    pointwise: bool = True  # one sample can violate, as with ``always``: ``worst`` is the least robust
+    no_vehicles: bool = False  # it quantifies over vehicles, and the recording has none of them
+    excluded: tuple[str, ...] = ()  # vehicles of the recording that it ignores
 
     @property
     def robustness(self) -> float:
@@ -99,8 +73,7 @@ class MonitoringResult:
 def monitor_recording(name: str, specification: Specification, recording: Recording) -> MonitoringResult:
     """Run the monitor of a specification along a recording; one with a formula is also explained.
 
-    Raises:
-        UsageError: Signals are missing, or the formula has no value for them.
+    UsageError if signals are missing, or if the formula has no value for them.
     """
     prefix, violated = _run_monitor(specification, recording)
     formula = find_formula(specification)
