@@ -61,7 +61,7 @@ def _blob(args: argparse.Namespace, database: Any) -> Sequence[str]:
 
 
 def _add(args: argparse.Namespace, database: Any) -> Sequence[str]:
-    from avrare.analysis.failures.regression import store_worst
+    from avrare.analysis.failures.stored_replays import store_worst
     from avrare.results.reader import load_run_scenario
     from avrare.results.stored_rollouts import read_failures
 
@@ -74,7 +74,7 @@ def _add(args: argparse.Namespace, database: Any) -> Sequence[str]:
 def _cluster(args: argparse.Namespace, database: Any) -> Sequence[str]:
     from avrare.analysis.failures.clusters import cluster
     from avrare.analysis.failures.describe import describe
-    from avrare.analysis.failures.regression import replay_failures
+    from avrare.analysis.failures.stored_replays import replay_failures
     from avrare.report.terminal.failure_text import describe_clusters
     from avrare.rollout.loaded_scenario import load
 

@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Replay, and with ``--shrink`` shrink; return exit code 0 if it fails again, 1 if not."""
-    from avrare.analysis.failures.diff import replay_failure
     from avrare.analysis.failures.failure import make_failure
+    from avrare.analysis.failures.stored_replays import replay_failure
     from avrare.report.terminal.failure_text import describe_replay
 
     _check(args)

@@ -194,8 +194,8 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
     """Replay the failures of ``--failures``, or store those of the results; print what happened."""
     if args.failures is None:
         return
-    from avrare.analysis.failures.regression import check_known_failures, store_worst
     from avrare.analysis.failures.storage import FailureDatabase
+    from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 
     database = FailureDatabase(Path(args.failures))
     if results is None:

@@ -33,19 +33,12 @@ _DIRECTIONS = (
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One disturbance of a rollout.
+    """One disturbance of a rollout."""
 
-    Attributes:
-        vehicle: Name of the vehicle; empty for raw channels.
-        text: Description, for example ``missed from t = 2.1 to 2.4 s``.
-        step: First step.
-        magnitude: Importance, by which a long list is shortened.
-    """
-
-    vehicle: str
-    text: str
-    step: int
-    magnitude: float
+    vehicle: str  # name; empty for raw channels
+    text: str  # for example ``missed from t = 2.1 to 2.4 s``
+    step: int  # the first one
+    magnitude: float  # importance, by which a long list is shortened
 
 
 def describe(scenario: LoadedScenario, tape: Floats) -> str:

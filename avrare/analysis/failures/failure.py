@@ -34,30 +34,18 @@ _NO_VALUES = np.zeros((0, 0), dtype=np.float32)
 
 @dataclass(frozen=True)
 class Failure:
-    """A failing rollout.
-
-    Attributes:
-        scenario: Name of the scenario.
-        specification: Name of the violated specification.
-        parts: Maps each part of the scenario that the rollout depends on to its fingerprint; seed and
-            estimator are not among them.
-        versions: Versions of avrare and the plugins when it was recorded.
-        robustness: Robustness of the rollout.
-        noise: (steps + 1, noise_size).
-        checksums: (steps + 1,) of all signals of a step, exact to the last bit; (0,) if not stored.
-        columns: Names of the K signal values of a step.
-        values: (steps + 1, K) rounded signal values; (0, K) if there are too many.
-    """
+    """A failing rollout; a step has K signal values."""
 
     scenario: str
     specification: str
+    # Fingerprints of the parts that the rollout depends on, by name; seed and estimator are not among them.
     parts: Mapping[str, str]
-    versions: Mapping[str, str]
+    versions: Mapping[str, str]  # of avrare and the plugins when it was recorded
     robustness: float
-    noise: Floats
-    checksums: NDArray[np.uint32]
-    columns: tuple[str, ...]
-    values: NDArray[np.float32]
+    noise: Floats  # (steps + 1, noise_size)
+    checksums: NDArray[np.uint32]  # (steps + 1,) of all signals of a step, exact; (0,) if not stored
+    columns: tuple[str, ...]  # (K,) names
+    values: NDArray[np.float32]  # (steps + 1, K) rounded; (0, K) if there are too many
 
     @property
     def id(self) -> str:
@@ -92,11 +80,7 @@ def compute_fingerprints(scenario: Scenario, specification: str) -> dict[str, st
 
 
 def record_failure(scenario: LoadedScenario, specification: str, tape: Floats) -> Failure:
-    """Run a noise tape (steps + 1, noise_size) and return its failure.
-
-    Raises:
-        UsageError: The rollout does not fail, or ends with an error.
-    """
+    """Run a noise tape (steps + 1, noise_size) and return its failure; UsageError if it does not fail."""
     rollout = replay_tape(scenario.problem(specification), tape)
     if rollout.error is not None:
         raise UsageError(f"{scenario.name}: the rollout ended with an error: {rollout.error}")
@@ -119,18 +103,10 @@ def make_failure(
 
 
 def make_failure_of_run(
-    scenario: LoadedScenario,
-    specification: str,
-    tape: Floats,
-    robustness: float,
-    versions: Mapping[str, str],
+    scenario: LoadedScenario, specification: str, tape: Floats, robustness: float, versions: Mapping[str, str]
 ) -> Failure:
-    """Return a failure stored in a run folder, without signals, from its tape (steps + 1, noise_size).
-
-    Raises:
-        UsageError: The scenario has no such specification.
-    """
-    scenario.problem(specification)
+    """Return a failure stored in a run folder, without signals, from its tape (steps + 1, noise_size)."""
+    scenario.problem(specification)  # raises a UsageError if the scenario has none of that name
     parts = compute_fingerprints(scenario.definition, specification)
     return Failure(
         scenario.name, specification, parts, versions, robustness, tape, _NO_CHECKSUMS, (), _NO_VALUES

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.analysis.failures.design_point import find_design_point
 from avrare.analysis.failures.tape_evaluator import ProgressCallback, TapeEvaluator
+from avrare.analysis.failures.tape_reduction import find_design_point
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
@@ -92,8 +92,7 @@ def falsify(
 def find_failures(evaluate: TapeEvaluator, seed: int) -> list[Floats]:
     """Search for any failure, however rare, by particles that climb the score of the problem.
 
-    Returns:
-        Failing tapes (steps + 1, noise_size), smallest norm first; empty if the budget ran out.
+    Returns failing tapes (steps + 1, noise_size), smallest norm first; none if the budget ran out.
     """
     evaluate.activity = "looking for a failure"
     noise, step = NoiseSource(seed, evaluate.shape[1]), np.arange(evaluate.shape[0])

@@ -1,8 +1,8 @@
 """Shrinking: the smallest noise that still fails.
 
-Delta debugging first removes what is not needed (``delta_debugging``). It is greedy: while more than a tenth
+Delta debugging first removes what is not needed (``tape_reduction``). It is greedy: while more than a tenth
 of the norm is left, it is repeated in other orders. The best result is then turned within its channels
-towards the origin (``design_point``).
+towards the origin.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.analysis.failures.delta_debugging import order_by_norm, reduce_tape
-from avrare.analysis.failures.design_point import descend
 from avrare.analysis.failures.tape_evaluator import ProgressCallback, TapeEvaluator
+from avrare.analysis.failures.tape_reduction import descend, order_by_norm, reduce_tape
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource

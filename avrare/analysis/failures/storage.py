@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from avrare.analysis.failures.failure import Failure
 from avrare.base.errors import UsageError
-from avrare.base.files import write_atomic
+from avrare.base.files import explain_file_errors, write_atomic
 from avrare.results.stored_rollouts import read_arrays
 
 PREFIX = "avrare1."
@@ -44,11 +44,7 @@ def encode(failure: Failure) -> str:
 
 
 def decode(text: str) -> Failure:
-    """Return the failure of a blob; whitespace in it is ignored.
-
-    Raises:
-        UsageError: The text is damaged, truncated or not a blob.
-    """
+    """Return the failure of a blob; UsageError if it is damaged. Whitespace in it is ignored."""
     word = re.sub(r"\s", "", text)
     if not word.startswith(PREFIX):
         start = f"it starts with {word[:12]!r}" if word else "it is empty"
@@ -60,11 +56,7 @@ def decode(text: str) -> Failure:
 
 
 class FailureDatabase:
-    """Folder of failures, each in a file named by its id.
-
-    Args:
-        folder: Created when the first failure is added.
-    """
+    """Folder of failures, each in a file named by its id; created when the first one is added."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -75,42 +67,27 @@ class FailureDatabase:
         return sorted(stem for stem in stems if len(stem) == 8 and _ID.fullmatch(stem))
 
     def ensure_writable(self) -> None:
-        """Check that failures can be added, without creating anything.
-
-        Raises:
-            UsageError: The folder cannot be written to.
-        """
+        """Raise a UsageError if failures could not be added, without creating anything."""
         place = next(path for path in (self.folder, *self.folder.absolute().parents) if path.exists())
         if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
             text = f"{self.folder}: {place} is not a writable folder"
             raise UsageError(text, "choose another folder for failures")
 
     def add(self, failure: Failure) -> bool:
-        """Store a failure; return False if it was stored before.
-
-        Raises:
-            UsageError: The folder cannot be written to.
-        """
+        """Store a failure; return False if it was stored before."""
         path = self.folder / f"{failure.id}.npz"
         if path.exists():
             return False
         header, arrays = _to_arrays(failure)
         content = io.BytesIO()
         np.savez_compressed(content, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
-        try:
+        with explain_file_errors(f"{self.folder}: cannot write", "choose another folder for failures"):
             self.folder.mkdir(parents=True, exist_ok=True)
             write_atomic(path, content.getvalue())
-        except OSError as error:
-            text = f"{self.folder}: cannot write: {error.strerror or error}"
-            raise UsageError(text, "choose another folder for failures") from error
         return True
 
     def load(self, prefix: str) -> Failure:
-        """Return the failure whose id starts with ``prefix``.
-
-        Raises:
-            UsageError: No id or several ids match, or the file is damaged.
-        """
+        """Return the failure whose id starts with ``prefix``; UsageError unless there is exactly one."""
         ids = self.ids()
         matches = [one for one in ids if one.startswith(prefix)] if _ID.fullmatch(prefix) else []
         if not matches:

@@ -19,29 +19,18 @@ ProgressCallback = Callable[[str, int], None]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Outcomes of M tapes; a rollout with an error counts neither as a failure nor as a pass.
+    """Outcomes of M tapes; a rollout with an error counts neither as a failure nor as a pass."""
 
-    Attributes:
-        fails: (M,) the specification is violated; when passes are sought, it is satisfied.
-        robustness: (M,) sign-flipped when passes are sought; +inf for errors.
-        score: (M,) score of the rollout, or minus the robustness unless requested; -inf for errors.
-        errors: Number of rollouts with an error.
-    """
-
-    fails: Bools
-    robustness: Floats
-    score: Floats
+    fails: Bools  # (M,) the specification is violated; when passes are sought, it is satisfied
+    robustness: Floats  # (M,) sign-flipped when passes are sought; +inf for errors
+    score: Floats  # (M,) of the rollout, or minus the robustness unless requested; -inf for errors
     errors: int
 
 
 class TapeEvaluator:
-    """Runs tapes in chunks and counts the rollouts.
+    """Runs tapes in chunks, up to a budget of rollouts, and counts those that fail the first specification.
 
-    Args:
-        problem: Problem whose first specification decides.
-        budget: Number of rollouts; further tapes are not run.
-        progress: Called after each chunk.
-        seek_pass: Look for passes instead of failures.
+    With ``seek_pass`` it looks for passes instead of failures.
     """
 
     def __init__(

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from avrare.analysis.failures.clusters import Clusters
 from avrare.analysis.failures.describe import describe
-from avrare.analysis.failures.diff import FailureReplay
 from avrare.analysis.failures.failure import Failure
 from avrare.analysis.failures.falsify import FalsificationResult
 from avrare.analysis.failures.shrink import ShrinkResult
+from avrare.analysis.failures.stored_replays import FailureReplay
 from avrare.rollout.loaded_scenario import LoadedScenario
 
 MAX_BLOB = 1000

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.failures.diff import replay_failure
 from avrare.analysis.failures.failure import compute_checksums, compute_fingerprints, record_failure
 from avrare.analysis.failures.storage import decode, encode
+from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import UsageError
 
 

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from avrare.analysis.failures.failure import record_failure
-from avrare.analysis.failures.regression import MAX_STORED, check_known_failures, replay_failures, store_worst
 from avrare.analysis.failures.storage import FailureDatabase
+from avrare.analysis.failures.stored_replays import (
+    MAX_STORED,
+    check_known_failures,
+    replay_failures,
+    store_worst,
+)
 from avrare.estimation.result import Failures
 
 

@@ -1,0 +1,214 @@
+"""Replay of stored failures: one with all that differs, or all of a scenario before each of its runs.
+
+The new failures of a run extend the database.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.analysis.failures.failure import (
+    Failure,
+    compute_checksums,
+    compute_fingerprints,
+    make_failure,
+    round_values,
+)
+from avrare.analysis.failures.storage import FailureDatabase
+from avrare.base.errors import UsageError
+from avrare.estimation.result import Failures
+from avrare.protocols import Floats
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import ReplayedRollout, replay_tape, replay_tapes, tabulate_signals
+from avrare.worlds.capabilities import capabilities
+
+MAX_STORED = 10
+"""Largest number of new failures of a specification stored from one run, the worst ones."""
+
+_OUTCOMES = ("still fails", "passes now", "other error")
+_MAX_NAMED = 3
+"""Number of differing signals that are named; the others are counted."""
+
+
+@dataclass(frozen=True)
+class FailureReplay:
+    """Replay of a stored failure."""
+
+    failure: Failure
+    rollout: ReplayedRollout
+    changes: tuple[str, ...]  # messages about parts of the scenario and versions that have changed
+    # First difference from the stored signals (without them, from the robustness); None: bit-identical.
+    divergence: str | None
+
+
+def replay_failure(scenario: LoadedScenario, failure: Failure) -> FailureReplay:
+    """Replay a stored failure on its scenario, or on a changed one.
+
+    UsageError if the scenario has no such specification, or needs noise of another shape.
+    """
+    problem = scenario.problem(failure.specification)
+    changes = _find_changes(scenario, failure)
+    expected = (problem.steps + 1, problem.noise_size)
+    if failure.noise.shape != expected:
+        stored, needed = (" x ".join(map(str, shape)) for shape in (failure.noise.shape, expected))
+        text = f"failure {failure.id} has {stored} numbers of noise, but {scenario.name} needs {needed}"
+        raise UsageError(text, "; ".join(changes) or None)
+    rollout = replay_tape(problem, failure.noise)
+    return FailureReplay(failure, rollout, changes, _find_divergence(failure, rollout, scenario))
+
+
+def _find_changes(scenario: LoadedScenario, failure: Failure) -> tuple[str, ...]:
+    now = compute_fingerprints(scenario.definition, failure.specification)
+    versions = scenario.definition.versions
+    changes = []
+    if failure.scenario != scenario.name:
+        changes.append(f"name of the scenario: {failure.scenario} -> {scenario.name}")
+    for name, value in now.items():
+        if failure.parts.get(name) != value:
+            changes.append(f"{name} differs: fingerprint {failure.parts.get(name, 'none')} -> {value}")
+    # If all parts are the same, a plugin present only once belongs to an estimator, which does not matter.
+    names = {*failure.versions, *versions} if changes else {*failure.versions} & {*versions}
+    for name in sorted(names):
+        before, after = failure.versions.get(name), versions.get(name)
+        if before != after:
+            changes.append(f"{name} {before or 'none'} -> {after or 'none'}")
+    return tuple(changes)
+
+
+def _find_divergence(failure: Failure, rollout: ReplayedRollout, scenario: LoadedScenario) -> str | None:
+    if not len(failure.checksums):
+        then, now = failure.robustness, rollout.robustness
+        return None if now == then else f"robustness differs: {_format_change(then, now)}"
+    columns, values = tabulate_signals(rollout.signals, scenario.scene)
+    if rollout.signals and columns != failure.columns:
+        missing = [f"no {name}" for name in failure.columns if name not in columns]
+        new = [name for name in columns if name not in failure.columns]
+        return f"the scenario has different signals: {', '.join(missing[:_MAX_NAMED] + new[:_MAX_NAMED])}"
+    sums = compute_checksums(rollout.signals)
+    differs = np.flatnonzero(sums != failure.checksums[: len(sums)])
+    if len(differs):
+        first = int(differs[0])
+        return f"the signals differ from step {first} on{_describe_changes(failure, values, first)}"
+    if len(sums) < len(failure.checksums):
+        return f"the rollout ends with an error at step {len(sums)}, which it did not before"
+    return None
+
+
+def _describe_changes(failure: Failure, values: Floats, first: int) -> str:
+    if not len(failure.values):
+        return ""
+    now = round_values(values)
+    then = failure.values[: len(now)]
+    changed = (then != now) & ~(np.isnan(then) & np.isnan(now))
+    visible = np.flatnonzero(changed.any(axis=1))
+    if not len(visible):
+        return ", by less than a part in 4000"
+    step = int(visible[0])
+    columns = np.flatnonzero(changed[step])
+    named = [
+        f"{failure.columns[k]} {_format_change(float(then[step, k]), float(now[step, k]))}"
+        for k in columns[:_MAX_NAMED]
+    ]
+    rest = f" and {len(columns) - _MAX_NAMED} more" if len(columns) > _MAX_NAMED else ""
+    late = f", visibly from step {step} on" if step > first else ""
+    return f"{late}: {', '.join(named)}{rest}"
+
+
+def _format_change(then: float, now: float) -> str:
+    # as many digits as it takes to tell them apart
+    texts = [(f"{then:.{digits}g}", f"{now:.{digits}g}") for digits in range(4, 18)]
+    return " -> ".join(next((pair for pair in texts if pair[0] != pair[1]), texts[-1]))
+
+
+@dataclass(frozen=True)
+class KnownFailure:
+    """A stored failure and its outcome now."""
+
+    failure: Failure
+    outcome: str  # ``still fails``, ``passes now`` or ``other error``
+    robustness: float | None  # now; None if the rollout could not be completed
+    reason: str | None = None  # of ``other error``
+
+    def line(self) -> str:
+        """Return, for example, ``3f2a91bc safe_distance: still fails (robustness -0.12, was -0.12)``."""
+        failure = self.failure
+        if self.robustness is None:
+            return f"{failure.id} {failure.specification}: {self.outcome}: {self.reason}"
+        now = f"robustness {self.robustness:.3g}, was {failure.robustness:.3g}"
+        return f"{failure.id} {failure.specification}: {self.outcome} ({now})"
+
+
+def replay_failures(scenario: LoadedScenario, failures: Sequence[Failure]) -> list[KnownFailure]:
+    """Replay stored failures, a chunk of the scenario at a time; results in the same order."""
+    outcomes = {}
+    for name in dict.fromkeys(failure.specification for failure in failures):
+        same = [failure for failure in failures if failure.specification == name]
+        outcomes[name] = iter(_replay_specification(scenario, name, same))
+    return [next(outcomes[failure.specification]) for failure in failures]
+
+
+def _replay_specification(scenario: LoadedScenario, name: str, failures: list[Failure]) -> list[KnownFailure]:
+    if name not in scenario.specifications:
+        reason = f"the scenario has no specification {name!r} any more"
+        return [KnownFailure(failure, "other error", None, reason) for failure in failures]
+    problem = scenario.problem(name)
+    shape = (problem.steps + 1, problem.noise_size)
+    fitting = [failure for failure in failures if failure.noise.shape == shape]
+    found: dict[str, KnownFailure] = {}
+    for begin in range(0, len(fitting), problem.chunk):
+        part = fitting[begin : begin + problem.chunk]
+        outcome = problem.replay(np.stack([failure.noise for failure in part]))
+        for k, failure in enumerate(part):
+            text = "still fails" if outcome.violated[k, 0] else "passes now"
+            now = KnownFailure(failure, text, float(outcome.robustness[k, 0]))
+            if outcome.error[k]:
+                now = KnownFailure(failure, "other error", None, "the rollout ends with an error")
+            found[failure.id] = now
+    mismatch = f"the scenario needs {shape[0]} x {shape[1]} numbers of noise now"
+    return [found.get(f.id) or KnownFailure(f, "other error", None, mismatch) for f in failures]
+
+
+def check_known_failures(database: FailureDatabase, scenario: LoadedScenario) -> list[str]:
+    """Replay the stored failures of a scenario and return a line for each outcome, with a summary.
+
+    UsageError if new failures could not be added to the database.
+    """
+    database.ensure_writable()
+    failures, messages = database.load_all(scenario.name)
+    found = replay_failures(scenario, failures)
+    if not found:
+        return messages
+    counts = {outcome: sum(one.outcome == outcome for one in found) for outcome in _OUTCOMES}
+    summary = ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
+    return [*messages, *(one.line() for one in found), f"known failures of {scenario.name}: {summary}"]
+
+
+def store_worst(
+    database: FailureDatabase, scenario: LoadedScenario, found: Mapping[str, Failures]
+) -> tuple[list[str], list[str]]:
+    """Add the worst failures of a run, ``MAX_STORED`` of each specification, to a database.
+
+    Returns the ids of the failures that were not stored before, and a line for each specification with
+    failures that cannot be stored because they do not fail again on their noise.
+    """
+    new, messages = [], []
+    for name, failures in found.items():
+        order = np.argsort(failures.robustness, kind="stable")[:MAX_STORED]
+        if not len(order):
+            continue
+        problem, tapes, lost = scenario.problem(name), failures.noise[order], 0
+        for k, tape, rollout in zip(order, tapes, replay_tapes(problem, tapes), strict=True):
+            if rollout.outcome != "fails":  # some estimators count robustness 0 as a failure
+                lost += failures.robustness[k] < 0.0
+                continue
+            failure = make_failure(scenario, name, tape, rollout)
+            if database.add(failure):
+                new.append(failure.id)
+        if lost:
+            provided = capabilities(problem.system)
+            text = f"{name}: {lost} of its failures cannot be stored: they do not fail again on their noise"
+            messages.append(text if provided.noise else f"{text}; {provided.reason}")
+    return new, messages
