@@ -10,8 +10,7 @@ from dataclasses import asdict
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.parser import add_set_argument
 from avrare.plugin.registry import default_registry
-from avrare.testing.conformance.check_outcome import Outcome
-from avrare.testing.conformance.suite import examine, subjects
+from avrare.testing.conformance.suite import Outcome, examine, subjects
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -146,8 +146,7 @@ def _read(args: argparse.Namespace, road: Any) -> Any:
 
 
 def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> tuple[str, Any]:
-    from avrare.stack.builder import build_specification
-    from avrare.stack.rule_monitors import build_rule
+    from avrare.stack.builder import build_rule, build_specification
 
     if args.stl is not None:
         return "formula", _formula(args, recording)
@@ -165,7 +164,7 @@ def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> t
 def _formula(args: argparse.Namespace, recording: Any) -> Any:
     from avrare.logic import stl
     from avrare.logic.syntax import nodes
-    from avrare.stack.rule_monitors import build_formula
+    from avrare.stack.builder import build_formula
 
     formula = stl(args.stl, dt=recording.dt, warn=False)
     relations = any(isinstance(part, nodes.Signal) and part.arguments for part in nodes.walk(formula.node))

@@ -1,4 +1,4 @@
-"""Simulator of N worlds that are advanced one at a time."""
+"""Simulator of N worlds that are advanced one at a time, and its system with a controller."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.protocols import Floats, HasLimits, Signals, find_ability
-from avrare.worlds.branching import Branches
+from avrare.protocols import CountsEvents, Floats, HasLimits, Signals, find_ability
 from avrare.worlds.step_timeout import Watchdog
 from avrare.worlds.world import Copy, PreparesActions, World, choose_readout
-from avrare.worlds.world_pool import InputHistory, WorldPool
+from avrare.worlds.world_pool import Branches, InputHistory, WorldPool
 
 
 @dataclass(frozen=True)
@@ -237,3 +236,64 @@ def _rebuild_worlds(
     kind: type[Worlds], make: Any, dt: float, copy: Copy, step_timeout: float | None, reuse: bool
 ) -> Worlds:
     return kind(make, dt=dt, copy=copy, step_timeout=step_timeout, reuse=reuse)
+
+
+@dataclass(frozen=True)
+class LoopState:
+    """State of the worlds and memory of their controller."""
+
+    world: WorldState
+    memory: Any
+
+
+class WorldSystem:
+    """System (``avrare.protocols.System``) of worlds under an optional controller.
+
+    Args:
+        worlds: Simulator.
+        controller: ``start(n) -> memory`` and ``act(memory, seen, None) -> (action, memory)``, where ``seen``
+            is (N, d) and ``action`` has leading axis N; None: the worlds get the action None.
+    """
+
+    def __init__(self, worlds: Worlds, controller: Any = None) -> None:
+        self.worlds = self.simulator = worlds
+        self.controller = controller
+        self.noise_size = worlds.noise_size
+
+    def initial(self, noise: Floats) -> LoopState:
+        """Return the state at t = 0 from noise (N, noise_size)."""
+        memory = self.controller.start(len(noise)) if self.controller is not None else None
+        return LoopState(self.worlds.reset(noise), memory)
+
+    def step(self, state: LoopState, noise: Floats) -> LoopState:
+        """Return the state one step later."""
+        action, memory = None, None
+        if self.controller is not None:
+            action, memory = self.controller.act(state.memory, state.world.seen, None)
+        return LoopState(self.worlds.step(state.world, action, noise), memory)
+
+    def signals(self, state: LoopState) -> Signals:
+        """Return the signals of the worlds."""
+        return self.worlds.signals(state.world)
+
+    def counts(self, state: LoopState) -> dict[str, NDArray[Any]]:
+        """Return the counters of the worlds and of the controller."""
+        counting = find_ability(self.controller, CountsEvents)
+        own = counting.counts(state.memory) if counting is not None else {}
+        return {**self.worlds.counts(state.world), **own}
+
+
+def as_system(
+    make: Callable[[], World],
+    controller: Any = None,
+    *,
+    copy: Copy = "replay",
+    step_timeout: float | None = None,
+    reuse: bool = True,
+) -> WorldSystem:
+    """Return the system of worlds that ``make`` creates; see ``Worlds`` and ``WorldSystem``.
+
+    Raises:
+        UsageError: An argument is invalid.
+    """
+    return WorldSystem(Worlds(make, copy=copy, step_timeout=step_timeout, reuse=reuse), controller)

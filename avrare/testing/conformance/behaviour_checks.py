@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from avrare.base import batch
-from avrare.testing.conformance.component_under_test import Subject
 from avrare.testing.conformance.exercises import Exercise, Outputs, read_only, split_and_joined
+from avrare.testing.conformance.suite import Subject
 
 
 def outputs_are_rows(subject: Subject) -> None:

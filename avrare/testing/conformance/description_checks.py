@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 
 from avrare import protocols
 from avrare.plugin.component import GROUP
-from avrare.testing.conformance.component_under_test import Subject
+from avrare.testing.conformance.suite import Subject
 
 HEAVY = (
     "torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy.stats",
@@ -35,19 +35,18 @@ print(json.dumps([name for name in {heavy!r} if name in sys.modules and name not
 def description_is_light(subject: Subject) -> None:
     """Listing the component and checking its options imports nothing heavy."""
     part = subject.component
-    points = [point for point in entry_points(group=GROUP) if _is_of(point, subject.row.distribution)]
-    references = [*(point.value for point in points), part.config, part.rules, part.check]
+    points = [
+        point.value
+        for point in entry_points(group=GROUP)
+        if point.dist is not None and point.dist.name == subject.row.distribution
+    ]
+    references = [*points, part.config, part.rules, part.check]
     modules = [reference.partition(":")[0] for reference in references if reference]
     program = _PROBE.format(path=sys.path, modules=modules, heavy=HEAVY)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr.strip().splitlines()[-1:] or "it cannot be imported"
     found = json.loads(done.stdout.splitlines()[-1])
     assert not found, f"imports {', '.join(found)}: import it inside the factory"
-
-
-def _is_of(point: object, distribution: str) -> bool:
-    dist = getattr(point, "dist", None)
-    return dist is not None and dist.name == distribution
 
 
 def summary_is_one_line(subject: Subject) -> None:
@@ -85,21 +84,17 @@ def options_are_described(subject: Subject) -> None:
     ]
     bare = [place for place, _, field in options if not (field.description or _is_tag(field))]
     assert not bare, f"no description: {', '.join(bare)}"
+    # only by the name: a dimensionless number cannot be told from others in general
     numbers = [
-        (place, name, field.description) for place, name, field in options if field.annotation is float
+        one for one in options if one[2].annotation is float and one[1].rpartition("_")[2] in DIMENSIONS
     ]
-    unitless = [place for place, name, text in numbers if _lacks_unit(name, text or "")]
+    unitless = [place for place, _, field in numbers if "[" not in (field.description or "")]
     assert not unitless, f"no unit in brackets: {', '.join(unitless)}"
 
 
 def _is_tag(field: FieldInfo) -> bool:
     # one value only: it tells the members of a union apart
     return get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
-
-
-def _lacks_unit(name: str, description: str) -> bool:
-    # only by the name: a dimensionless number cannot be told from others in general
-    return name.rpartition("_")[2] in DIMENSIONS and "[" not in description
 
 
 def options_pickle(subject: Subject) -> None:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avrare.testing.conformance.check_outcome import Skipped
-from avrare.testing.conformance.component_under_test import Subject
+from avrare.testing.conformance.suite import Skipped, Subject
 from avrare.testing.problems import count_down, walk
 from avrare.testing.repeated_estimates import Study
 
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
 
 _REPEATS = 150
 """Runs of a study; the suite in the tests of a plugin has 400."""
-_OVERSHOOT = 0.5
-"""Share of a budget by which running runs may exceed it; the tests of the plugin may be stricter."""
 
 
 def unbiased_on_a_walk(subject: Subject) -> None:
@@ -101,11 +98,6 @@ def unknown_options_are_refused(subject: Subject) -> None:
 
 
 def _suite(subject: Subject) -> EstimatorConformance:
-    """Return the conformance suite, set up for the component.
-
-    Raises:
-        Skipped: pytest is not installed, or the estimator cannot be built here.
-    """
     try:
         from avrare.testing.estimators import EstimatorConformance
     except ImportError as error:
@@ -117,7 +109,7 @@ def _suite(subject: Subject) -> EstimatorConformance:
         estimator = subject.name
         options = given
         seeds = Study(count_down(5, 9, "1/5"), 60)
-        overshoot = _OVERSHOOT
+        overshoot = 0.5  # the tests of the plugin may be stricter
 
     return Quick()
 
@@ -125,6 +117,5 @@ def _suite(subject: Subject) -> EstimatorConformance:
 CHECKS: tuple[Callable[[Subject], None], ...] = (
     unbiased_on_a_walk, unbiased_with_ties, interval_covers, impossible_is_zero, certain_is_one,
     errors_are_no_failures, cost_is_honest, budget_is_kept, same_seed_same_bits, runs_are_a_prefix,
-    failures_replay,
-    results_are_consistent, unknown_options_are_refused,
+    failures_replay, results_are_consistent, unknown_options_are_refused,
 )  # fmt: skip

@@ -13,7 +13,7 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing.conformance.component_under_test import Subject
+from avrare.testing.conformance.suite import Subject
 from avrare.testing.problems import walk
 
 _CHUNKS, _ROWS = 12, 5

@@ -1,7 +1,7 @@
 """Exercises: run a part of each kind for a few steps, driven by a tape of numbers only.
 
-An exercise is a function ``play(part, tape, between) -> outputs``: ``tape`` is (N, STEPS + 1, size) standard
-normal, ``between`` is applied to the state of the part before every step, ``outputs`` are named arrays with
+An exercise is a generator ``play(part, tape, between)``: ``tape`` is (N, STEPS + 1, size) standard normal,
+``between`` is applied to the state of the part before every step, and it yields outputs, named arrays with
 leading axis N. All behaviour checks compare such runs: the same tape twice, some of its rows, copied states.
 """
 
@@ -16,16 +16,9 @@ import numpy as np
 from avrare.base import batch
 from avrare.base.errors import AvrareError
 from avrare.driving import Action, Observation, Prediction
-from avrare.protocols import (
-    Floats,
-    HasDensity,
-    HasScene,
-    PersistentPerceptionErrorModel,
-    find_ability,
-)
+from avrare.protocols import Floats, HasDensity, HasScene, PersistentPerceptionErrorModel, find_ability
 from avrare.testing.conformance import sample_traffic as road
-from avrare.testing.conformance.check_outcome import Skipped
-from avrare.testing.conformance.component_under_test import Subject
+from avrare.testing.conformance.suite import Skipped, Subject
 
 STEPS = 5
 _ROAD, _OTHERS = 4, 3
@@ -33,38 +26,19 @@ _ROAD, _OTHERS = 4, 3
 
 Outputs = dict[str, Any]
 Between = Callable[[Any], Any]
-Play = Callable[[Any, Floats, Between], Outputs]
+Play = Callable[[Any, Floats, Between], Iterator[Outputs]]
 
 
-def find_exercise(subject: Subject) -> tuple[Play, Callable[[Any], int]]:
-    """Return the exercise of a kind, and a function from a part to the numbers that it reads at a step.
-
-    Raises:
-        Skipped: The inputs of the part are unknown.
-    """
-    if subject.kind not in _EXERCISES:
-        raise Skipped(f"a part of kind {subject.kind} has no states")
-    if subject.kind == "controller" and not subject.component.driving:
-        raise Skipped("not made for driving: only its own simulator knows its inputs")
-    return _EXERCISES[subject.kind]
-
-
-def _simulator(part: Any, tape: Floats, between: Between) -> Outputs:
-    outputs: Outputs = {}
+def _simulator(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     world = part.reset(tape[:, 0])
     for step in range(STEPS + 1):
         if step:
             world = _step_world(part, between(world), tape[:, step])
-        outputs |= _named(step, part.signals(world))
-    return outputs
+        yield _named(step, part.signals(world))
 
 
 def _step_world(part: Any, world: Any, noise: Floats) -> Any:
-    """Advance by one step: straight on if there is an ego, without an action in other simulators.
-
-    Raises:
-        Skipped: It needs an action that only its own controller knows.
-    """
+    # straight on if there is an ego, without an action in other simulators
     action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if find_ability(part, HasScene) else None
     try:
         return part.step(world, action, noise)
@@ -106,30 +80,26 @@ def _reads_its_action(part: Any, world: Any, noise: Floats) -> bool:
     return False
 
 
-def _perception(part: Any, tape: Floats, between: Between) -> Outputs:
-    outputs: Outputs = {}
+def _perception(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     lasting = isinstance(part, PersistentPerceptionErrorModel)
     memory = part.start(tape[:, 0, _ROAD:]) if lasting else None
     for step in range(STEPS + 1):
         world, noise = between(road.world(tape[:, step, :_ROAD], step)), tape[:, step, _ROAD:]
         observation = part.observe(world, noise)
-        outputs |= _named(step, vars(observation))
+        yield _named(step, vars(observation))
         if lasting and step:
             followed, memory = part.follow(world, noise, between(memory))
-            outputs |= {f"followed {name}": value for name, value in _named(step, vars(followed)).items()}
+            yield {f"followed {name}": value for name, value in _named(step, vars(followed)).items()}
         if find_ability(part, HasDensity) is not None:
-            outputs[f"log_prob at {step}"] = part.log_prob(world, observation)
-    return outputs
+            yield {f"log_prob at {step}": part.log_prob(world, observation)}
 
 
-def _tracker(part: Any, tape: Floats, between: Between) -> Outputs:
-    outputs: Outputs = {}
+def _tracker(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     track = part.start(road.world(tape[:, 0, :_ROAD], 0))
     for step in range(STEPS + 1):
         if step:
             track = part.update(between(track), _observation(tape[:, step], step))
-        outputs |= _named(step, vars(part.predict(track, 3)))
-    return outputs
+        yield _named(step, vars(part.predict(track, 3)))
 
 
 def _observation(numbers: Floats, step: int) -> Observation:
@@ -140,8 +110,7 @@ def _observation(numbers: Floats, step: int) -> Observation:
     return Observation(detected, x, y, speed)
 
 
-def _controller(part: Any, tape: Floats, between: Between) -> Outputs:
-    outputs: Outputs = {}
+def _controller(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     memory = part.start(len(tape))
     ahead = 0.2 * np.arange(part.horizon + 1)
     for step in range(STEPS + 1):
@@ -149,18 +118,15 @@ def _controller(part: Any, tape: Floats, between: Between) -> Outputs:
         x = world.others.x[..., None] + world.others.speed[..., None] * ahead
         prediction = Prediction(x, np.broadcast_to(world.others.y[..., None], x.shape))
         action, memory = part.act(between(memory), world.ego, prediction)
-        outputs |= _named(step, vars(action))
-    return outputs
+        yield _named(step, vars(action))
 
 
-def _specification(part: Any, tape: Floats, between: Between) -> Outputs:
-    outputs: Outputs = {}
+def _specification(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     state = part.start(len(tape))
     for step in range(STEPS + 1):
         signals = _AnySignals(tape[:, step], step)
         state, verdict = part.update(between(state), signals)
-        outputs |= _named(step, vars(verdict))
-    return outputs
+        yield _named(step, vars(verdict))
 
 
 class _AnySignals(Mapping[str, Any]):
@@ -197,31 +163,31 @@ _EXERCISES: dict[str, tuple[Play, Callable[[Any], int]]] = {
     "controller": (_controller, lambda part: _ROAD),
     "specification": (_specification, lambda part: _ROAD),
 }
-
-
-def unchanged(state: Any) -> Any:
-    """Return a state as it is."""
-    return state
+"""Exercise of each kind, and the count of numbers that a part reads at a step."""
 
 
 class Exercise:
     """A built part and its exercise.
 
     Raises:
-        Skipped: The part cannot be built here, or needs an action that only its own controller knows.
+        Skipped: The part cannot be built here, or its inputs are unknown.
     """
 
     rows = 7
 
     def __init__(self, subject: Subject) -> None:
-        self._play, size = find_exercise(subject)
+        if subject.kind not in _EXERCISES:
+            raise Skipped(f"a part of kind {subject.kind} has no states")
+        if subject.kind == "controller" and not subject.component.driving:
+            raise Skipped("not made for driving: only its own simulator knows its inputs")
+        self._play, size = _EXERCISES[subject.kind]
         self._part = subject.build()
         self.tape = np.random.default_rng(1).standard_normal((self.rows, STEPS + 1, size(self._part)))
         self.outputs = self.play(self.tape)
 
-    def play(self, tape: Floats, between: Between = unchanged) -> Outputs:
+    def play(self, tape: Floats, between: Between = lambda state: state) -> Outputs:
         """Return the outputs for a tape (N, STEPS + 1, size)."""
-        return self._play(self._part, tape, between)
+        return dict(item for some in self._play(self._part, tape, between) for item in some.items())
 
 
 def split_and_joined(state: Any) -> Any:

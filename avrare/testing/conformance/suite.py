@@ -1,20 +1,186 @@
-"""Conformance suite: the checks of each kind of component, and the components of a distribution."""
+"""Conformance suite: components under test, the checks of each kind, and their outcomes."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
 
-from avrare.base.errors import PluginError, UsageError, did_you_mean
-from avrare.plugin.component import KINDS
-from avrare.plugin.registry import Registry
+from pydantic import BaseModel, ValidationError
+
+from avrare.base.errors import AvrareError, PluginError, UsageError, did_you_mean
+from avrare.driving import Scene
+from avrare.plugin.component import KINDS, Component
+from avrare.plugin.registry import Registry, Row, default_registry, missing_dependencies
 from avrare.scenario.validation import check_options
-from avrare.testing.conformance.check_outcome import Check, Outcome
-from avrare.testing.conformance.component_under_test import Subject
+from avrare.testing.conformance.sample_traffic import scene
 
+ROAD_KINDS = ("perception", "tracker", "controller", "specification")
+"""Kinds whose parts are built for the ``Scene`` of a simulator, where it has one."""
 _MODULES = {"estimator": "estimator_checks", "executor": "executor_checks"}
 """Kind -> module of its own checks; all other kinds have behaviour checks."""
+Status = Literal["passed", "failed", "skipped"]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A component of a plugin.
+
+    Attributes:
+        row: Description and distribution.
+        options: Options in place of the defaults; if empty, the example of the model if it has one.
+    """
+
+    row: Row
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def installed(cls, kind: str, name: str, registry: Registry | None = None, **options: Any) -> Subject:
+        """Return the installed component of this kind and name.
+
+        Raises:
+            PluginError: It is unknown, broken or incompatible.
+        """
+        return cls((registry or default_registry()).find(kind, name), options)
+
+    @property
+    def component(self) -> Component:
+        """Description of the component."""
+        assert self.row.component is not None
+        return self.row.component
+
+    @property
+    def kind(self) -> str:
+        """One of ``KINDS``."""
+        return self.row.kind
+
+    @property
+    def name(self) -> str:
+        """Name in a scenario."""
+        return self.row.name
+
+    @cached_property
+    def model(self) -> type[Any]:
+        """Class of the options."""
+        return self.component.load_config()
+
+    @property
+    def scene(self) -> Scene | None:
+        """Sample scene, for parts that may need one."""
+        return scene() if self.kind in ROAD_KINDS else None
+
+    @cached_property
+    def config(self) -> Any:
+        """Options of the part: those given, else the defaults, else the example of the model.
+
+        Raises:
+            UsageError: Given options are unknown or invalid.
+            Skipped: An option has no default, and there is no example.
+        """
+        if self.options:
+            return check_options(self.model, self.name, dict(self.options), self.kind)
+        try:
+            return self.model()
+        except ValidationError as error:
+            example = _example(self.model)
+            if example is None:
+                places = [".".join(map(str, entry["loc"])) or entry["msg"] for entry in error.errors()]
+                missing = ", ".join(places)
+                raise Skipped(f"no defaults for {missing}: give --set, or the model an example") from None
+            return self.model(**example)
+
+    def build(self) -> Any:
+        """Build a new part.
+
+        Raises:
+            Skipped: A package or an option is missing.
+        """
+        missing = missing_dependencies(self.component)
+        if missing:
+            raise Skipped(f"needs {', '.join(missing)}, which is not installed")
+        config = self.config  # before the import of the factory
+        return self.component.load_factory()(config, self.scene)
+
+
+def _example(model: type[BaseModel]) -> dict[str, Any] | None:
+    """Return the first of ``model_config = ConfigDict(json_schema_extra={"examples": [...]})``."""
+    extra = model.model_config.get("json_schema_extra")
+    examples = extra.get("examples") if isinstance(extra, dict) else None
+    first = examples[0] if isinstance(examples, list) and examples else None
+    return first if isinstance(first, dict) else None
+
+
+class Skipped(Exception):
+    """Raised where a check does not apply to a component; the message is the reason."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One row of ``avrare check-plugin``.
+
+    Attributes:
+        kind: Kind of the component.
+        component: Name of the component.
+        check: Name of the check.
+        sentence: Requirement of the check.
+        status: Whether it passed.
+        reason: Reason why it failed or was skipped, one line; empty where it passed.
+    """
+
+    kind: str
+    component: str
+    check: str
+    sentence: str
+    status: Status
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A function that raises where a component does not meet a requirement.
+
+    Attributes:
+        function: Function of a ``Subject``; its docstring is the requirement in one sentence.
+    """
+
+    function: Callable[[Any], None]
+
+    @property
+    def name(self) -> str:
+        """Name of the check, for example ``rows_are_independent``."""
+        return self.function.__name__
+
+    @property
+    def sentence(self) -> str:
+        """Requirement of the check."""
+        return " ".join((self.function.__doc__ or "").split())
+
+    def run(self, subject: Any) -> Outcome:
+        """Run the check; whatever the component raises becomes an outcome."""
+        status, reason = self._verdict(subject)
+        return Outcome(subject.kind, subject.name, self.name, self.sentence, status, reason)
+
+    def _verdict(self, subject: Any) -> tuple[Status, str]:
+        try:
+            self.function(subject)
+        except Skipped as skipped:
+            return "skipped", str(skipped)
+        except AssertionError as error:
+            return "failed", _first_paragraph(error) or "the check does not hold"
+        except AvrareError as error:
+            return "failed", " ".join(error.lines())
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit and the failure of pytest.raises are not Exceptions
+            return "failed", f"{type(error).__name__}: {_first_paragraph(error)}"
+        return "passed", ""
+
+
+def _first_paragraph(error: BaseException) -> str:
+    # on one line: messages of NumPy and pytest fill pages
+    return " ".join(str(error).strip().split("\n\n")[0].split())[:300]
 
 
 def checks_of(kind: str) -> list[Check]:
@@ -31,12 +197,7 @@ def checks_of(kind: str) -> list[Check]:
 
 
 def subjects(registry: Registry, name: str, options: Mapping[str, Any]) -> list[Subject]:
-    """Return the components of a distribution, or those of this name.
-
-    Raises:
-        PluginError: There is none, or it could not be loaded.
-        UsageError: Options are invalid, or given for more than one component.
-    """
+    """Return the components of a distribution, or those of this name; all must have been loaded."""
     rows = [row for row in registry.rows() if name in (row.name, row.distribution)]
     if not rows:
         known = {word for row in registry.rows() for word in (row.name, row.distribution) if word}

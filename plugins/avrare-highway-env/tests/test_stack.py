@@ -11,7 +11,7 @@ from highway_runs import run, simulator, tape
 
 import avrare
 from avrare.base.errors import ScenarioError
-from avrare.stack.rule_monitors import build_rule
+from avrare.stack.builder import build_rule
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 WORLD = """
