@@ -1,9 +1,17 @@
-"""Base of monitor nodes, and the samples at which they are evaluated.
+"""Base of monitor nodes, the tables of their values, and the samples at which they are evaluated.
 
 A monitor node is a sub-formula followed one sample at a time. With delay d (samples that it looks ahead,
 unbounded operators counting 0) its value at sample t - d is settled once sample t is seen: as a table over
-corners (see ``corner_tables``), no later sample changes it. Values at later samples are open: they are given
-for the trace as it is (nominal), or as bounds over all samples to come.
+corners, no later sample changes it. Values at later samples are open: they are given for the trace as it is
+(nominal), or as bounds over all samples to come.
+
+The value of a formula as a function of its unbounded future operators' values at the next sample, x_1..x_n,
+is composed of minimum and maximum. It is monotone in every x_i, and
+
+    f(x) = max(f(x with x_i = -inf), min(f(x with x_i = inf), x_i)),
+
+so its values at the 2^n corners determine it. A table has n leading axes, the i-th of length 2 (first minus
+infinity, then infinity) if the value depends on x_i, else of length 1: tables broadcast against each other.
 """
 
 from __future__ import annotations
@@ -14,35 +22,32 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from avrare.logic.monitor.corner_tables import evaluate, stack
 from avrare.logic.semantics.terms import align
 from avrare.logic.semantics.value_algebra import IntervalAlgebra, Range, RobustnessAlgebra
 from avrare.logic.semantics.window_operators import Array, get_neutral
 
+MAX_CORNERS = 4
+"""Unbounded future operators n in a table, at most: a step costs up to 4^n operations per particle."""
+
 
 class MonitorNode:
-    """Sub-formula of a monitor.
-
-    Args:
-        children: Operands.
-        ahead: Samples that it looks ahead at its operands.
-        behind: Samples that it looks back at its operands.
+    """Sub-formula of a monitor, which looks ``ahead`` and ``behind`` at the samples of its operands.
 
     Attributes:
         index: Position among the nodes of the monitor; operands come first.
-        delay: Samples until a value is settled.
         keep: Settled values that other nodes need, in addition to the newest.
-        depends: Corner axes that its values depend on.
         obligation: Corner axis of an unbounded future operator, else None.
         join: ``np.minimum`` or ``np.maximum``, by which a temporal operator joins its samples.
+        delay: Samples until a value is settled.
+        depends: Corner axes that its values depend on.
     """
 
+    index = 0
+    keep = 0
     obligation: int | None = None
     join: np.ufunc
 
     def __init__(self, children: Sequence[MonitorNode] = (), ahead: int = 0, behind: int = 0) -> None:
-        self.index = 0
-        self.keep = 0
         self.children = tuple(children)
         self.delay: int = max((child.delay for child in children), default=0) + ahead
         self.depends: frozenset[int] = frozenset().union(*(child.depends for child in children))
@@ -207,13 +212,12 @@ class OpenSamples:
             return table
         lead = self.lead - 1
         values = [self._first_open(x) if i in node.depends else None for i, x in enumerate(self._obligations)]
-        return evaluate(table, values, lead, table.ndim - n - rows - lead)
+        return _evaluate(table, values, lead, table.ndim - n - rows - lead)
 
     def fill(self, known: Range, trailing: tuple[int, ...]) -> Array:
         """Return the same values at all unseen samples."""
         count = self.unseen.count
-        shape = (count, 2, 1, *trailing) if self.bounded else (count, 1, *trailing)
-        values = np.empty(shape)
+        values = np.empty((count, 2, 1, *trailing) if self.bounded else (count, 1, *trailing))
         if self.bounded:
             values[:, 0], values[:, 1] = known
         return values
@@ -269,6 +273,53 @@ def join_rows(settled: Array, rows: Array) -> Array:
     ndim = max(settled.ndim, rows.ndim)
     settled, rows = (x.reshape(x.shape + (1,) * (ndim - x.ndim)) for x in (settled, rows))
     shape = np.broadcast_shapes(settled.shape[1:], rows.shape[1:])
-    both = np.empty((len(settled) + len(rows), *shape))
-    both[: len(settled)], both[len(settled) :] = settled, rows
-    return both
+    return np.concatenate([np.broadcast_to(x, (len(x), *shape)) for x in (settled, rows)])
+
+
+def make_corner(i: int, n: int) -> Array:
+    """Return the table of x_i itself: n corner axes and one for the particles."""
+    shape = [1] * (n + 1)
+    shape[i] = 2
+    return np.array([-math.inf, math.inf]).reshape(shape)
+
+
+def _evaluate(table: Array, values: Sequence[Array | None], lead: int, trailing: int) -> Array:
+    """Evaluate a table (corners, ...), the ``trailing`` last axes of which belong to vehicles, at ``values``.
+
+    A value, None for an axis that the table does not depend on, has ``lead`` axes before those of vehicles;
+    it broadcasts from the right against the table without its corner axes.
+    """
+    for value in values:
+        low = table[0]
+        if len(table) == 1:
+            table = low
+            continue
+        assert value is not None
+        missing = lead + trailing - value.ndim
+        value = value.reshape(value.shape + (1,) * missing) if missing else value
+        table = np.maximum(low, np.minimum(table[1], value))
+    return table
+
+
+def compose(tables: Array, values: Sequence[Array | None], rows: int) -> Array:
+    """Convert tables over the x of this sample to tables over the x of the next one.
+
+    Args:
+        tables: (rows..., corners, N, ...).
+        values: Old x_i as tables over the new ones, (corners, N, ...) each.
+        rows: Number of axes before the corners, 0 or 1.
+    """
+    n = len(values)
+    if rows:
+        tables = np.moveaxis(tables, 0, n)
+    before = tables.shape[: n + rows]
+    trailing = tables.ndim - n - rows - 1
+    spread = tables.reshape(*before, *(1,) * n, *tables.shape[n + rows :])
+    return _evaluate(spread, values, n + 1, trailing)
+
+
+def stack(tables: Sequence[Array]) -> Array:
+    """Stack tables, which may differ in axes that broadcast."""
+    if len({table.shape for table in tables}) > 1:
+        return np.stack(np.broadcast_arrays(*tables))
+    return np.array(tables)

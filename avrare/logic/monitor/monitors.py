@@ -11,15 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from avrare.base.errors import FormulaError
-from avrare.logic.monitor.compiler import MonitorPlan, compile_formula
-from avrare.logic.monitor.corner_tables import compose, stack
 from avrare.logic.monitor.monitor_node import (
     MonitorNode,
     OpenSamples,
     SampleContext,
     UnseenSamples,
+    compose,
     lay_out_unseen,
+    stack,
 )
+from avrare.logic.monitor.plan import MonitorPlan
 from avrare.logic.semantics.samples import read_sample
 from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
@@ -82,7 +83,7 @@ class _MonitorEngine:
 
     def __init__(self, formula: nodes.Node, closed: bool, plain: bool = False) -> None:
         self.closed = closed
-        self.plan: MonitorPlan = compile_formula(formula, closed)
+        self.plan = MonitorPlan(formula, closed)
         signless = any(map(nodes.is_signless, nodes.walk(formula)))
         at_zero = self.plan.at_zero if plain else None
         self.algebras: tuple[RobustnessAlgebra, ...] = (
@@ -191,7 +192,7 @@ def _move(x: Array, axis: int, to: int) -> Array:
 class RobustnessMonitor:
     """Monitor of a formula's robustness at sample 0 (an ``avrare.protocols.Specification``).
 
-    Every step costs the same, except for the few formulas that ``compiler`` names, whose history is carried
+    Every step costs the same, except for the few formulas that ``plan`` names, whose history is carried
     and evaluated. NaN makes a row's robustness NaN for good if the formula depends on it; such a row is
     neither violated nor does its score change.
 
