@@ -1,4 +1,7 @@
-"""Reader of a run folder: its files, checked once and given as typed frozen values."""
+"""Reader of a run folder: its files, checked once and given as typed frozen values.
+
+Whatever cannot be read raises ``UsageError``; missing provenance, failures and rollouts are no errors.
+"""
 
 from __future__ import annotations
 
@@ -65,13 +68,8 @@ class StoredResult(BaseModel):
 class Provenance:
     """Origin of a run, from provenance.json; empty where it is not recorded.
 
-    Attributes:
-        command: Words of the command line.
-        budget: The budget as ``KIND=AMOUNT``; None: the estimator's own options decided.
-        python: Version of Python.
-        commit: Commit of the scenario's folder.
-        uncommitted_changes: The scenario's folder had changes that were not committed.
-        date: Time of the run, None where it is missing or damaged.
+    ``budget`` is ``KIND=AMOUNT``, None where the estimator's own options decided. ``commit`` and
+    ``uncommitted_changes`` are of the scenario's folder.
     """
 
     command: tuple[str, ...] = ()
@@ -86,10 +84,7 @@ class Provenance:
 class RunFolder:
     """Folder that ``avrare run`` has written; each file is read when it is first asked for.
 
-    Attributes:
-        path: The folder.
-        content: The JSON object in result.json.
-        result: The same, typed.
+    ``result`` is ``content``, the JSON object in result.json, with types.
     """
 
     path: Path
@@ -98,11 +93,7 @@ class RunFolder:
 
     @cached_property
     def provenance(self) -> Provenance:
-        """Content of provenance.json; a missing file or field is no error.
-
-        Raises:
-            UsageError: The file is not a JSON object.
-        """
+        """Content of provenance.json."""
         file = self.path / "provenance.json"
         content = read_json(file) if file.is_file() else {}
         budget, python, command = (content.get(key) for key in ("budget", "python", "command"))
@@ -175,11 +166,7 @@ class RunFolder:
 
 
 def read_run_folder(path: Path) -> RunFolder:
-    """Read the result of a run folder.
-
-    Raises:
-        UsageError: It is not a run folder, or its result.json is damaged.
-    """
+    """Read the result of a run folder."""
     file = path / "result.json"
     if not file.is_file():
         inside = sorted(one.parent.name for one in path.glob("*/result.json")) if path.is_dir() else []
@@ -202,11 +189,7 @@ def read_run_folder(path: Path) -> RunFolder:
 
 
 def read_versions(path: Path) -> dict[str, str]:
-    """Return the versions with which a run was made; nothing else in its result.json is checked.
-
-    Raises:
-        UsageError: The file is damaged.
-    """
+    """Return the versions with which a run was made; nothing else in its result.json is checked."""
     versions = read_json(path / "result.json").get("versions")
     if not isinstance(versions, dict):
         raise UsageError(f"{path / 'result.json'}: cannot be read: it names no versions", RUN_AGAIN)
@@ -214,11 +197,7 @@ def read_versions(path: Path) -> dict[str, str]:
 
 
 def load_run_scenario(path: Path) -> LoadedScenario:
-    """Load the scenario of a run folder.
-
-    Raises:
-        UsageError: There is no scenario in the folder, or it cannot be loaded any more.
-    """
+    """Load the scenario of a run folder."""
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.scenario.load import load
 
@@ -236,11 +215,7 @@ def _date(text: Any) -> datetime | None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a file that holds a JSON object.
-
-    Raises:
-        UsageError: It cannot be read, or holds something else.
-    """
+    """Read a file that holds a JSON object."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

@@ -23,12 +23,7 @@ from avrare.scenario.yaml import dump
 def begin(
     out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool
 ) -> Iterator[Checkpoint]:
-    """Create or resume the checkpoint of a run in ``out``, and hold its lock.
-
-    Raises:
-        UsageError: It belongs to another run, ``resume`` is False and there is one, another process uses it,
-            or the folder cannot be written to.
-    """
+    """Create, or resume if asked to, the checkpoint of a run in ``out``, and hold its lock."""
     folder = out / FOLDER
     if len(scenarios) > 1 and any(one.name == FOLDER for one in scenarios):
         raise UsageError(
@@ -73,17 +68,7 @@ def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any
 
 
 def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) -> list[Scenario]:
-    """Return the scenarios of the checkpoint in ``out``; empty where there is none.
-
-    Args:
-        out: Run folder.
-        overrides: Overrides, as for ``load``.
-        estimator: Estimator, as for ``load``.
-
-    Raises:
-        ScenarioError: One of them cannot be loaded.
-        UsageError: The checkpoint cannot be read.
-    """
+    """Return the scenarios of the checkpoint in ``out``; empty where there is none."""
     index = read_index(out / FOLDER)
     names = index["task"].get("scenarios", {}) if index else {}
     paths = index["about"].get("paths", {}) if index else {}
@@ -94,11 +79,7 @@ def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) 
 
 
 def saved_budget(out: Path) -> Budget | None:
-    """Return the budget of the checkpoint in ``out``, None where there is none.
-
-    Raises:
-        UsageError: The checkpoint cannot be read.
-    """
+    """Return the budget of the checkpoint in ``out``, None where there is none."""
     index = read_index(out / FOLDER)
     return Budget.parse(index["task"].get("budget")) if index else None
 
@@ -109,16 +90,8 @@ def finished_results(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Return the contents of the result.json files of a finished run; empty where it is not finished.
 
-    Args:
-        out: Run folder.
-        scenarios: Expected scenarios; empty: any.
-        overrides: Overrides of its own scenarios, which must not change; used where ``scenarios`` is empty.
-        estimator: Estimator in place of its own, likewise.
-        budget: Expected budget; None: any.
-
-    Raises:
-        ScenarioError: ``overrides`` do not fit.
-        UsageError: The results are of other scenarios, or cannot be read.
+    They must be of these scenarios, or without any, of its own ones, which ``overrides`` and ``estimator``
+    must not change; and of this budget if one is given.
     """
     if read_index(out / FOLDER) is not None:
         return []

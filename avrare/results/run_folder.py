@@ -21,15 +21,9 @@ from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
 
-SCHEMA = 1
-
 
 def choose(out: str | Path, name: str, several: bool) -> Path:
-    """Make the folder of one scenario of a run: ``out``, or a folder in it when there are several.
-
-    Raises:
-        UsageError: It cannot be made.
-    """
+    """Make the folder of one scenario of a run: ``out``, or a folder in it when there are several."""
     folder = Path(out) / name if several else Path(out)
     with explain_file_errors(f"{folder}: cannot make this folder", "choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -37,11 +31,7 @@ def choose(out: str | Path, name: str, several: bool) -> Path:
 
 
 def fresh(names: Sequence[str]) -> Path:
-    """Make a new folder under ``runs/`` for a run of these scenarios.
-
-    Raises:
-        UsageError: It cannot be made.
-    """
+    """Make a new folder under ``runs/`` for a run of these scenarios."""
     name = names[0] if len(names) == 1 else f"{len(names)}-scenarios"
     stem = f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
     with explain_file_errors(f"runs/{stem}: cannot make this folder", "choose another --out"):
@@ -63,7 +53,7 @@ def remove_empty(folder: Path) -> None:
 def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
     """Return the content of result.json."""
     return {
-        "schema": SCHEMA,
+        "schema": 1,
         "scenario": scenario.name,
         "fingerprint": fingerprint(scenario),
         "seed": scenario.seed,
@@ -100,11 +90,7 @@ def write(
     folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = (),
     budget: Budget | None = None,
 ) -> None:  # fmt: skip
-    """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz.
-
-    Raises:
-        UsageError: The folder cannot be written to.
-    """
+    """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz."""
     hint = "free some disk space and --resume the run, or choose another --out"
     with explain_file_errors(f"{folder}: cannot write the result", hint):
         write_text(folder / "scenario.yaml", dump(scenario.resolved))

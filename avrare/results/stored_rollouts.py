@@ -31,9 +31,7 @@ _SAMPLE_FIELDS = ("worst_robustness", "robustness", "worst")
 class RolloutSample:
     """Stored rollouts of one specification.
 
-    Attributes:
-        robustness: (n,) of the first rollouts (in splitting: of the first stage), NaN for errors.
-        worst: The least robust rollout.
+    ``robustness`` (n,) is of the first rollouts (in splitting: of the first stage), NaN for errors.
     """
 
     robustness: NDArray[np.float32]
@@ -44,9 +42,6 @@ def write_failures(folder: Path, results: Sequence[Result]) -> None:
     """Write the failing tapes of all results; remove the file where there are none.
 
     Arrays ``SPECIFICATION.noise`` (F, steps + 1, noise_size), ``.robustness`` (F,) and ``.count`` ().
-
-    Raises:
-        OSError: The folder cannot be written to.
     """
     arrays = {
         f"{result.specification}.{field}": np.asarray(getattr(result.failures, field))
@@ -57,18 +52,13 @@ def write_failures(folder: Path, results: Sequence[Result]) -> None:
     if not arrays:
         (folder / FAILURES_FILE).unlink(missing_ok=True)  # left by an earlier run in the same folder
         return
-    content = io.BytesIO()
-    np.savez(content, **arrays)  # type: ignore[arg-type]
-    write_atomic(folder / FAILURES_FILE, content.getvalue())
+    _write(folder / FAILURES_FILE, np.savez, arrays)
 
 
 def write_rollouts(folder: Path, results: Sequence[Result]) -> None:
     """Write robustness and the least robust tape of every result.
 
     Arrays ``SPECIFICATION.robustness`` (n,), ``.worst`` (steps + 1, noise_size) and ``.worst_robustness`` ().
-
-    Raises:
-        OSError: The folder cannot be written to.
     """
     arrays: dict[str, NDArray[np.generic]] = {}
     for result in results:
@@ -76,9 +66,13 @@ def write_rollouts(folder: Path, results: Sequence[Result]) -> None:
         arrays[f"{name}.robustness"] = _to_single(result.robustness[:MAX_SAMPLES])
         arrays[f"{name}.worst"] = np.asarray(result.worst.noise)
         arrays[f"{name}.worst_robustness"] = np.asarray(result.worst.robustness)
+    _write(folder / ROLLOUTS_FILE, np.savez_compressed, arrays)
+
+
+def _write(path: Path, save: Callable[..., None], arrays: Mapping[str, NDArray[Any]]) -> None:
     content = io.BytesIO()
-    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
-    write_atomic(folder / ROLLOUTS_FILE, content.getvalue())
+    save(content, **arrays)
+    write_atomic(path, content.getvalue())
 
 
 def _to_single(values: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -91,20 +85,12 @@ def _to_single(values: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def read_failures(folder: Path) -> dict[str, Failures]:
-    """Return the stored failures of each specification; empty where nothing failed.
-
-    Raises:
-        UsageError: The file is damaged.
-    """
+    """Return the stored failures of each specification; empty where nothing failed."""
     return _read(folder / FAILURES_FILE, _FAILURE_FIELDS, _to_failures)
 
 
 def read_rollouts(folder: Path) -> dict[str, RolloutSample]:
-    """Return the stored rollouts of each specification; empty where the folder has none.
-
-    Raises:
-        UsageError: The file is damaged.
-    """
+    """Return the stored rollouts of each specification; empty where the folder has none."""
     return _read(folder / ROLLOUTS_FILE, _SAMPLE_FIELDS, _to_sample)
 
 
@@ -136,14 +122,7 @@ def select_failure(
 ) -> tuple[str, int]:
     """Return the specification and the number of one stored failure of a run.
 
-    Args:
-        folder: The run folder, for messages.
-        stored: Its failures.
-        specification: The violated specification; None if only one has failures.
-        index: Number of the failure, from 0; None for the one with the least robustness.
-
-    Raises:
-        UsageError: There is no such failure.
+    Without a specification only one may have failures; without an index it is the least robust one.
     """
     listing = ", ".join(f"{name} ({len(found.robustness)})" for name, found in stored.items())
     if not stored:
@@ -163,15 +142,7 @@ def select_failure(
 
 
 def read_arrays(path: Path, hint: str = RUN_AGAIN) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an npz file; nothing is ever unpickled.
-
-    Args:
-        path: The file.
-        hint: What to do where it is damaged.
-
-    Raises:
-        UsageError: The file is damaged, or is another kind of file.
-    """
+    """Read all arrays of an npz file; nothing is ever unpickled."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             return {str(name): np.asarray(stored[name]) for name in stored}

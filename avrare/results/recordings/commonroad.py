@@ -28,16 +28,8 @@ _MARGIN = 50.0
 def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Recording:
     """Read the obstacles of a scenario as vehicles, one of them as the ego.
 
-    The lanes are those of the lanelets, and x runs along them. Accelerations are differences of speed.
-
-    Args:
-        path: The XML file.
-        ego: Id of the obstacle that rules apply to.
-        road: Lanes to use instead of those of the file, in the frame of the file.
-
-    Raises:
-        UsageError: The file, the ego or the road is unsuitable.
-        PluginError: ``commonroad-io`` is not installed.
+    The lanes are those of the lanelets, and x runs along them; or else ``road``, in the frame of the file.
+    Rules apply to the obstacle with the id ``ego``. Accelerations are differences of speed.
     """
     scenario = _open_scenario(path)
     moving = {str(obstacle.obstacle_id): obstacle for obstacle in scenario.dynamic_obstacles}
@@ -62,11 +54,7 @@ def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Rec
 
 
 def to_commonroad(recording: Recording, name: str) -> str:
-    """Return the XML text of a recording with a road, as a scenario with this name.
-
-    Raises:
-        UsageError: The recording has no road.
-    """
+    """Return the XML text of a recording with a road, as a scenario with this name."""
     scene = recording.scene
     if scene is None:
         text = f"{recording.source}: a CommonRoad file needs vehicles and a road"
@@ -76,8 +64,7 @@ def to_commonroad(recording: Recording, name: str) -> str:
         affiliation="", source=name, benchmarkID="ZAM_Failure-1_1_T-1", date="2000-01-01",
     )  # fmt: skip
     location = ET.SubElement(root, "location")
-    for key, value in (("geoNameId", "-999"), ("gpsLatitude", "999"), ("gpsLongitude", "999")):
-        ET.SubElement(location, key).text = value
+    _add_texts(location, geoNameId="-999", gpsLatitude="999", gpsLongitude="999")
     ET.SubElement(ET.SubElement(root, "scenarioTags"), "interstate")
     states = {_EGO_ID: np.stack([recording.signals[f"ego_{field}"] for field in FIELDS], axis=1)}
     others = np.stack([recording.signals[f"others_{field}"] for field in FIELDS], axis=2)
@@ -176,16 +163,14 @@ def _add_lanelets(root: ET.Element, road: Road, begin: float, end: float) -> Non
         for side, neighbour in (("adjacentLeft", lane + 1), ("adjacentRight", lane - 1)):
             if 0 <= neighbour < len(road.lane_centres):
                 ET.SubElement(lanelet, side, ref=str(_FIRST_LANELET_ID + neighbour), drivingDir="same")
-        kind = "accessRamp" if lane in road.access_ramp else "mainCarriageWay"
-        ET.SubElement(lanelet, "laneletType").text = kind
+        _add_texts(lanelet, laneletType="accessRamp" if lane in road.access_ramp else "mainCarriageWay")
 
 
 def _add_obstacle(root: ET.Element, number: int, length: float, width: float, states: Floats) -> None:
     obstacle = ET.SubElement(root, "dynamicObstacle", id=str(number))
-    ET.SubElement(obstacle, "type").text = "car"
+    _add_texts(obstacle, type="car")
     rectangle = ET.SubElement(ET.SubElement(obstacle, "shape"), "rectangle")
-    ET.SubElement(rectangle, "length").text = repr(length)
-    ET.SubElement(rectangle, "width").text = repr(width)
+    _add_texts(rectangle, length=repr(length), width=repr(width))
     _add_state(ET.SubElement(obstacle, "initialState"), 0, states[0])
     trajectory = ET.SubElement(obstacle, "trajectory")
     for step, state in enumerate(states[1:], start=1):
@@ -194,21 +179,22 @@ def _add_obstacle(root: ET.Element, number: int, length: float, width: float, st
 
 def _add_state(element: ET.Element, step: int, state: Floats) -> None:
     x, y, heading, speed, acceleration = map(float, state)
-    _add_exact(element, "time", str(step))
+    _add_exact(element, time=str(step))
     _add_point(ET.SubElement(element, "position"), x, y)
-    _add_exact(element, "orientation", repr(heading))
-    _add_exact(element, "velocity", repr(speed))
-    _add_exact(element, "acceleration", repr(acceleration))
+    _add_exact(element, orientation=repr(heading), velocity=repr(speed), acceleration=repr(acceleration))
     if step == 0:
-        _add_exact(element, "yawRate", "0.0")
-        _add_exact(element, "slipAngle", "0.0")
+        _add_exact(element, yawRate="0.0", slipAngle="0.0")
 
 
-def _add_exact(element: ET.Element, name: str, value: str) -> None:
-    ET.SubElement(ET.SubElement(element, name), "exact").text = value
+def _add_exact(element: ET.Element, **values: str) -> None:
+    for name, value in values.items():
+        _add_texts(ET.SubElement(element, name), exact=value)
 
 
 def _add_point(element: ET.Element, x: float, y: float) -> None:
-    point = ET.SubElement(element, "point")
-    ET.SubElement(point, "x").text = repr(float(x))
-    ET.SubElement(point, "y").text = repr(float(y))
+    _add_texts(ET.SubElement(element, "point"), x=repr(float(x)), y=repr(float(y)))
+
+
+def _add_texts(element: ET.Element, **texts: str) -> None:
+    for name, text in texts.items():
+        ET.SubElement(element, name).text = text

@@ -34,13 +34,7 @@ _MAX_HEADING = 4 * math.pi
 def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:
     """Read a recorded drive: of vehicles if the file has a column ``vehicle``, otherwise of named signals.
 
-    Args:
-        path: The file.
-        ego: Name of the vehicle that rules apply to.
-        road: Lanes, needed for rules.
-
-    Raises:
-        UsageError: The file is invalid; the message gives file and line.
+    Rules apply to the vehicle called ``ego`` and need a road. Errors in the file are told by line.
     """
     table = read_csv_table(path, empty="the first line names the columns: time,speed,gap")
     _check_header(table)

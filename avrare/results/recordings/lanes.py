@@ -35,11 +35,7 @@ class _LaneSegment:
 
 
 def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
-    """Return the road of ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0``.
-
-    Raises:
-        UsageError: The lanes are not ascending numbers, or the ramp is not one of them.
-    """
+    """Return the road of ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0``."""
     try:
         lanes = tuple(float(word) for word in centres.split(","))
     except ValueError:
@@ -56,15 +52,9 @@ def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
 
 
 def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float]:
-    """Return the lanes parallel to the longest lanelet.
+    """Return the lanes parallel to the longest lanelet, with x along them, and the direction of x [rad].
 
     Curved lanelets beside straight ones, such as the taper of a ramp, are ignored.
-
-    Returns:
-        Road in its own frame, with x along the lanes, and the direction of x in the frame of the file [rad].
-
-    Raises:
-        UsageError: There is no road, it is curved, or some lanes run against the others.
     """
     if not lanelets:
         raise UsageError(f"{path}: there are no lanelets", "give --lanes")

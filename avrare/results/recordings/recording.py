@@ -75,12 +75,9 @@ class Recording:
 
 @dataclass(frozen=True)
 class VehicleTrack:
-    """One vehicle over time.
+    """One vehicle, a rectangle of ``length`` and ``width`` [m], over time.
 
     Attributes:
-        name: Name of the vehicle.
-        length: Length of its rectangle [m].
-        width: Width of its rectangle [m].
         present: (T,) False where it was not recorded; the states there are ignored.
         states: (5, T): x, y [m], heading [rad], speed [m/s], acceleration [m/s^2]. An acceleration of NaN is
             replaced by the change of speed since the sample before.
@@ -105,18 +102,9 @@ class VehicleTrack:
 def assemble_recording(
     source: str, dt: float, start: float, ego: VehicleTrack, others: Sequence[VehicleTrack], road: Road | None
 ) -> Recording:
-    """Return the recording of some vehicles.
+    """Return the recording of the ego, present at every sample, and other vehicles.
 
-    Args:
-        source: Origin, for messages.
-        dt: Step [s].
-        start: Time of the first sample [s].
-        ego: Vehicle that rules apply to, present at every sample.
-        others: The other vehicles.
-        road: Lanes; without them there are signals but no scene, and rules cannot be monitored.
-
-    Raises:
-        UsageError: Another vehicle has a name that is reserved in formulas.
+    Without a road there are signals but no scene, and rules cannot be monitored.
     """
     for name in (other.name for other in others if other.name in _RESERVED):
         raise UsageError(

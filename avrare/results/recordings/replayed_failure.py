@@ -17,15 +17,7 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape
 
 @dataclass(frozen=True)
 class ReplayedFailure:
-    """A stored failure of a run, replayed.
-
-    Attributes:
-        scenario: Scenario of the run.
-        specification: Name of the violated specification.
-        index: Number of the failure, from 0.
-        recording: The rollout.
-        changes: Messages about stored failures whose robustness is different now.
-    """
+    """A stored failure of a run, replayed; ``changes`` are messages about robustness that differs now."""
 
     scenario: LoadedScenario
     specification: str
@@ -37,16 +29,9 @@ class ReplayedFailure:
 def replay_run_failure(
     folder: Path, specification: str | None, index: int | None, rule: str | None = None
 ) -> ReplayedFailure:
-    """Replay a stored failure of a run.
+    """Replay a stored failure of a run; without an index the least robust one, which also checks all others.
 
-    Args:
-        folder: The run folder.
-        specification: The violated specification; None if ``rule`` identifies it or only one has failures.
-        index: Number of the failure; None for the least robust one, which also checks all others.
-        rule: Option ``rule`` of the specification, instead of its name.
-
-    Raises:
-        UsageError: It is not a run folder, there is no such failure, or its rollout ends with an error.
+    Its specification is given by name or by its option ``rule``, or only one has failures.
     """
     scenario = load_run_scenario(folder)
     if specification is None:
