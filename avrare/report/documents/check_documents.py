@@ -45,7 +45,7 @@ def _case(decision: Decision, error: str | None) -> ElementTree.Element:
         message = _printable(f"{decision.verdict}: {reason}")
         ElementTree.SubElement(case, tag, type=decision.verdict, message=message)
     output = ElementTree.SubElement(case, "system-out")
-    output.text = _printable("\n".join(f"{name}: {text}" for name, text in _numbers(decision).items()))
+    output.text = _printable("\n".join(f"{name}: {text}" for name, text in format_numbers(decision).items()))
     return case
 
 
@@ -54,7 +54,7 @@ def markdown(outcome: CheckResult) -> str:
     head = ("scenario", "rule", "wanted", "verdict", "probability", "interval", "baseline", "change")
     lines = [f"### avrare check: {_SIGNS[outcome.verdict]}", "", _row(head), _row(["---"] * len(head))]
     for one in outcome.decisions:
-        texts, numbers = [one.scenario, one.specification, one.question], _numbers(one).values()
+        texts, numbers = [one.scenario, one.specification, one.question], format_numbers(one).values()
         lines.append(_row([*map(_escape, texts), _SIGNS[one.verdict], *map(_escape, numbers)]))
     remarks = [f"{one.scenario} {one.name}: {one.reason}" for one in outcome.decisions if one.reason]
     remarks += outcome.notes
@@ -63,24 +63,25 @@ def markdown(outcome: CheckResult) -> str:
     return "\n".join(lines) + "\n"
 
 
-def format_change(decision: Decision) -> str:
-    """Return the ratio to the baseline as ``x 1.9 (1.3 .. 2.8)``; "-" without a baseline."""
+def format_numbers(decision: Decision) -> dict[str, str]:
+    """Return probability, interval, baseline and change as they are shown; "-" where there is none."""
+    p, baseline, interval = decision.probability, decision.baseline, decision.interval
+    return {
+        "probability": "-" if p is None else format_probability(p),
+        "interval": format_interval(interval) if interval else "-",
+        "baseline": "-" if baseline is None else format_probability(baseline),
+        "change": _format_change(decision),
+    }
+
+
+def _format_change(decision: Decision) -> str:
+    # the ratio to the baseline: ``x 1.9 (1.3 .. 2.8)``
     if decision.change_interval is None:
         return "-"
     low, high = (f"{end:.2g}" if end < 1e9 else "∞" for end in decision.change_interval)
     change = decision.change
     ratio = "?" if change is None else f"{change:.2g}" if change < 1e9 else "∞"
     return f"x {ratio} ({low} .. {high})"
-
-
-def _numbers(decision: Decision) -> dict[str, str]:
-    values = {"probability": decision.probability, "baseline": decision.baseline}
-    shown = {name: "-" if p is None else format_probability(p) for name, p in values.items()}
-    interval = format_interval(decision.interval) if decision.interval else "-"
-    return {
-        "probability": shown["probability"], "interval": interval, "baseline": shown["baseline"],
-        "change": format_change(decision),
-    }  # fmt: skip
 
 
 def _row(texts: Sequence[str]) -> str:

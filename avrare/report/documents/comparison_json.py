@@ -12,8 +12,6 @@ from avrare.base import version
 from avrare.estimation.result import finite
 from avrare.scenario.fingerprint import fingerprint
 
-SCHEMA = 1
-
 
 def summarise_arms(comparison: Comparison) -> list[Summary | None]:
     """Return the statistics of each estimator; None for one that was refused."""
@@ -30,7 +28,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
     summaries = summarise_arms(comparison)
     used = {one.arm.distribution: one.arm.version for one in comparison.arms if one.arm.distribution}
     content = {
-        "schema": SCHEMA,
+        "schema": 1,
         "comparison": case.name,
         "specification": case.specification or None,
         "fingerprint": case.fingerprint,
@@ -65,7 +63,7 @@ def paired_document(paired: PairedComparison) -> dict[str, Any]:
     """Return all numbers of a paired comparison, JSON-ready."""
     versions = {name: number for scenario in paired.scenarios for name, number in scenario.versions.items()}
     content = {
-        "schema": SCHEMA,
+        "schema": 1,
         "first": paired.names[0],
         "second": paired.names[1],
         "fingerprints": [fingerprint(scenario) for scenario in paired.scenarios],

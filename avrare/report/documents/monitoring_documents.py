@@ -52,11 +52,7 @@ def _encode_decisive(recording: Recording, decisive: DecisiveSample | None) -> d
 
 
 def write_monitoring_csv(result: MonitoringResult, path: Path) -> None:
-    """Write time, robustness so far, violation and body of every sample as CSV.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write time, robustness so far, violation and body of every sample as CSV."""
     columns: dict[str, Any] = {
         "time": [f"{t:.9g}" for t in result.recording.times],
         "robustness": result.prefix.tolist(),

@@ -140,12 +140,10 @@ def _group_channels(scenario: LoadedScenario, size: int) -> list[tuple[str, int,
 
 
 def encode_signed(values: Floats, largest: Floats | float, least: float = 0.0) -> str:
-    """Return the data URI of a picture: colour for the sign, opacity for the size of each value.
+    """Return the data URI of a picture (rows, columns): colour for the sign, opacity for the size of a value.
 
-    Args:
-        values: (rows, columns); NaN is transparent, infinities are opaque.
-        largest: Magnitude that is opaque, for all values or for each row (rows, 1).
-        least: Opacity of the smallest value other than zero.
+    NaN is transparent, infinities and magnitudes from ``largest`` on are opaque; the smallest value other
+    than zero has the opacity ``least``.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.clip(np.abs(values) / largest, 0.0, 1.0)

@@ -21,13 +21,7 @@ _MAX_TICKS = 6
 
 @dataclass(frozen=True)
 class Scale:
-    """Maps values to percent of an axis.
-
-    Attributes:
-        low: Value at 0 %.
-        high: Value at 100 %.
-        log: True for a logarithmic axis, both ends of which are positive.
-    """
+    """Map from values, ``low`` to ``high``, to percent of an axis; both are positive if it is logarithmic."""
 
     low: float
     high: float
@@ -88,13 +82,7 @@ def make_log_scale(values: Iterable[float], most: float = math.inf) -> Scale:
 class LineChart:
     """A chart under construction; the drawing methods add layers in order.
 
-    Attributes:
-        x: Horizontal axis.
-        y: Vertical axis.
-        title: Description, also for screen readers.
-        x_label: Label with unit.
-        y_label: Label with unit.
-        over_time: The horizontal axis is the time of a rollout, with a moving cursor.
+    Screen readers read its ``title``. A chart ``over_time`` of a rollout has a moving cursor.
     """
 
     x: Scale
@@ -120,23 +108,20 @@ class LineChart:
         """Fill the area between two lines."""
         self._add(f"M{self._format_points(np.r_[x, x[::-1]], np.r_[high, low[::-1]])}Z", style)
 
-    def fill_below_zero(self, x: Numbers, y: Floats, style: str = "violated") -> None:
+    def fill_below_zero(self, x: Numbers, y: Floats) -> None:
         """Fill the area between zero and a line below it."""
-        self.fill_band(x, np.minimum(np.nan_to_num(y, neginf=self.y.low), 0.0), np.zeros(len(x)), style)
+        self.fill_band(x, np.minimum(np.nan_to_num(y, neginf=self.y.low), 0.0), np.zeros(len(x)), "violated")
 
     def draw_bars(self, edges: Floats, heights: Floats, marked: Bools) -> None:
         """Draw a bar between each two edges, the marked ones in the colour of failures."""
         left, top, base = self.x(edges), 100.0 - self.y(heights), 100.0 - self.y.at(0.0)
         for k, height in enumerate(heights):
             if height > 0:
-                width = max(left[k + 1] - left[k] - 0.25, 0.3)
-                box = {
-                    "x": _format(left[k]),
-                    "width": _format(width),
-                    "y": _format(min(top[k], base - 0.8)),
-                }
-                box["height"] = _format(base - float(box["y"]))
-                self._layers.append(tag("rect", class_="bar marked" if marked[k] else "bar", **box))
+                width, y = max(left[k + 1] - left[k] - 0.25, 0.3), _format(min(top[k], base - 0.8))
+                self._layers.append(tag(
+                    "rect", class_="bar marked" if marked[k] else "bar", x=_format(left[k]),
+                    width=_format(width), y=y, height=_format(base - float(y)),
+                ))  # fmt: skip
 
     def draw_dots(self, x: Numbers, y: Floats, style: str = "") -> None:
         """Draw dots that stay round when the chart stretches: lines of length zero with round ends."""

@@ -17,13 +17,10 @@ class Markup(str):
 
 
 def tag(name: str, /, *children: Any, **attributes: Any) -> Markup:
-    """Return an element.
+    """Return an element; children are markup, text (escaped), None (omitted), or iterables of these.
 
-    Args:
-        name: Name of the element.
-        children: Markup, text (escaped), None (omitted), or iterables of these.
-        attributes: ``class_`` stands for ``class``, ``aria_label`` for ``aria-label``; True gives a bare
-            attribute, None and False are omitted.
+    The attribute ``class_`` stands for ``class``, ``aria_label`` for ``aria-label``; True gives a bare
+    attribute, None and False are omitted.
     """
     written = "".join(_format_attribute(key, value) for key, value in attributes.items())
     if name in _VOID:
@@ -54,6 +51,4 @@ def _format_child(child: Any) -> str:
         return ""
     if isinstance(child, Markup):
         return child
-    if isinstance(child, (str, int, float)):
-        return escape(str(child))
-    return join(child)
+    return escape(str(child)) if isinstance(child, (str, int, float)) else join(child)

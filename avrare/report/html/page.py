@@ -15,11 +15,7 @@ from avrare.results.reader import RunFolder, read_run_folder
 
 
 def render_report(path: Path) -> str:
-    """Return the report of a run folder as HTML.
-
-    Raises:
-        UsageError: It is not a run folder, or its files are damaged.
-    """
+    """Return the report of a run folder as HTML."""
     folder = read_run_folder(path)
     script = _read_asset("script.js")
     sections = [*render_sections(folder), _render_provenance(folder)]
@@ -52,7 +48,7 @@ def _render_head(folder: RunFolder, script: str) -> Markup:
 def _render_header(folder: RunFolder) -> Markup:
     result = folder.result
     description = None if folder.definition is None else folder.definition.description
-    estimators = ", ".join(dict.fromkeys(one.estimator for one in folder.result.estimates))
+    estimators = ", ".join(dict.fromkeys(one.estimator for one in result.estimates))
     commit = folder.provenance.commit
     facts = [
         f"estimator {estimators}", f"seed {result.seed}", f"{folder.written:%d %B %Y, %H:%M} UTC",
@@ -61,7 +57,7 @@ def _render_header(folder: RunFolder) -> Markup:
     return tag(
         "header",
         tag("button", "Theme: auto", id="theme", type="button"),
-        tag("h1", folder.result.scenario),
+        tag("h1", result.scenario),
         tag("p", description, class_="description") if description else None,
         tag("p", " · ".join(fact for fact in facts if fact), class_="muted"),
     )
@@ -87,7 +83,7 @@ def _render_provenance(folder: RunFolder) -> Markup:
         ("commit", tag("code", f"{commit}{changed}") if commit else "none"),
         ("Python", origin.python or "–"),
         ("budget", origin.budget or "the estimator's own options"),
-        *((name, version) for name, version in result.versions.items()),
+        *result.versions.items(),
     ]
     return tag(
         "section",

@@ -79,11 +79,7 @@ def select_rollouts(
 
 
 def replay_stored(scenario: LoadedScenario, stored: Sequence[StoredRollout]) -> list[MonitoredRollout]:
-    """Replay rollouts in one batch and monitor them.
-
-    Raises:
-        AvrareError: The scenario cannot be built, or the tapes do not fit it.
-    """
+    """Replay rollouts in one batch and monitor them."""
     if not stored:
         return []
     if len({one.tape.shape for one in stored}) > 1:

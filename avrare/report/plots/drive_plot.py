@@ -28,21 +28,13 @@ _SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
 
 @dataclass(frozen=True)
 class Frame:
-    """One moment of one rollout.
-
-    Attributes:
-        t: Number of the step.
-        world: World of one rollout (N = 1).
-        observation: Observation of one rollout, or None.
-        prediction: Prediction of one rollout, or None.
-        plan: (H + 1, >= 2) planned x and y, or None.
-    """
+    """Step ``t`` of one rollout (N = 1) with the planned x and y (H + 1, >= 2); None: there is none."""
 
     t: int
     world: Any
-    observation: Any
-    prediction: Any
-    plan: Floats | None
+    observation: Any = None
+    prediction: Any = None
+    plan: Floats | None = None
 
 
 def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) -> list[Path]:
@@ -137,14 +129,9 @@ def _widen_limits(ax: Any, frame: Frame) -> None:
 def draw_frame(
     ax: Any, frame: Frame, scene: Scene, clock: str | None = None, marked: frozenset[str] = frozenset()
 ) -> None:
-    """Draw the vehicles of one moment.
+    """Draw the vehicles of one moment into matplotlib axes, those ``marked`` by name highlighted.
 
-    Args:
-        ax: Matplotlib axes.
-        frame: The moment.
-        scene: Names and sizes of the vehicles.
-        clock: Time [s] as text; by default the time from the start.
-        marked: Names of vehicles to highlight.
+    ``clock`` is the time [s] as text, by default that from the start.
     """
     ego, others = frame.world.ego, frame.world.others
     for v, name in enumerate(scene.names):

@@ -17,11 +17,7 @@ _FEW_DECADES = 60.0  # ratio of the ends of an axis below which ticks are drawn 
 
 
 def draw(entries: Sequence[HistoryEntry], path: Path) -> None:
-    """Draw the entries as a PNG with one panel per specification.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Draw the entries as a PNG with one panel per specification."""
     panels = list(group_series(entries))
     figure = make_figure(10.0, 0.9 + 2.6 * len(panels))
     engine: Any = figure.get_layout_engine()

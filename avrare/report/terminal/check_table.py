@@ -11,7 +11,7 @@ from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.base.errors import ExitCode
 from avrare.base.format import format_duration, format_interval, format_probability
-from avrare.report.documents.check_documents import format_change
+from avrare.report.documents.check_documents import format_numbers
 from avrare.report.terminal.console import (
     VERDICT_COLOURS,
     Mode,
@@ -73,10 +73,8 @@ def _verdict_table(outcome: CheckResult) -> Table:
     table.add_column("verdict", no_wrap=True)
     for one in outcome.decisions:
         cells = [*([one.scenario] if several else []), one.specification, one.question]
-        cells.append("-" if one.probability is None else format_probability(one.probability))
-        cells.append(format_interval(one.interval) if one.interval else "-")
-        if compared:
-            cells += ["-" if one.baseline is None else format_probability(one.baseline), format_change(one)]
+        numbers = list(format_numbers(one).values())
+        cells += numbers if compared else numbers[:2]
         table.add_row(*map(escape, cells), colour_verdict(one.verdict))
     return table
 

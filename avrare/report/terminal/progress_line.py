@@ -25,12 +25,8 @@ _PLAIN_INTERVAL = 15.0  # seconds between two lines where nothing can be redrawn
 class Progress:
     """Live lines on stderr; occasional plain lines if stderr is no terminal; or nothing.
 
-    Args:
-        label: Name of the estimate.
-        problem: Problem that is estimated; gives the meaning of levels.
-        mode: "auto": live on a terminal; "plain": lines without control characters; "quiet": nothing.
-        confidence: Confidence of the interval that is shown; None: the estimate is no share of rollouts.
-        stop: Tells whether the user asked to stop; its own message is silenced while the lines are live.
+    Without a confidence no interval is shown: the estimate is no share of rollouts. ``stop`` tells whether
+    the user asked to stop; its own message is silenced while the lines are live.
     """
 
     def __init__(
