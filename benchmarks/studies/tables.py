@@ -18,28 +18,28 @@ RESOLVABLE = 0.05
 _PAGE = """# Estimators on problems with exact answers
 
 `OMP_NUM_THREADS=1 python benchmarks/estimators.py` makes this page from independent runs of splitting, `ams`.
-Definitions and exact probabilities of the problems: `avrare.testing`, docs/testing.md.
+`avrare.testing` defines the problems and gives their exact probabilities ([testing](testing.md)).
 
 ## Bias
 
-Mean of the runs over the truth with its standard error, z, the share of runs that died out (they count as 0),
-and relative mean squared error times cost in full simulations, beside Monte Carlo's (1 - p)/p. Where the
-standard error is above {resolvable} the estimates are too skewed for a z-test at that N: listed, not judged.
+The table shows the mean of the runs over the truth with its standard error, z, the share of extinct runs (they
+count as 0), and the relative mean squared error times the cost in whole rollouts, beside Monte Carlo's (1 - p)/p.
+Where the standard error is above {resolvable}, the estimates are too skewed for a z-test at that N, and z is not given.
 
 {bias}
 
 ## Coverage
 
-{intervals:,} intervals at 95 %, each of {runs} runs: the share that holds the truth, all of them counted, and
-on which side the others lie.
+The table shows the share of {intervals:,} intervals (95 %, each of {runs} runs) that hold the truth, and on which side of
+the truth the others lie. No interval is left out.
 
 {coverage}
 
 ## Beside OpenTURNS
 
-Subset sampling of OpenTURNS (level probability {level}) and splitting, {repetitions} repetitions each at
-as many evaluations: ten runs, which is the default and gives the interval, or one larger run.
-The ratio of relative mean squared error times cost has a bootstrap interval.
+Subset sampling of OpenTURNS (level probability {level}) is compared with splitting at about the same number of
+evaluations, with {repetitions} repetitions of each. Splitting has ten runs, which is the default and gives the interval, or
+one larger run. The ratio of relative mean squared error times cost has a bootstrap interval.
 
 {peers}
 """
@@ -64,7 +64,7 @@ def _load(results: Path, cell: str) -> dict[str, np.ndarray] | None:
 
 
 def _bias(results: Path) -> Iterator[str]:
-    yield "| problem | p | N, K | runs | mean / p | z | died out | MSE x cost | Monte Carlo's |"
+    yield "| problem | p | N, K | runs | mean / p | z | extinct | MSE x cost | Monte Carlo's |"
     yield "|---|---|---|---|---|---|---|---|---|"
     for reference in reference_problems():
         for particles, discard in cells.SETTINGS:
@@ -126,7 +126,7 @@ def _peers(results: Path) -> Iterator[str]:
             both = f"{_side(ours, truth)} | {_side(theirs, truth)}"
             yield f"| {name} | {words} | {both} | {ratio:.2f} ({low:.2f} to {high:.2f}) | {goal} |"
     times = "once" if without == 1 else f"{without} times"
-    yield f"\nOpenTURNS ended {times} in an error about its variance estimate: left out."
+    yield f"\nOpenTURNS ended {times} with an error about its variance estimate; these repetitions are left out."
 
 
 def _side(data: dict[str, np.ndarray], truth: float) -> str:
