@@ -22,24 +22,26 @@ _PAGE = """# Estimators on problems with exact answers
 
 ## Bias
 
-The table shows the mean of the runs over the truth with its standard error, z, the share of extinct runs (they
-count as 0), and the relative mean squared error times the cost in whole rollouts, beside Monte Carlo's (1 - p)/p.
-Where the standard error is above {resolvable}, the estimates are too skewed for a z-test at that N, and z is not given.
+The table shows the mean of the runs over the truth with its standard error, z, the share of extinct runs
+(they count as 0), and the relative mean squared error times the cost in whole rollouts, beside Monte
+Carlo's (1 - p)/p. Where the standard error is above {resolvable}, the estimates are too skewed for a z-test
+at that N, and z is not given.
 
 {bias}
 
 ## Coverage
 
-The table shows the share of {intervals:,} intervals (95 %, each of {runs} runs) that hold the truth, and on which side of
-the truth the others lie. No interval is left out.
+The table shows the share of {intervals:,} intervals (95 %, each of {runs} runs) that hold the truth, and on
+which side of the truth the others lie. No interval is left out.
 
 {coverage}
 
 ## Beside OpenTURNS
 
-Subset sampling of OpenTURNS (level probability {level}) is compared with splitting at about the same number of
-evaluations, with {repetitions} repetitions of each. Splitting has ten runs, which is the default and gives the interval, or
-one larger run. The ratio of relative mean squared error times cost has a bootstrap interval.
+Subset sampling of OpenTURNS (level probability {level}) is compared with splitting at about the same number
+of evaluations, with {repetitions} repetitions of each. Splitting has ten runs, which is the default and
+gives the interval, or one larger run. The ratio of relative mean squared error times cost has a bootstrap
+interval.
 
 {peers}
 """
@@ -126,7 +128,7 @@ def _peers(results: Path) -> Iterator[str]:
             both = f"{_side(ours, truth)} | {_side(theirs, truth)}"
             yield f"| {name} | {words} | {both} | {ratio:.2f} ({low:.2f} to {high:.2f}) | {goal} |"
     times = "once" if without == 1 else f"{without} times"
-    yield f"\nOpenTURNS ended {times} with an error about its variance estimate; these repetitions are left out."
+    yield f"\nLeft out: OpenTURNS ended {times} with an error about its variance estimate."
 
 
 def _side(data: dict[str, np.ndarray], truth: float) -> str:
