@@ -142,7 +142,7 @@ def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int
         scenario = one.definition
         found += estimate_costs(scenario.name, one.planned_criteria, known, source, scenario.confidence)
     if args.json:
-        print(json.dumps({"schema": 1, "plan": [one.to_dict() for one in found]}))
+        print(json.dumps({"schema": 1, "plan": [vars(one) for one in found]}))
     else:
         print_plan(found, display(args))
     return int(ExitCode.PASS)

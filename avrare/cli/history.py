@@ -76,7 +76,7 @@ def _show(args: argparse.Namespace) -> None:
     if args.plot is not None:
         _plot(shown, Path(args.plot))
     if args.json:
-        print(json.dumps({"schema": 1, "entries": [entry.to_dict() for entry in shown]}))
+        print(json.dumps({"schema": 1, "entries": [vars(entry) for entry in shown]}))
     else:
         _print(shown)
 

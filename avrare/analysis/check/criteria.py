@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from avrare.analysis.check.baseline import BaselineEntry
 from avrare.analysis.check.confidence_distributions import derive_distribution
@@ -24,7 +23,7 @@ from avrare.analysis.check.melded_intervals import (
     ratio_interval,
 )
 from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Result, finite
+from avrare.estimation.result import Result
 from avrare.scenario.schema import Regression, Threshold
 
 
@@ -139,7 +138,7 @@ def find_objections(criterion: Criterion, result: Result | None) -> list[str]:
 
 @dataclass(frozen=True)
 class Decision:
-    """Verdict on one criterion, with the numbers that it rests on; intervals have its confidence."""
+    """Verdict on one criterion, with the numbers that it rests on; intervals are at the criterion's confidence."""
 
     scenario: str
     specification: str
@@ -159,10 +158,6 @@ class Decision:
     def name(self) -> str:
         """Specification and condition; unique within the scenario."""
         return f"{self.specification} {self.question}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON-ready data; infinities become null."""
-        return dict(finite(dict(vars(self))))
 
 
 def make_decision(criterion: Criterion, verdict: str, reason: str, result: Result | None) -> Decision:

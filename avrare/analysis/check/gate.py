@@ -21,7 +21,7 @@ from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, estimate_look
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.format import format_interval
-from avrare.estimation.result import Result, worst_verdict
+from avrare.estimation.result import Result, finite, worst_verdict
 from avrare.results import run_folder as rundir
 
 SCHEMA = 1
@@ -61,7 +61,7 @@ class CheckResult:
             "verdict": self.verdict,
             "exit_code": int(self.exit_code),
             "looks": self.looks,
-            "rows": [one.to_dict() for one in self.decisions],
+            "rows": [finite(vars(one)) for one in self.decisions],  # infinities become null
             "notes": list(self.notes),
             "results": [rundir.document(one.definition, self.results[one.name]) for one in targets],
         }

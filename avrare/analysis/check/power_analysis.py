@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any
 
 from avrare.analysis.check.baseline import BaselineEntry
 from avrare.analysis.check.confidence_distributions import Binomial, InverseBinomial
@@ -36,10 +35,6 @@ class CostEstimate:
     steps: int
     seconds: float  # wall time with one worker, at the speed of the earlier estimate
     reason: str  # source of the numbers, or why there are none
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON-ready data."""
-        return asdict(self)
 
 
 _Need = tuple[float | None, str]  # rollouts needed, None if unknown, and the reason

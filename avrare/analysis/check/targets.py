@@ -78,7 +78,7 @@ class CheckTarget:
 def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool) -> CheckTarget:
     """Pair a scenario with its newest baseline, if it is to be ``compared``.
 
-    UsageError if the baseline cannot be read, or is of another problem and not to be ``accept``ed.
+    UsageError if the baseline cannot be read, or is of another problem and ``accept`` is False.
     """
     baseline = read_newest(folder) if compared else None
     scenario = LoadedScenario(definition)

@@ -24,11 +24,10 @@ class Evaluation:
     fails: Bools  # (M,) the specification is violated; when passes are sought, it is satisfied
     robustness: Floats  # (M,) sign-flipped when passes are sought; +inf for errors
     score: Floats  # (M,) of the rollout, or minus the robustness unless requested; -inf for errors
-    errors: int
 
 
 class TapeEvaluator:
-    """Runs tapes in chunks, up to a budget of rollouts, and counts those that fail the first specification.
+    """Runs tapes in chunks, up to a budget of rollouts; the first specification of the problem decides.
 
     With ``seek_pass`` it looks for passes instead of failures.
     """
@@ -65,7 +64,7 @@ class TapeEvaluator:
     def __call__(self, tapes: Iterable[Floats], scored: bool = False) -> Evaluation:
         """Run tapes (steps + 1, noise_size), as many of the first as the budget allows."""
         source = islice(iter(tapes), self.remaining)
-        parts = [Evaluation(np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0), 0)]
+        parts = [Evaluation(np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0))]
         while chunk := list(islice(source, self.problem.chunk)):
             tapes = np.stack(chunk)
             parts.append(self._run(tapes, scored))
@@ -74,18 +73,17 @@ class TapeEvaluator:
             self.rollouts += len(chunk)
             if self.progress is not None:
                 self.progress(self.activity, self.rollouts)
-        errors = sum(part.errors for part in parts)
-        self.errors += errors
         fields = zip(*((part.fails, part.robustness, part.score) for part in parts), strict=True)
         fails, robustness, score = (np.concatenate(field) for field in fields)
-        return Evaluation(fails, robustness, score, errors)
+        return Evaluation(fails, robustness, score)
 
     def _run(self, tapes: Floats, scored: bool) -> Evaluation:
         noise = NoiseSource(0, self.problem.noise_size)
         outcome = self.problem.simulate(noise, Request.replay(tapes), scored=scored)
+        self.errors += int(outcome.error.sum())
         robustness, fails = outcome.robustness[:, 0], outcome.violated[:, 0]
         if self.seek_pass:
             robustness, fails = -robustness, ~fails & ~outcome.error
         robustness = np.where(outcome.error, np.inf, robustness)
         score = np.where(outcome.error, -np.inf, outcome.scores[:, -1]) if scored else -robustness
-        return Evaluation(fails, robustness, score, int(outcome.error.sum()))
+        return Evaluation(fails, robustness, score)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
@@ -48,10 +48,6 @@ class HistoryEntry:
     def commit(self) -> str:
         """Short commit, with a star for uncommitted changes."""
         return f"{self.revision[:10] or 'no commit'}{'*' if self.changed else ''}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return JSON-ready data."""
-        return asdict(self)
 
 
 def read_entries(folder: Path) -> list[HistoryEntry]:

@@ -50,7 +50,7 @@ class HistoryStore:
         places = ", ".join(f":{name}" for name in _NAMES)
         statement = f"INSERT INTO {_TABLE} ({', '.join(_NAMES)}) VALUES ({places})"
         return sum(
-            self._connection.insert(statement, entry.to_dict() | {"changed": int(entry.changed)})
+            self._connection.insert(statement, vars(entry) | {"changed": int(entry.changed)})
             for entry in entries
             if not self._connection.run(f"SELECT id FROM {_TABLE} WHERE id = :id", {"id": entry.id})
         )
