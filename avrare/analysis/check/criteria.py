@@ -138,7 +138,7 @@ def find_objections(criterion: Criterion, result: Result | None) -> list[str]:
 
 @dataclass(frozen=True)
 class Decision:
-    """Verdict on one criterion, with the numbers that it rests on; intervals are at the criterion's confidence."""
+    """Verdict on one criterion, with the numbers that it rests on, at the confidence of the criterion."""
 
     scenario: str
     specification: str
