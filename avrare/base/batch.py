@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -84,26 +84,18 @@ def separated(state: State) -> State:
 
 def leaves(state: Any) -> list[NDArray[Any]]:
     """Return all array leaves of a state, in a fixed order."""
-    if isinstance(state, np.ndarray):
-        return [state]
-    if isinstance(state, dict):
-        parts: Iterable[Any] = state.values()
-    elif isinstance(state, tuple):
-        parts = state
-    elif isinstance(state, _SHARED):
-        return []
-    else:
-        kind: Any = type(state)
-        parts = (getattr(state, name) for name in _fields(kind))
-    return [leaf for part in parts for leaf in leaves(part)]
+    found: list[NDArray[Any]] = []
+
+    def collect(leaf: NDArray[Any]) -> NDArray[Any]:
+        found.append(leaf)
+        return leaf
+
+    _map(collect, None, [state])
+    return found
 
 
 def size(state: Any) -> int:
-    """Return the number of particles N of a batch.
-
-    Raises:
-        UsageError: The state holds no array, or its leaves disagree on N.
-    """
+    """Return the number of particles N of a batch, on which all its arrays must agree."""
     counts = {len(leaf) for leaf in leaves(state)}
     if len(counts) != 1:
         raise UsageError(

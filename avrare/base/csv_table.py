@@ -15,19 +15,12 @@ from avrare.base.errors import UsageError
 
 @dataclass(frozen=True)
 class CsvTable:
-    """A CSV file as text.
+    """A CSV file as text; cells that do not hold what is asked for raise a ``UsageError``."""
 
-    Attributes:
-        path: Path of the file, as the user wrote it.
-        header_line: Line number of the header.
-        names: Names of the columns.
-        rows: (line number, cells) of each row.
-    """
-
-    path: str
+    path: str  # as the user wrote it
     header_line: int
     names: tuple[str, ...]
-    rows: tuple[tuple[int, tuple[str, ...]], ...]
+    rows: tuple[tuple[int, tuple[str, ...]], ...]  # line number and cells of each
 
     @property
     def header(self) -> str:
@@ -43,11 +36,7 @@ class CsvTable:
         return self.rows[row][1][self.names.index(name)]
 
     def check_rows(self) -> None:
-        """Check that there are rows, all as long as the header.
-
-        Raises:
-            UsageError: There are none, or a row has another length.
-        """
+        """Check that there are rows, all as long as the header."""
         for line, cells in self.rows:
             if len(cells) != len(self.names):
                 raise UsageError(
@@ -57,28 +46,21 @@ class CsvTable:
             raise UsageError(f"{self.path}: there are no rows below the header")
 
     def parse(self, row: int, name: str) -> float:
-        """Return the number in a cell, NaN where the cell is empty.
-
-        Raises:
-            UsageError: The cell holds something else.
-        """
-        return self._parse(row, self.names.index(name))
+        """Return the number in a cell, NaN where the cell is empty."""
+        text = self.cell(row, name)
+        if not text:
+            return math.nan
+        try:
+            return float(text.replace("_", "?"))  # Python would accept 1_000
+        except ValueError:
+            raise UsageError(f"{self.position(row, name)}: should be a number, found {text!r}") from None
 
     def parse_column(self, name: str) -> NDArray[np.float64]:
-        """Return a column (n,) as numbers, NaN where the cell is empty.
-
-        Raises:
-            UsageError: A cell holds something else.
-        """
-        column = self.names.index(name)
-        return np.array([self._parse(row, column) for row in range(len(self.rows))], dtype=np.float64)
+        """Return a column (n,) as numbers, NaN where the cell is empty."""
+        return np.array([self.parse(row, name) for row in range(len(self.rows))], dtype=np.float64)
 
     def number(self, row: int, name: str) -> float:
-        """Return the number in a cell, which may be infinite but not NaN.
-
-        Raises:
-            UsageError: The cell is empty or holds something else.
-        """
+        """Return the number in a cell, which may be infinite but not NaN."""
         value = self.parse(row, name)
         if not math.isnan(value):
             return value
@@ -88,39 +70,17 @@ class CsvTable:
         raise UsageError(f"{where}: NaN is not a valid sample", "leave out what was not recorded")
 
     def finite(self, row: int, name: str) -> float:
-        """Return the finite number in a cell.
-
-        Raises:
-            UsageError: The cell is empty or holds something else.
-        """
+        """Return the finite number in a cell."""
         value = self.number(row, name)
         if math.isinf(value):
             raise UsageError(f"{self.position(row, name)}: should be finite, found {value}")
         return value
 
-    def _parse(self, row: int, column: int) -> float:
-        text = self.rows[row][1][column]
-        if not text:
-            return math.nan
-        try:
-            return float(text.replace("_", "?"))  # Python would accept 1_000
-        except ValueError:
-            where = self.position(row, self.names[column])
-            raise UsageError(f"{where}: should be a number, found {text!r}") from None
-
 
 def read_csv_table(path: str | Path, *, missing: str | None = None, empty: str | None = None) -> CsvTable:
-    """Read a CSV file: commas, a header line, UTF-8 with or without a byte order mark.
+    """Read a CSV file: commas, a header line, UTF-8 with or without a byte order mark; skip blank lines.
 
-    Blank lines are skipped.
-
-    Args:
-        path: The file.
-        missing: Hint if there is no such file.
-        empty: Hint if the file is empty.
-
-    Raises:
-        UsageError: The file cannot be read, is not CSV, or is empty.
+    ``missing`` and ``empty`` are hints for a file that does not exist or holds nothing.
     """
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:

@@ -101,12 +101,7 @@ class PluginError(AvrareError):
 
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str | None:
-    """Return a hint with the closest candidate, or with all of them if there are few, or None.
-
-    Args:
-        word: Unknown word of the user.
-        candidates: Valid words.
-    """
+    """Return a hint with the closest candidate, or with all of them if there are few, or None."""
     known = sorted(set(candidates))
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     if close:

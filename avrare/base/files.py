@@ -22,15 +22,7 @@ class LockHeld(Exception):
 
 
 def ensure_writable(folder: Path, option: str) -> None:
-    """Make a folder and check that it can be written to, before work that would be lost otherwise.
-
-    Args:
-        folder: Folder of the results.
-        option: Option that named it, for the hint.
-
-    Raises:
-        UsageError: The folder cannot be made or written to.
-    """
+    """Make a folder of results and check that it can be written to; ``option`` of the command named it."""
     with explain_file_errors(f"{folder}: cannot write", f"choose another {option}"):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -49,25 +41,12 @@ def explain_file_errors(
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, completely or not at all.
-
-    Raises:
-        OSError: The folder cannot be written to.
-    """
+    """Write a text file in UTF-8, completely or not at all."""
     write_atomic(path, text.encode("utf-8"))
 
 
 def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
-    """Write a file completely or not at all.
-
-    Args:
-        path: Path of the file.
-        content: The complete content.
-        durable: Return only once the file would survive a loss of power.
-
-    Raises:
-        OSError: The folder cannot be written to.
-    """
+    """Write a file completely or not at all; ``durable``: return once it would survive a loss of power."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -90,13 +69,9 @@ def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
 
 @contextmanager
 def exclusive_lock(path: Path) -> Iterator[None]:
-    """Hold the lock of an existing file; it ends with the process, however that ends.
+    """Hold the lock of an existing file, which ends with the process; raise ``LockHeld`` if another has it.
 
     A file system without locks keeps nobody out.
-
-    Raises:
-        OSError: The file cannot be opened.
-        LockHeld: Another process, or another holder in this one, has the lock.
     """
     with path.open("r+b") as file:
         if fcntl is not None:

@@ -47,11 +47,7 @@ MESSAGES = {
 
 
 def check_names(suppress: Collection[str]) -> None:
-    """Check that the warnings of these names may be suppressed.
-
-    Raises:
-        UsageError: There is no such warning, or it cannot be suppressed.
-    """
+    """Check that the warnings of these names may be suppressed."""
     for name in suppress:
         if name not in MESSAGES:
             raise UsageError(f"there is no health warning {name!r}", did_you_mean(name, MESSAGES))

@@ -23,7 +23,7 @@ MOVED = {
     "avrare.build.stack": "avrare.stack.builder",
     "avrare.build.weighted": "avrare.rollout.weighted_problem",
     "avrare.errors": "avrare.base.errors",
-    "avrare.estimation.checks": "avrare.estimation.result_checks",
+    "avrare.estimation.checks": "avrare.estimation.result_builder",
     "avrare.estimation.montecarlo": "avrare.estimation.monte_carlo",
     "avrare.estimation.sequential": "avrare.estimation.stopping_rules",
     "avrare.execute": "avrare.rollout.executors",

@@ -172,7 +172,7 @@ def _list_problems() -> int:
 def _compare_versions(args: argparse.Namespace) -> Any:
     from avrare.analysis.compare.paired import PairedComparison, compare_pairs
     from avrare.report.terminal.progress_line import Progress
-    from avrare.rollout.executors.build import build_executor
+    from avrare.rollout.executors.work import build_executor
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.scenario.load import load
 

@@ -60,7 +60,7 @@ def refuse_overwrite(out: Path, summary: str, names: Sequence[str]) -> None:
     Raises:
         UsageError: ``out`` contains ``summary``, a result of a scenario, or an interrupted run.
     """
-    from avrare.estimation.checkpoint.store import FOLDER, Checkpoint, read_index
+    from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index
 
     hint = "choose another --out, or remove it"
     if read_index(out / FOLDER) is not None and Checkpoint(out / FOLDER, {}).chunks:

@@ -142,7 +142,7 @@ def _overrides(args: argparse.Namespace) -> list[str]:
 def _run_all(
     pairs: Iterable[tuple[Any, Path]], args: argparse.Namespace, budget: Any, checkpoint: Any
 ) -> list[dict[str, Any]]:
-    from avrare.estimation.checkpoint.store import SaveError
+    from avrare.estimation.checkpoint import SaveError
     from avrare.rollout.executors.in_flight import WorkerDied
     from avrare.rollout.executors.interruption import Stopping
 
@@ -210,9 +210,9 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
 
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
-    from avrare.estimation.scenario_estimates import estimate_specifications
+    from avrare.estimation.estimate import estimate_specifications
     from avrare.report.terminal.progress_line import Progress
-    from avrare.rollout.executors.build import build_executor
+    from avrare.rollout.executors.work import build_executor
 
     definition = scenario.definition
     confidence = definition.confidence if definition.estimator.plugin == "mc" else None

@@ -36,11 +36,7 @@ class Budget:
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:
-        """Return the budget that "steps=1e6", {"steps": 1e6} or a ``Budget`` stands for, None for None.
-
-        Raises:
-            UsageError: ``value`` is none of these.
-        """
+        """Return the budget that "steps=1e6", {"steps": 1e6} or a ``Budget`` stands for, None for None."""
         if value is None or isinstance(value, Budget):
             return value
         if isinstance(value, str):

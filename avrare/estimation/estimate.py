@@ -1,24 +1,26 @@
-"""The public function ``avrare.estimate``."""
+"""The public function ``avrare.estimate``, and the estimates of a scenario's specifications."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from avrare.base import version
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint.store import Checkpoint
-from avrare.estimation.loop import Settings, run
-from avrare.estimation.plan import Estimator
+from avrare.estimation.checkpoint import Checkpoint
+from avrare.estimation.loop import Progress, Settings, run
+from avrare.estimation.plan import Estimator, Journal
 from avrare.estimation.result import Result
 from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
-from avrare.rollout.executors.build import build_executor
+from avrare.rollout.executors.work import Executor, build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.validation import check_options
 
@@ -109,3 +111,44 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     return getattr(value, "__qualname__", type(value).__qualname__)
+
+
+Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
+"""Called with a label and a problem as each estimate begins; gives its progress display."""
+
+
+def estimate_specifications(
+    scenario: LoadedScenario,
+    specifications: Sequence[str],
+    budget: Budget | None,
+    start_executor: Callable[[], Executor],
+    watch: Watch,
+    *,
+    seed: int | None = None,
+    note: str = "",
+    journal: Callable[[str], Journal] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> list[Result]:
+    """Estimate specifications in one pass where the estimator can, else one after the other.
+
+    ``seed`` replaces the scenario's, ``note`` is added to the label of each estimate, ``journal`` gives the
+    journal of an estimate by its first specification, and ``stop`` is as in ``run``.
+    """
+    definition, estimator = scenario.definition, scenario.estimator()
+    settings = Settings(
+        definition.seed if seed is None else seed,
+        definition.confidence,
+        budget,
+        definition.max_error_rate,
+        definition.suppress,
+        replay=True,
+    )
+    results = []
+    for group in [(name,) for name in specifications] if estimator.single else [tuple(specifications)]:
+        problem = scenario.problem(group)
+        label = group[0] if len(group) == 1 else f"{definition.name} ({len(group)} specifications)"
+        saved = journal(group[0]) if journal is not None else None
+        executor = start_executor()
+        with watch(f"{label}{note}  {estimator.name}", problem) as progress:
+            results += run(problem, estimator, executor, settings, progress, saved, stop)
+    return results

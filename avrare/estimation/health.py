@@ -34,26 +34,14 @@ def check_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[
 
 
 def check_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
-    """Return a warning when most levels discard many more particles than requested.
-
-    Args:
-        discarded: Particles discarded at each level of each run.
-        discard: K, particles to discard at a level.
-        particles: N, particles of a run.
-    """
+    """Return a warning when most levels, of all runs, discard many more particles than ``discard``."""
     if not discarded or (typical := median(discarded)) <= MOST_TIES * discard:
         return {}
     return warn("ties", share=typical / particles, discard=discard)
 
 
 def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
-    """Return the warnings on independent splitting runs.
-
-    Args:
-        values: Run probabilities.
-        extinct: Number of runs that died out.
-        roots: Number of first particles that the survivors of each run descend from.
-    """
+    """Return the warnings on splitting runs; ``roots``: first particles whose descendants survive."""
     runs = len(values)
     found = warn("single_run") if runs == 1 else {}
     if not any(values):

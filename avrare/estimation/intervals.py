@@ -1,4 +1,4 @@
-"""Confidence intervals of a probability."""
+"""Confidence intervals of a probability; where there were errors, the upper bound counts them as failures."""
 
 from __future__ import annotations
 
@@ -17,14 +17,7 @@ def unknown(confidence: float) -> Interval:
 
 
 def clopper_pearson(failures: int, trials: int, confidence: float, errors: int = 0) -> Interval:
-    """Return the exact binomial interval (Clopper and Pearson 1934); one-sided at 0 or ``trials`` failures.
-
-    Args:
-        failures: Number of failures.
-        trials: Number of rollouts.
-        confidence: Level of the interval, in (0, 1).
-        errors: Number of errors: the upper bound counts them as failures.
-    """
+    """Return the exact binomial interval (Clopper and Pearson 1934), one-sided at 0 and at all failures."""
     tail = 1.0 - confidence
     lower_tail = tail if failures == trials else tail / 2.0
     worst = failures + errors
@@ -52,14 +45,9 @@ def mixture(around: float) -> tuple[float, float]:
 
 
 def anytime(failures: int, trials: int, confidence: float, errors: int = 0, *, around: float) -> Interval:
-    """Return an interval valid after all rollouts at once (beta-mixture confidence sequence, Robbins 1970).
+    """Return an interval valid after all rollouts at once, tightest for probabilities near ``around``.
 
-    Args:
-        failures: Number of failures.
-        trials: Number of rollouts.
-        confidence: Level of the whole sequence, in (0, 1).
-        errors: Number of errors: the upper bound counts them as failures.
-        around: Probability near which the sequence is tightest.
+    It is a beta-mixture confidence sequence (Robbins 1970).
     """
     _, b = mixture(around)
     least = -math.log(1.0 - confidence)
@@ -91,12 +79,7 @@ def log_normal(
 ) -> Interval:
     """Return mean * exp(+-factor * sqrt(log(1 + relative variance))) ("t delta-log", docs/statistics.md).
 
-    Args:
-        mean: Estimate, positive.
-        relative_variance: Variance of the estimate over its square.
-        confidence: Level of the interval, in (0, 1).
-        freedom: Degrees of freedom of Student's t, runs - 1; 0: the variance counts as known.
-        errors: Share of errors: the upper bound counts them as failures.
+    ``freedom`` is that of Student's t, runs - 1; 0: the variance counts as known. ``errors`` is a share.
     """
     factor = t_factor(confidence, freedom) if freedom else normal_factor(confidence)
     width = min(factor * math.sqrt(math.log1p(relative_variance)), _WIDEST)

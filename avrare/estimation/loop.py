@@ -14,10 +14,9 @@ from avrare.base.health_messages import check_names
 from avrare.estimation.budget import Budget
 from avrare.estimation.plan import Estimator, Info, Journal, Plan
 from avrare.estimation.result import Result
-from avrare.estimation.result_checks import examined
+from avrare.estimation.result_builder import examined
 from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
-from avrare.rollout.executors.replay_check import check_reproduces
-from avrare.rollout.executors.work import Executor, Work
+from avrare.rollout.executors.work import Executor, Work, check_reproduces
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -54,22 +53,8 @@ def run(
 ) -> list[Result]:  # fmt: skip
     """Estimate the failure probability of every specification of ``problem``.
 
-    An estimator with ``prepare(problem) -> problem`` may replace the problem; one with ``needs``
-    (``avrare.worlds.capabilities``) is refused where a simulator lacks them.
-
-    Args:
-        problem: Problem to estimate.
-        estimator: Estimator, in its initial state.
-        executor: Executor of the chunks.
-        settings: Settings that all estimators share.
-        progress: Called after every chunk.
-        journal: Store of outcomes; chunks that it holds are not run again.
-        stop: Called before every chunk; no other chunk begins once it returns True.
-
-    Raises:
-        UsageError: The estimator takes one specification and the problem has several; or the system does not
-            reproduce what the journal holds.
-        Interrupted: ``stop`` returned True before the end.
+    ``progress`` is called after every chunk. Chunks that ``journal`` holds are not run again. ``stop`` is
+    called before every chunk: once it returns True, none begins and ``Interrupted`` is raised.
     """
     given = problem
     problem, plan = planned(given, estimator, settings)
@@ -89,11 +74,7 @@ def run(
 
 
 def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
-    """Prepare the problem and the plan; run nothing.
-
-    Raises:
-        UsageError: The settings are invalid, or the estimator cannot take the problem.
-    """
+    """Prepare the problem and the plan; run nothing."""
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
     check_names(settings.suppress)

@@ -14,10 +14,10 @@ from avrare.estimation import health, intervals
 from avrare.estimation.config import McConfig
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import FAILURE_LIMIT, Failures, Result, Worst
-from avrare.estimation.result_builder import Tally, build_result, missing_worst
+from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.estimation.stopping_rules import AtFailures, AtThreshold, Stopping
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import Request, Rollouts, total_counts
+from avrare.rollout.request import Request, Rollouts
 
 _STAGE_CHUNKS = 8
 """Chunks of a stage."""
@@ -36,21 +36,13 @@ def build(config: McConfig, scene: object | None = None) -> MonteCarlo:
 
 @dataclass(frozen=True)
 class McState:
-    """State of Monte Carlo.
-
-    Attributes:
-        plan: Task of the estimator.
-        total: Rollouts to run, over all runs.
-        per_run: Rollouts of one run.
-        parts: Outcomes of the stages so far, in order.
-        info: Totals of ``parts``.
-    """
+    """State of Monte Carlo."""
 
     plan: Plan
-    total: int
-    per_run: int
-    parts: tuple[Rollouts, ...]
-    info: Info
+    total: int  # rollouts to run, over all runs
+    per_run: int  # rollouts of one run
+    parts: tuple[Rollouts, ...]  # outcomes of the stages so far, in order
+    info: Info  # totals of the parts
 
 
 class MonteCarlo:
@@ -102,10 +94,10 @@ class MonteCarlo:
         return [self._result(state, outcome, column) for column in range(len(state.plan.names))]
 
     def _result(self, state: McState, outcome: Rollouts, column: int) -> Result:
-        plan, paid = state.plan, len(outcome.error)
+        plan = state.plan
         stopping = self._stopping(plan)
         stop = stopping.at(outcome.violated[:, column], outcome.error) if stopping else 0
-        used = slice(0, stop or paid)
+        used = slice(0, stop or len(outcome.error))
         violated, error = outcome.violated[used, column], outcome.error[used]
         trials, failures, errors = len(error), int(violated.sum()), int(error.sum())
         values = self._run_probabilities(state, violated)
@@ -118,9 +110,8 @@ class MonteCarlo:
             warnings |= health.warn("all_failed")
         interval = stopping.interval(stop) if stopping else intervals.clopper_pearson
         known = probability > 0.0
-        tally = Tally(paid, outcome.simulated_steps, failures, errors, tuple(total_counts([outcome]).items()))
         return build_result(
-            plan, self.name, tally, values,
+            plan, self.name, replace(state.info, errors=errors), values,
             interval_at=partial(interval, failures, trials, errors=errors),
             relative_error=math.sqrt((1 - probability) / (probability * trials)) if known else math.nan,
             health=warnings,

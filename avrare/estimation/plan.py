@@ -12,6 +12,8 @@ from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts, total_counts
 
+_MAX_MESSAGES = 5
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -38,7 +40,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Info:
-    """Progress of an estimate; None where a field does not apply.
+    """Totals and progress of an estimate; None where a field does not apply.
 
     Attributes:
         stage: Stages done.
@@ -46,11 +48,13 @@ class Info:
         probability: Estimate so far.
         survivors: Particles that survived the last level.
         particles: Number of particles.
-        rollouts: Rollouts done.
+        rollouts: Rollouts done: starts and branches, each counted as one.
+        steps: Simulated steps.
         failures: Failing rollouts.
         errors: Rollouts that ended in an error.
         goal: Rollouts planned, where known.
         counts: The system's counters, summed.
+        messages: The first error messages.
     """
 
     stage: int = 0
@@ -59,10 +63,12 @@ class Info:
     survivors: int | None = None
     particles: int | None = None
     rollouts: int = 0
+    steps: int = 0
     failures: int = 0
     errors: int = 0
     goal: int | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
 
     def plus(self, outcome: Rollouts) -> Info:
         """Return the progress after more rollouts."""
@@ -71,9 +77,11 @@ class Info:
         return replace(
             self,
             rollouts=self.rollouts + len(outcome.error),
+            steps=self.steps + outcome.simulated_steps,
             failures=self.failures + int(outcome.violated.any(axis=1).sum()),
             errors=self.errors + int(outcome.error.sum()),
             counts={name: self.counts.get(name, 0) + new.get(name, 0) for name in names},
+            messages=(*self.messages, *outcome.messages)[:_MAX_MESSAGES],
         )
 
 
@@ -90,15 +98,7 @@ class Journal(Protocol):
     """
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
-        """Return the outcome of a chunk and the seconds that had passed by then; None where it is not stored.
-
-        Raises:
-            AvrareError: Something else is stored in its place.
-        """
+        """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
-        """Store the outcome of chunk number ``index`` of a stage.
-
-        Raises:
-            AvrareError: It cannot be stored.
-        """
+        """Store the outcome of chunk number ``index`` of a stage."""

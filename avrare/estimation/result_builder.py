@@ -1,59 +1,28 @@
-"""Assembly of a ``Result`` from what an estimator has computed, the same for every estimator."""
+"""Results: assembly from what an estimator has computed, and the health checks that need the problem."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from avrare.estimation.plan import Plan
+from avrare.estimation import health
+from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Interval, Result, Worst
-from avrare.protocols import Floats
-from avrare.rollout.request import Rollouts, total_counts
+from avrare.logic.formula import find_formula
+from avrare.logic.syntax.nodes import bounded_span
+from avrare.protocols import Floats, find_notes
+from avrare.rollout.problem import Problem
 
-_MAX_MESSAGES = 5
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Totals over all stages of an estimate.
-
-    Attributes:
-        rollouts: Starts and branches, each counted as one.
-        steps: Simulated steps.
-        failures: Failing rollouts.
-        errors: Rollouts that ended in an error.
-        counts: Names and values of the system's counters.
-        messages: The first error messages.
-    """
-
-    rollouts: int = 0
-    steps: int = 0
-    failures: int = 0
-    errors: int = 0
-    counts: tuple[tuple[str, int], ...] = ()
-    messages: tuple[str, ...] = ()
-
-    def plus(self, outcome: Rollouts) -> Tally:
-        """Return the totals with one more stage."""
-        counts = dict(self.counts)
-        for name, value in total_counts([outcome]).items():
-            counts[name] = counts.get(name, 0) + value
-        return Tally(
-            self.rollouts + len(outcome.error),
-            self.steps + outcome.simulated_steps,
-            self.failures + int(outcome.violated.sum()),
-            self.errors + int(outcome.error.sum()),
-            tuple(sorted(counts.items())),
-            (*self.messages, *outcome.messages)[:_MAX_MESSAGES],
-        )
+_FALLBACK = "fallback_solves"
+_MAX_FALLBACKS = 0.01
 
 
 def build_result(
-    plan: Plan, estimator: str, tally: Tally, run_probabilities: Floats, *,
+    plan: Plan, estimator: str, total: Info, run_probabilities: Floats, *,
     interval_at: Callable[[float], Interval], relative_error: float, health: dict[str, str],
     failures: Failures, worst: Worst, robustness: Floats, column: int = 0, relation: str = "violated",
     diagnostics: Mapping[str, Any] | None = None,
@@ -70,14 +39,14 @@ def build_result(
         confidence=plan.confidence,
         run_probabilities=run_probabilities,
         relative_error=relative_error,
-        rollouts=tally.rollouts,
-        simulated_steps=tally.steps,
-        errors=tally.errors,
+        rollouts=total.rollouts,
+        simulated_steps=total.steps,
+        errors=total.errors,
         health=health,
         failures=failures,
         worst=worst,
         robustness=robustness,
-        counts=dict(tally.counts),
+        counts=dict(total.counts),
         relation=relation,
         diagnostics=dict(diagnostics or {}),
     )
@@ -86,3 +55,47 @@ def build_result(
 def missing_worst(plan: Plan) -> Worst:
     """Return the least robust rollout of an estimate in which every rollout ended in an error."""
     return Worst(np.zeros((plan.steps + 1, plan.noise.noise_size)), math.nan)
+
+
+def examined(
+    problem: Problem, result: Result, column: int, *, replay: bool, suppress: Collection[str]
+) -> Result:
+    """Add the warnings that need the problem to the result of specification number ``column``.
+
+    Among them are the ``notes`` of a simulator; ``replay``: run the least robust rollout again and compare.
+    """
+    found = {
+        **result.health,
+        **find_notes(problem.system),
+        **_horizon(problem, column),
+        **_solver(result.counts),
+    }
+    if replay:
+        found |= _determinism(problem, result, column)
+    return replace(result, health={name: text for name, text in found.items() if name not in suppress})
+
+
+def _horizon(problem: Problem, column: int) -> dict[str, str]:
+    formula = find_formula(problem.monitors[column])
+    span = bounded_span(formula.node) if formula is not None else 0
+    if span <= problem.steps:
+        return {}
+    return health.warn("horizon_short", horizon=span, steps=problem.steps)
+
+
+def _solver(counts: Mapping[str, int]) -> dict[str, str]:
+    solves, fallbacks = counts.get("solves", 0), counts.get(_FALLBACK, 0)
+    if fallbacks <= _MAX_FALLBACKS * solves:
+        return {}
+    return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
+
+
+def _determinism(problem: Problem, result: Result, column: int) -> dict[str, str]:
+    first: float = result.worst.robustness
+    if math.isnan(first):
+        return {}
+    again: Any = problem.replay(result.worst.noise[None])
+    value = math.nan if again.error[0] else float(again.robustness[0, column])
+    if np.array_equal(first, value):
+        return {}
+    return health.warn("not_deterministic", first=first, again=value)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.checkpoint.store import SCENARIO
+from avrare.estimation.checkpoint import SCENARIO
 from avrare.estimation.result import Failures
 from avrare.results.stored_rollouts import RUN_AGAIN, RolloutSample, read_failures, read_rollouts
 

@@ -11,7 +11,7 @@ from typing import Any
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.files import explain_file_errors, write_atomic
 from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint.store import FOLDER, SCENARIO, Checkpoint, read_index
+from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
 from avrare.results.reader import RunFolder, read_run_folder
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load

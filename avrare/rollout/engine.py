@@ -46,19 +46,9 @@ def simulate(
     *,
     scored: bool = True,
 ) -> Rollouts:
-    """Run the rows of ``request`` to step ``steps`` or to their breakdown.
+    """Run the rows of ``request`` to step ``steps`` or to their breakdown; the first specification scores.
 
-    Args:
-        system: System to advance.
-        specifications: Specifications to monitor; the first one gives the score.
-        steps: Last step.
-        noise: Source of the noise tapes.
-        request: Rows to run.
-        scored: Return the score of every step too.
-
-    Raises:
-        UsageError: The system cannot draw from the request's law, returns arrays of a wrong shape, or breaks
-            down on the way to a carry that it has reached before.
+    ``scored=False`` leaves out the score of every step.
     """
     if request.law is not None:
         system = _draw_under(system, request.law)

@@ -70,11 +70,7 @@ class LoadedScenario:
         return self.stack.scene
 
     def problem(self, specification: str | Sequence[str]) -> Problem:
-        """Build the problem of one specification, or of several to monitor in one pass.
-
-        Raises:
-            UsageError: There is no such specification.
-        """
+        """Build the problem of one specification, or of several to monitor in one pass."""
         names = (specification,) if isinstance(specification, str) else tuple(specification)
         for name in names:
             if name not in self.definition.specifications:

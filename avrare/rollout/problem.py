@@ -108,11 +108,7 @@ class Problem:
         return simulate(self.system, specifications, self.steps, noise, request, scored=scored)
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
-        """Run given noise (N, steps + 1, noise_size).
-
-        Raises:
-            UsageError: The tape has another shape.
-        """
+        """Run given noise (N, steps + 1, noise_size)."""
         tape = np.asarray(tape, dtype=np.float64)
         expected = (self.steps + 1, self.noise_size)
         if tape.ndim != 3 or tape.shape[1:] != expected:

@@ -46,20 +46,12 @@ class ReplayedRollout:
 
 
 def replay_tape(problem: Problem, tape: Floats) -> ReplayedRollout:
-    """Replay one noise tape (steps + 1, noise_size).
-
-    Raises:
-        UsageError: The tape has another shape.
-    """
+    """Replay one noise tape (steps + 1, noise_size)."""
     return replay_tapes(problem, tape[None])[0]
 
 
 def replay_tapes(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
-    """Replay noise tapes (N, steps + 1, noise_size) in batches.
-
-    Raises:
-        UsageError: The tapes have another shape.
-    """
+    """Replay noise tapes (N, steps + 1, noise_size) in batches."""
     rows = max(_ROW_STEPS // (problem.steps + 1), 1)
     parts = [_replay_batch(problem, tapes[begin : begin + rows]) for begin in range(0, len(tapes), rows)]
     return [rollout for part in parts for rollout in part]

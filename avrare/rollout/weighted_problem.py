@@ -78,12 +78,7 @@ def _check_memoryless(perception: Any) -> None:
 
 
 def check_proposal(options: Mapping[str, Any]) -> Block:
-    """Check a perception block ``{"plugin": name, ...}`` without building anything.
-
-    Raises:
-        UsageError: The options do not fit.
-        PluginError: No plugin provides it.
-    """
+    """Check a perception block ``{"plugin": name, ...}`` without building anything."""
     name = str(options.get("plugin"))
     component = default_registry().require(_KIND, name)
     given = {key: value for key, value in options.items() if key != "plugin"}

@@ -346,7 +346,7 @@ def test_a_former_result_is_not_written_over(drive, capsys):
 
 
 def test_an_interrupted_run_is_not_written_over(drive, monkeypatch, capsys):
-    from avrare.estimation.checkpoint.store import Checkpoint
+    from avrare.estimation.checkpoint import Checkpoint
 
     monkeypatch.setattr(Checkpoint, "remove", lambda self: None)  # as if it had been killed at its end
     assert main(["run", drive(BOUND % 0.1), "--quiet", "--out", "results"]) == 0

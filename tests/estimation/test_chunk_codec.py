@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare.estimation.checkpoint.chunk_codec import decode, decode_seconds, digest, encode
+from avrare.estimation.checkpoint import decode, decode_seconds, digest, encode
 from avrare.rollout.request import Request, Rollouts
 
 OUTCOME = Rollouts(

@@ -9,7 +9,7 @@ import avrare
 from avrare.base.errors import Interrupted
 from avrare.estimation import loop
 from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint.store import Checkpoint
+from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo

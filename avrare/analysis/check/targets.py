@@ -17,9 +17,9 @@ from avrare.analysis.check.baseline import (
 from avrare.analysis.check.criteria import Criterion
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
+from avrare.estimation.estimate import Watch, estimate_specifications
 from avrare.estimation.result import Result
-from avrare.estimation.scenario_estimates import Watch, estimate_specifications
-from avrare.rollout.executors.build import build_executor
+from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import changed_files, digests
 from avrare.scenario.schema import Regression, Scenario

@@ -13,7 +13,7 @@ from avrare.estimation.loop import Progress, Settings, prepare_problem, run
 from avrare.estimation.plan import Plan
 from avrare.estimation.result import Interval, Result
 from avrare.plugin.registry import default_registry
-from avrare.rollout.executors.build import build_executor
+from avrare.rollout.executors.work import build_executor
 from avrare.rollout.noise import NoiseSource
 
 StudyWatch = Callable[[str], Progress]

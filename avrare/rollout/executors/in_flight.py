@@ -36,22 +36,14 @@ class Ticket(Protocol):
         """Return True once there is an outcome, or can be none."""
 
     def result(self) -> Rollouts:
-        """Wait for the outcome and return it.
-
-        Raises:
-            WorkerLost: The worker died.
-        """
+        """Wait for the outcome and return it; raise ``WorkerLost`` if the worker died."""
 
 
 class Crew(Protocol):
     """Group of workers that run chunks."""
 
     def submit(self, chunk: Request) -> Ticket:
-        """Give a chunk to a worker.
-
-        Raises:
-            WorkerLost: No worker is left.
-        """
+        """Give a chunk to a worker; raise ``WorkerLost`` if none is left."""
 
     def replace_lost(self) -> None:
         """Start workers in place of those that died."""
@@ -65,12 +57,7 @@ class _Flight:
 
 
 class Window:
-    """Ordered map over chunks with at most ``size`` of them in flight.
-
-    Args:
-        crew: Workers.
-        size: Greatest number of chunks in flight.
-    """
+    """Ordered map over chunks with at most ``size`` of them in flight."""
 
     def __init__(self, crew: Crew, size: int) -> None:
         self.crew, self.size = crew, size
@@ -83,11 +70,7 @@ class Window:
         return any(flight.ticket is not None and not flight.ticket.done() for flight in self._flights)
 
     def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
-        """Yield outcomes in the order of the chunks, taking a chunk when there is room for it.
-
-        Raises:
-            WorkerDied: Workers died too often on the same chunk.
-        """
+        """Yield outcomes in the order of the chunks, taking a chunk when there is room for it."""
         source, flights = iter(chunks), self._flights
         while True:
             flights.extend(_Flight(chunk) for chunk in islice(source, max(self.size - len(flights), 0)))

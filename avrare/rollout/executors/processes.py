@@ -53,11 +53,7 @@ class ProcessExecutor:
         return self._window.restarts
 
     def open(self, work: Work) -> None:
-        """Start the workers.
-
-        Raises:
-            UsageError: The problem cannot be sent to another process.
-        """
+        """Start the workers."""
         self._payload = pickle_work(work)
         # Workers start with the first chunk and read these before any of our code runs in them.
         self._added_variables = [name for name in _ONE_THREAD if name not in os.environ]
@@ -65,11 +61,7 @@ class ProcessExecutor:
         self._pool = self._fresh_pool()
 
     def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
-        """Yield outcomes in the order of the chunks.
-
-        Raises:
-            WorkerDied: Workers died too often on the same chunk.
-        """
+        """Yield outcomes in the order of the chunks."""
         return self._window.map(chunks)
 
     def submit(self, chunk: Request) -> _Ticket:
@@ -132,11 +124,7 @@ class _Ticket:
 
 
 def pickle_work(work: Work) -> bytes:
-    """Pickle the work for a worker process.
-
-    Raises:
-        UsageError: The problem cannot be sent to another process.
-    """
+    """Pickle the work for a worker process."""
     try:
         payload = pickle.dumps(work)
     except Exception as error:

@@ -1,28 +1,33 @@
-"""Work of an executor."""
+"""Work of an executor, the choice of the executor, and the check that stored work reproduces."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from avrare import protocols
+from avrare.base.errors import UsageError
+from avrare.plugin.registry import default_registry
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
+from avrare.scenario.marked_values import Mark, Node
+from avrare.scenario.overrides import override
+from avrare.scenario.validation import check_options
+
+_FIELDS = ("scores", "robustness", "violated", "error", "log_weight")
+"""Fields to compare, scores first: they give the step."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Work that all chunks of an estimate share.
+    """Work that all chunks of an estimate share."""
 
-    Attributes:
-        problem: Problem to simulate; must survive pickling to reach another process.
-        noise: Source of the noise tapes.
-        scored: True where the estimator needs the importance score.
-    """
-
-    problem: Problem
+    problem: Problem  # must survive pickling to reach another process
     noise: NoiseSource
-    scored: bool
+    scored: bool  # True where the estimator needs the importance score
 
     def run(self, chunk: Request) -> Rollouts:
         """Return the outcome of one chunk; the same wherever it runs."""
@@ -31,3 +36,63 @@ class Work:
 
 Executor = protocols.Executor[Work, Request, Rollouts]
 """Executor of chunks of rollouts."""
+
+
+def build_executor(workers: int, text: str | None = None) -> Executor:
+    """Build an executor from ``NAME`` or ``NAME,OPTION=VALUE,...``, None: the simplest that fits."""
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise UsageError(f"workers must be an integer of at least 1, not {workers!r}")
+    name, *settings = (text or ("processes" if workers > 1 else "serial")).split(",")
+    component = default_registry().require("executor", name)
+    mark = Mark("--executor")
+    options: dict[str, Any] = override(Node({}, mark, mark), settings).plain()
+    config = check_options(component.load_config(), name, {"workers": workers, **options}, "executor")
+    return component.load_factory()(config, None)  # type: ignore[no-any-return]
+
+
+def check_reproduces(work: Work, chunk: Request, stored: Rollouts) -> None:
+    """Run the least robust rollout of a stored chunk again; raise where it differs: the system has changed.
+
+    Where it differs, the complete chunk is run, as rows of a system may depend on their neighbours.
+    """
+    row = int(np.argmin(np.where(stored.error, np.inf, stored.robustness.min(axis=1))))
+    repeated = work.run(chunk.slice(row, row + 1))
+    if not _difference(stored, row, repeated, 0):
+        return
+    repeated = work.run(chunk)
+    difference = _difference(stored, row, repeated, row)
+    if difference:
+        raise UsageError(
+            f"a saved rollout (run {chunk.run[row]}, stage {chunk.stage[row]}, particle "
+            f"{chunk.particle[row]}) does not reproduce: {difference}",
+            "the code or its libraries have changed since: restore them, or start again in another folder",
+        )
+
+
+def _difference(stored: Rollouts, row: int, repeated: Rollouts, other: int) -> str:
+    for name in _FIELDS:
+        one, two = getattr(stored, name)[row], getattr(repeated, name)[other]
+        if not _same(one, two).all():
+            return _describe(name, one, two)
+    for name in sorted({*stored.counts, *repeated.counts}):
+        one, two = _count(stored, name, row), _count(repeated, name, other)
+        if one != two:
+            return f"{name} {one} -> {two}"
+    return ""
+
+
+def _same(one: Any, two: Any) -> Any:
+    if np.shape(one) != np.shape(two):
+        return np.zeros(1, dtype=bool)
+    return (one == two) | ((one != one) & (two != two))  # NaN is NaN
+
+
+def _count(outcome: Rollouts, name: str, row: int) -> int:
+    return int(outcome.counts[name][row]) if name in outcome.counts else 0
+
+
+def _describe(name: str, one: Any, two: Any) -> str:
+    if name == "scores" and one.shape == two.shape:
+        step = int(np.flatnonzero(~_same(one, two))[0])
+        return f"from step {step} on, score {one[step]:.17g} -> {two[step]:.17g}"
+    return f"{name} {np.ravel(one).tolist()} -> {np.ravel(two).tolist()}"

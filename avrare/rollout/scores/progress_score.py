@@ -42,13 +42,7 @@ class Atom(nodes.Node):
 
 
 def positive(node: nodes.Node, found: list[nodes.Node], negated: bool = False) -> nodes.Node | None:
-    """Push negations down to past-only parts, which become atoms; None where that is not possible.
-
-    Args:
-        node: The formula.
-        found: Atoms so far, as formulas; extended.
-        negated: Negate the formula.
-    """
+    """Push negations down to past-only parts, which become atoms; None where that is not possible."""
     if nodes.horizon(node) == 0:
         found.append(nodes.Not(node) if negated else node)
         return Atom(len(found) - 1)

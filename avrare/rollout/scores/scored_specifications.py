@@ -107,12 +107,7 @@ class PrefixScored:
 
 
 class FormulaScored(_Scored):
-    """Specification scored by another formula, which only orders the particles.
-
-    Args:
-        inner: Specification to estimate.
-        guide: Monitor whose score is used.
-    """
+    """Specification scored by another formula, which only orders the particles."""
 
     def __init__(self, inner: Specification, guide: Specification) -> None:
         super().__init__(inner)

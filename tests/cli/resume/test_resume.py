@@ -11,7 +11,7 @@ import pytest
 from avrare.base.errors import Interrupted
 from avrare.cli import run as command
 from avrare.cli.main import main
-from avrare.estimation.checkpoint import store as checkpoint
+from avrare.estimation import checkpoint
 
 
 @pytest.fixture(autouse=True)

@@ -1,20 +1,9 @@
-"""Cost of an estimate: progress so far, and what a budget pays for."""
+"""What a budget pays for."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from avrare.base.errors import UsageError
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result_builder import Tally
-
-
-def progress(tally: Tally, **shown: Any) -> Info:
-    """Return what the loop shows: the totals so far and what the estimator adds."""
-    return Info(
-        rollouts=tally.rollouts, failures=tally.failures, errors=tally.errors, counts=dict(tally.counts),
-        **shown,
-    )  # fmt: skip
+from avrare.estimation.plan import Plan
 
 
 def affordable_runs(plan: Plan, runs: int, method: str, rollouts: int, stages: float, size: str) -> int:

@@ -15,7 +15,7 @@ from avrare_estimators.ams.levels import choose_parents, first_above, next_level
 from avrare_estimators.ams.state import AmsState, Branches
 from avrare_estimators.ams.summary import summarise
 from avrare_estimators.config import AmsConfig
-from avrare_estimators.cost import affordable_runs, progress
+from avrare_estimators.cost import affordable_runs
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
@@ -132,7 +132,7 @@ class Splitting:
 
     def _info(self, state: AmsState, survivors: int) -> Info:
         latest = [entries[-1][0] for entries, on in zip(state.levels, state.active, strict=True) if on]
-        return progress(
+        return replace(
             state.tally,
             stage=state.stage,
             level=float(np.median(latest)) if latest else None,

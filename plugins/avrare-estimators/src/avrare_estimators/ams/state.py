@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
-from avrare.estimation.plan import Plan
-from avrare.estimation.result_builder import Tally
+from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
 
@@ -223,7 +222,7 @@ class AmsState:
     stage: int = 0
     discarded_failures: list[TapeAddresses] = field(default_factory=list)
     first: Floats = field(default_factory=lambda: np.zeros(0))
-    tally: Tally = field(default_factory=Tally)
+    tally: Info = field(default_factory=Info)
     every: int = 1
 
     @staticmethod

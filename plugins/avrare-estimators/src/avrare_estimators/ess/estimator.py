@@ -20,7 +20,7 @@ from avrare.protocols import OffersWeights, find_ability, find_notes
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.config import EssConfig
-from avrare_estimators.cost import affordable_runs, progress
+from avrare_estimators.cost import affordable_runs
 from avrare_estimators.ess.chains import Kernel
 from avrare_estimators.ess.kernels import make_kernel
 from avrare_estimators.ess.level_pass import EssState, LevelPass, PassShape
@@ -115,7 +115,7 @@ def _with_weights(problem: Problem) -> Problem:
 def _info(state: EssState) -> Info:
     levels, current = state.level_pass.levels, state.level_pass
     last = np.sort(levels[-1].level[levels[-1].passed]) if levels else np.zeros(0)
-    return progress(
+    return replace(
         state.tally,
         stage=len(levels),
         level=float(last[len(last) // 2]) if len(last) else None,

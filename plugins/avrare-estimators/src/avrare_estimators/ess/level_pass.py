@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Worst
-from avrare.estimation.result_builder import Tally, missing_worst
+from avrare.estimation.result_builder import missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, StepOutcome
@@ -312,7 +312,7 @@ class EssState:
     worst: Worst
     first: Floats = field(default_factory=lambda: np.zeros(0))
     pilot: int = 0
-    tally: Tally = field(default_factory=Tally)
+    tally: Info = field(default_factory=Info)
 
     @staticmethod
     def begin(plan: Plan, level_pass: LevelPass, counting: bool) -> EssState:

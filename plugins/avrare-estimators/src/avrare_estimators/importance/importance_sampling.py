@@ -9,13 +9,12 @@ import numpy as np
 
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
-from avrare.estimation.result_builder import Tally
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.config import CeConfig, IsConfig
-from avrare_estimators.cost import affordable_rollouts, progress
+from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.cross_check import MIN_PARTICLES, CrossCheck, CrossCheckResult
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
@@ -56,7 +55,7 @@ class SamplingState:
     sample: Sample | None = None
     stages: tuple[dict[str, Any], ...] = ()
     finished: tuple[RunOutcome, ...] = ()
-    tally: Tally = field(default_factory=Tally)
+    tally: Info = field(default_factory=Info)
     first: Floats | None = None
 
     @property
@@ -125,7 +124,7 @@ class WeightedSampler:
 
     def _info(self, state: SamplingState) -> Info:
         estimates = [outcome.probability for outcome in state.finished]
-        return progress(
+        return replace(
             state.tally,
             stage=len(state.stages),
             level=state.stages[-1]["level"] if state.stages else None,

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from avrare.estimation import health, intervals
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result, Worst
-from avrare.estimation.result_builder import Tally, build_result, missing_worst
+from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.importance.cross_check import CrossCheckResult
@@ -72,7 +72,7 @@ class RunOutcome:
 
 
 def summarise(
-    name: str, plan: Plan, runs: Sequence[RunOutcome], tally: Tally, first: Floats | None,
+    name: str, plan: Plan, runs: Sequence[RunOutcome], tally: Info, first: Floats | None,
     noise_size: int | None,
 ) -> Result:  # fmt: skip
     """Return the result of finished runs.
@@ -115,7 +115,7 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
     return quality(weights, failing, sum(run.sample.target_rows for run in runs))
 
 
-def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Tally) -> dict[str, str]:
+def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info) -> dict[str, str]:
     found = health.check_weights(
         marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share, *_contradiction(runs)
     )
@@ -201,7 +201,7 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
     return rows if run.sample.source.replayable else rows[rows < run.sample.target_rows]
 
 
-def _failures(runs: Sequence[RunOutcome], tally: Tally, noise_size: int | None) -> Failures:
+def _failures(runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
     tapes, robustness, room = [], [], FAILURE_LIMIT
     for run in runs:
         rows = _replayable(run, run.sample.violated)[:room]

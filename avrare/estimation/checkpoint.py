@@ -11,6 +11,7 @@ written atomically, survive a loss of power, and hold arrays only: nothing is ev
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -19,9 +20,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
-from avrare.estimation.checkpoint.chunk_codec import decode, decode_seconds, digest, encode
 from avrare.rollout.request import Request, Rollouts
 
 FOLDER = "checkpoint"
@@ -32,6 +34,11 @@ _OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(
 """Names of checkpoint files, and of temporary ones that a killed process has left."""
 _MAX_DIFFERENCES = 5
 
+# Members of a chunk's file, beside those of ``_ARRAYS`` and the counters.
+_KEY, _SECONDS, _STEPS, _EVERY, _MESSAGES = "key", "seconds", "simulated_steps", "every", "messages"
+_ARRAYS = ("robustness", "violated", "error", "scores", "log_weight")
+_COUNT = "count."
+
 
 class SaveError(UsageError):
     """Failure to save a chunk; all chunks before it are saved."""
@@ -41,28 +48,14 @@ class SaveError(UsageError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A folder with the outcomes of a task.
-
-    Attributes:
-        folder: Path of the folder.
-        task: Identity of the estimate, as plain JSON data.
-    """
+    """A folder with the outcomes of a task: the identity of the estimate, as plain JSON data."""
 
     folder: Path
     task: Mapping[str, Any]
 
     @staticmethod
     def open(folder: Path, task: Mapping[str, Any], about: Mapping[str, Any] | None = None) -> Checkpoint:
-        """Resume the checkpoint in ``folder``, or create it.
-
-        Args:
-            folder: Path of the folder.
-            task: Identity of the estimate, as plain JSON data: it must be equal to resume.
-            about: Further plain JSON data, which may change.
-
-        Raises:
-            UsageError: The folder holds another task, or cannot be used.
-        """
+        """Resume the checkpoint in ``folder`` if its task is equal, or create it; ``about`` may differ."""
         wanted = json.loads(json.dumps(task))  # tuples become lists, as they do in the file
         stored = read_index(folder)
         if stored is None:
@@ -82,11 +75,7 @@ class Checkpoint:
         return Checkpoint(folder, wanted)
 
     def journal(self, name: str) -> FileJournal:
-        """Return the journal of one of the estimates of the task.
-
-        Raises:
-            UsageError: Its folder cannot be made.
-        """
+        """Return the journal of one of the estimates of the task."""
         folder = self.folder / name
         with _explain_folder_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -102,11 +91,7 @@ class Checkpoint:
 
     @contextmanager
     def held(self) -> Iterator[Checkpoint]:
-        """Hold the lock of the folder: two processes must not resume in it at once.
-
-        Raises:
-            UsageError: Another process holds it.
-        """
+        """Hold the lock of the folder: two processes must not resume in it at once."""
         try:
             with _explain_folder_errors(self.folder), exclusive_lock(self.folder / INDEX):
                 yield self
@@ -131,22 +116,13 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class FileJournal:
-    """Outcomes of one estimate (``avrare.estimation.plan.Journal``).
-
-    Attributes:
-        folder: Folder of the files.
-        owner: Identity of the estimate, part of every key.
-    """
+    """Outcomes of one estimate (``avrare.estimation.plan.Journal``)."""
 
     folder: Path
-    owner: str
+    owner: str  # identity of the estimate, part of every key
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
-        """Return the outcome of a chunk and the seconds that had passed by then; None where it is not stored.
-
-        Raises:
-            UsageError: The file is damaged, or belongs to another estimate.
-        """
+        """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
         path = self._path(stage, index)
         with explain_file_errors(f"{path}: cannot be read"):
             if not path.exists():
@@ -159,11 +135,7 @@ class FileJournal:
             raise UsageError(f"{path}: {error}", hint) from None
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
-        """Store the outcome of a chunk.
-
-        Raises:
-            SaveError: It cannot be written; chunks stored before are not touched.
-        """
+        """Store the outcome of a chunk; a failure does not touch those stored before."""
         path = self._path(stage, index)
         with explain_file_errors(f"{path}: cannot save", "free some disk space", SaveError):
             write_atomic(path, encode(outcome, self._key(chunk), seconds), durable=True)
@@ -189,11 +161,7 @@ def _explain_folder_errors(folder: Path) -> AbstractContextManager[None]:
 
 
 def read_index(folder: Path) -> dict[str, Any] | None:
-    """Return ``task`` and ``about`` of the checkpoint in ``folder``, None where there is none.
-
-    Raises:
-        UsageError: The index cannot be read.
-    """
+    """Return ``task`` and ``about`` of the checkpoint in ``folder``, None where there is none."""
     path = folder / INDEX
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -228,3 +196,63 @@ def _change(before: Any, after: Any, path: str) -> Iterator[str]:
             yield from differences(one, two, f"{path}.{index}")
     else:
         yield f"{path} {json.dumps(before)} -> {json.dumps(after)}"
+
+
+def digest(chunk: Request) -> str:
+    """Return 32 hexadecimal digits that identify the request of a chunk: addresses, starts, given noise."""
+    hashed = hashlib.blake2b(digest_size=16)
+    for values in (chunk.run, chunk.stage, chunk.particle, chunk.start):
+        hashed.update(np.ascontiguousarray(values, dtype=np.int64).tobytes())
+    if chunk.tape is not None:
+        hashed.update(np.ascontiguousarray(chunk.tape).tobytes())
+    hashed.update(f"{chunk.rows} {chunk.stop_early} {chunk.law is not None}".encode())
+    return hashed.hexdigest()
+
+
+def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
+    """Encode an outcome as an ``.npz`` file, without its carries and without pickled objects."""
+    arrays: dict[str, Any] = {name: getattr(outcome, name) for name in _ARRAYS}
+    arrays |= {_COUNT + name: values for name, values in outcome.counts.items()}
+    arrays |= {
+        _KEY: np.array(key),
+        _SECONDS: np.array(seconds),
+        _STEPS: np.array(outcome.simulated_steps),
+        _EVERY: np.array(outcome.every),
+        _MESSAGES: np.array(outcome.messages, dtype=np.str_),
+    }
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    return content.getvalue()
+
+
+def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
+    """Return outcome and seconds; ValueError if they are damaged or of another estimate or chunk."""
+    arrays = _arrays(content)
+    try:
+        outcome = Rollouts(
+            **{name: arrays[name] for name in _ARRAYS},
+            simulated_steps=int(arrays[_STEPS]),
+            every=int(arrays[_EVERY]),
+            counts={n.removeprefix(_COUNT): v for n, v in arrays.items() if n.startswith(_COUNT)},
+            messages=tuple(str(text) for text in arrays[_MESSAGES]),
+        )
+        found, seconds = str(arrays[_KEY]), float(arrays[_SECONDS])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"not an outcome of rollouts: {error}") from None
+    if found != key:
+        raise ValueError("belongs to another estimate")
+    return outcome, seconds
+
+
+def decode_seconds(content: bytes) -> float:
+    """Return only the seconds, 0 where they are missing; ValueError if the bytes are damaged."""
+    arrays = _arrays(content)
+    return float(arrays[_SECONDS]) if _SECONDS in arrays else 0.0
+
+
+def _arrays(content: bytes) -> dict[str, Any]:
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except Exception as error:  # zipfile and NumPy raise many kinds of errors for a damaged file
+        raise ValueError(f"damaged: {' '.join(str(error).split())}") from None

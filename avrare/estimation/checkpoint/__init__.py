@@ -1,1 +1,0 @@
-"""Checkpoints: the outcome of every finished chunk, from which an estimate resumes."""
