@@ -40,17 +40,14 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def _commands() -> str:
     from avrare.base.errors import AvrareError, ExitCode
-    from avrare.cli.main import COMMANDS, PROVIDED, _command
-    from avrare.cli.parser import command_parser
+    from avrare.cli.main import COMMANDS, PROVIDED, command_parser
 
     parts = ["# Command line", "Every option of every command. `avrare COMMAND --help` prints the same."]
-    for name in [*COMMANDS, *PROVIDED]:
+    for name, (_, summary) in (COMMANDS | PROVIDED).items():
         try:
-            module, summary = _command(name)
+            parser = command_parser(name)
         except AvrareError:
             continue  # its plugin is not installed
-        parser = command_parser(name, summary)
-        module.add_arguments(parser)
         parts += [f"## avrare {name}", f"{summary.capitalize()}.", *_parser(parser)]
     rows = [(f"`{code.value}`", code.name.lower().replace("_", " ")) for code in ExitCode]
     return _page([*parts, "## Exit codes", _table(("code", "meaning"), rows)])

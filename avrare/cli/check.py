@@ -9,72 +9,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.check.baseline import BaselineEntry, default_folder
+from avrare.analysis.check.gate import check
+from avrare.analysis.check.power_analysis import estimate_costs
+from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.output import print_warnings, refuse_overwrite, write_errors, write_files
-from avrare.cli.parser import (
-    add_display_arguments,
-    add_run_arguments,
-    add_scenario_arguments,
-    display,
-    load_scenarios,
-    overrides,
-    set_epilog,
-)
+from avrare.base.files import ensure_writable
+from avrare.cli.options import display, load_scenarios, overrides
+from avrare.cli.output import print_warnings, refuse_overwrite, write_file, write_files
+from avrare.estimation.budget import Budget
+from avrare.report.documents.check_documents import junit, markdown
+from avrare.report.terminal.check_table import print_check, print_plan
+from avrare.report.terminal.progress_line import Progress
+from avrare.results import run_folder as rundir
 
-_EPILOG = """\
-A threshold passes if the interval of the probability lies below the bound, and fails if it
-lies above. Each specification is also compared with the newest baseline, a numbered file in
-baselines/NAME next to the scenario, if there is one; the first comparison saves it. See
-docs/ci.md.
-
-examples:
-  avrare check scenarios/*.yaml --junit report.xml --markdown summary.md
-  avrare check drive.yaml --spend rollouts=80000    # up to four looks, until all verdicts are clear
-  avrare check drive.yaml --plan                    # estimate the cost of a verdict
-  avrare check drive.yaml --save                    # save a new baseline
-
-exit code: 0 all pass, 1 a threshold or comparison fails, 3 inconclusive, 4 bad scenario or
-usage, 5 plugin missing, 6 too many rollout errors
-"""
 _PILOT_ROLLOUTS = 200
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    set_epilog(parser, _EPILOG)
-    add_scenario_arguments(parser)
-    add_run_arguments(parser)
-    parser.add_argument(
-        "--spend",
-        metavar="KIND=N",
-        help="maximal budget, spent in up to four interim looks until every verdict is decided",
-    )
-    folder = parser.add_argument_group("baselines")
-    folder.add_argument(
-        "--baseline",
-        metavar="DIR",
-        help="baseline folder (DIR/NAME for several scenarios); implies a comparison",
-    )
-    folder.add_argument("--save", action="store_true", help="save this run as the new baseline")
-    folder.add_argument(
-        "--require-baseline", action="store_true", help="stop if there is no baseline; recommended in CI"
-    )
-    text = "compare even if the scenario has changed since the baseline"
-    folder.add_argument("--accept-changes", action="store_true", help=text)
-    output = parser.add_argument_group("output")
-    output.add_argument("--plan", action="store_true", help="only estimate the cost of a verdict")
-    output.add_argument("--junit", metavar="FILE", help="write JUnit XML")
-    output.add_argument("--markdown", metavar="FILE", help="write a summary for a merge request")
-    output.add_argument("--out", metavar="DIR", help="write check.json and the run folders")
-    output.add_argument("--json", action="store_true", help="print check.json and nothing else on stdout")
-    add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Check the scenarios together, report, and return the exit code of the verdict."""
-    from avrare.analysis.check.targets import plan_looks
-    from avrare.estimation.budget import Budget
-
     budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
     if budget and spend:
         raise UsageError("--budget cannot be combined with --spend", "remove one of them")
@@ -84,9 +37,6 @@ def execute(args: argparse.Namespace) -> int:
         refuse_overwrite(Path(args.out), "check.json", [one.definition.name for one in subjects])
     if args.plan:
         return _plan(args, subjects, budget)
-    from avrare.analysis.check.gate import check
-    from avrare.report.terminal.check_table import print_check
-
     outcome = check(subjects, plan_looks(budget, spend), _machine(args), args.save)
     _write(args, subjects, outcome)
     if args.json:
@@ -97,9 +47,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _subjects(args: argparse.Namespace) -> list[Any]:
-    from avrare.analysis.check.baseline import default_folder
-    from avrare.analysis.check.targets import load_target
-
     scenarios = load_scenarios(args, overrides(args))
     for scenario in scenarios:
         print_warnings(scenario.warnings)
@@ -118,17 +65,10 @@ def _subjects(args: argparse.Namespace) -> list[Any]:
 
 
 def _machine(args: argparse.Namespace) -> Any:
-    from avrare.analysis.check.targets import ExecutionSettings
-    from avrare.report.terminal.progress_line import Progress
-
     return ExecutionSettings(args.workers, args.executor, partial(Progress, mode=display(args)))
 
 
 def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int:
-    from avrare.analysis.check.baseline import BaselineEntry
-    from avrare.analysis.check.power_analysis import estimate_costs
-    from avrare.report.terminal.check_table import print_plan
-
     found = []
     for one in subjects:
         known, source = {}, "the baseline"
@@ -150,9 +90,6 @@ def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int
 
 def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
     """Run a first estimate: short for Monte Carlo, otherwise as the scenario says."""
-    from avrare.analysis.check.targets import Look, estimate_look
-    from avrare.estimation.budget import Budget
-
     estimator = one.definition.estimator
     if budget is None and estimator.plugin == "mc":
         runs = estimator.config.runs
@@ -161,8 +98,6 @@ def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
 
 
 def _make_folders(args: argparse.Namespace) -> None:
-    from avrare.base.files import ensure_writable
-
     for option, name in (("--junit", args.junit), ("--markdown", args.markdown)):
         if name and Path(name).is_dir():
             raise UsageError(f"{name}: is a folder, not a file", f"choose another {option}")
@@ -173,14 +108,9 @@ def _make_folders(args: argparse.Namespace) -> None:
 
 
 def _write(args: argparse.Namespace, subjects: Sequence[Any], outcome: Any) -> None:
-    from avrare.base.files import write_text
-    from avrare.report.documents.check_documents import junit, markdown
-    from avrare.results import run_folder as rundir
-
     for name, text in ((args.junit, junit), (args.markdown, markdown)):
         if name is not None:
-            with write_errors(name, "choose another file"):
-                write_text(Path(name), text(outcome))
+            write_file(name, text(outcome), "choose another file")
     if args.out:
         write_files(Path(args.out), {"check.json": json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
     for one in subjects if args.out else ():

@@ -8,17 +8,10 @@ import sys
 from dataclasses import asdict
 
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.parser import add_set_argument
 from avrare.plugin.registry import default_registry
+from avrare.scenario.marked_values import Mark, Node
+from avrare.scenario.overrides import override
 from avrare.testing.conformance.suite import Outcome, examine, subjects
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument("name", metavar="NAME", help="component, or distribution: all of its components")
-    parser.add_argument("--kind", help="only components of this kind")
-    add_set_argument(parser, "set an option of the component; may be repeated")
-    parser.add_argument("--json", action="store_true", help="print a JSON list instead of lines")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -49,9 +42,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _options(settings: list[str]) -> dict[str, object]:
-    from avrare.scenario.marked_values import Mark, Node
-    from avrare.scenario.overrides import override
-
     return dict(override(Node({}, Mark("--set")), settings).plain())
 
 

@@ -5,73 +5,43 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.output import can_draw, write_errors, write_files
-from avrare.cli.parser import (
-    add_display_arguments,
-    add_set_argument,
-    add_workers_argument,
-    at_least,
-    display,
-    set_epilog,
+from avrare.analysis.compare.case import (
+    REFERENCE_PREFIX,
+    GroundTruth,
+    parse_truth,
+    reference_case,
+    scenario_case,
 )
+from avrare.analysis.compare.estimator_arms import parse_arms, split_settings
+from avrare.analysis.compare.paired import PairedComparison, compare_pairs
+from avrare.analysis.compare.study import StudyDesign, compare
+from avrare.base.errors import ExitCode, UsageError
+from avrare.base.files import ensure_writable, explain_file_errors
+from avrare.cli.options import REPEAT, display
+from avrare.cli.output import can_draw, write_files
+from avrare.estimation.budget import Budget
+from avrare.plugin.registry import default_registry
+from avrare.report.documents.comparison_json import comparison_document, paired_document
+from avrare.report.plots import comparison_plot
+from avrare.report.terminal import comparison_table as estimators
+from avrare.report.terminal import paired_table as versions
+from avrare.report.terminal.comparison_table import markdown
+from avrare.report.terminal.console import make_console, print_lines, print_table
+from avrare.report.terminal.progress_line import Progress
+from avrare.rollout.executors.work import build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.load import load
+from avrare.testing.problems import reference_problems
 
-_EPILOG = """\
-SCENARIO is a scenario file, or problem:ID for a reference problem with a known probability
-('avrare compare problem:' lists them).
-
-NAMES are estimators separated by commas; options of a variant follow after colons:
-mc,ams,ams:particles=100:discard=10
-
-examples:
-  avrare compare problem:d_rw_L3.8 --estimators mc,ams,ce --budget steps=1e6
-  avrare compare drive.yaml --specification no_collision --estimators mc,ams \\
-      --budget steps=40000 --repeat 5 --truth mc=10000 --workers 4 --out comparison
-  avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
-  avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
-"""
-_REPEAT = 10
 _PAIRED_ROLLOUTS = 1000
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    set_epilog(parser, _EPILOG)
-    parser.add_argument("scenario", metavar="SCENARIO", help="scenario file, or problem:ID")
-    parser.add_argument(
-        "--against", metavar="OTHER", help="second version of the scenario, run on the same noise tapes"
-    )
-    parser.add_argument("--estimators", metavar="NAMES", help="estimators to compare, e.g. mc,ams,ce")
-    parser.add_argument("--budget", metavar="KIND=N", help="budget per estimate: steps=N or rollouts=N")
-    parser.add_argument(
-        "--repeat", type=at_least(1), metavar="R", help=f"estimates per estimator (default {_REPEAT})"
-    )
-    parser.add_argument(
-        "--specification", metavar="NAME", help="specification; required if there are several"
-    )
-    parser.add_argument("--truth", metavar="P", help="true probability, or mc=ROLLOUTS to estimate it first")
-    add_set_argument(
-        parser, "ams.particles=100 for every ams; scenario.steps=20 for the scenario; may be repeated"
-    )
-    text = "seed of the first repetition; default: the scenario's, or 0"
-    parser.add_argument("--seed", type=at_least(0), metavar="N", help=text)
-    add_workers_argument(parser)
-    parser.add_argument("--out", metavar="DIR", help="write comparison.json, .md and .png")
-    parser.add_argument(
-        "--json", action="store_true", help="print comparison.json and nothing else on stdout"
-    )
-    parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
-    add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Compare, print and write the comparison."""
-    from avrare.base.files import ensure_writable
-    from avrare.report.documents.comparison_json import comparison_document, paired_document
-
     if args.scenario == "problem:":
         return _list_problems()
     paired = args.against is not None
@@ -106,8 +76,6 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _budget(text: str) -> Any:
-    from avrare.estimation.budget import Budget
-
     budget = Budget.parse(text)
     assert budget is not None
     if budget.kind == "seconds":
@@ -119,18 +87,12 @@ def _budget(text: str) -> Any:
 
 
 def _compare_estimators(args: argparse.Namespace) -> Any:
-    from avrare.analysis.compare.case import parse_truth
-    from avrare.analysis.compare.estimator_arms import parse_arms, split_settings
-    from avrare.analysis.compare.study import StudyDesign, compare
-    from avrare.plugin.registry import default_registry
-    from avrare.report.terminal.progress_line import Progress
-
     budget = _budget(args.budget)
     truth = parse_truth(args.truth) if args.truth is not None else None
     scenario_settings, estimator_settings = split_settings(args.set)
     case = _case(args, scenario_settings, truth)
     arms = parse_arms(args.estimators, estimator_settings, case.estimator, default_registry())
-    repeat = _REPEAT if args.repeat is None else args.repeat
+    repeat = REPEAT if args.repeat is None else args.repeat
     design = StudyDesign(budget, repeat, case.seed if args.seed is None else args.seed, args.workers)
     with Progress(case.name, case.problem, display(args)) as progress:
 
@@ -142,10 +104,6 @@ def _compare_estimators(args: argparse.Namespace) -> Any:
 
 
 def _case(args: argparse.Namespace, overrides: list[str], truth: Any) -> Any:
-    from dataclasses import replace
-
-    from avrare.analysis.compare.case import REFERENCE_PREFIX, GroundTruth, reference_case, scenario_case
-
     if not args.scenario.startswith(REFERENCE_PREFIX):
         case = scenario_case(args.scenario, args.specification, overrides)
         return replace(case, truth=truth) if isinstance(truth, GroundTruth) else case
@@ -162,20 +120,12 @@ def _case(args: argparse.Namespace, overrides: list[str], truth: Any) -> Any:
 
 
 def _list_problems() -> int:
-    from avrare.testing.problems import reference_problems
-
     for problem in reference_problems():
         print(f"{problem.id:<26}{problem.probability:<12.4g}{problem.text}")
     return int(ExitCode.PASS)
 
 
 def _compare_versions(args: argparse.Namespace) -> Any:
-    from avrare.analysis.compare.paired import PairedComparison, compare_pairs
-    from avrare.report.terminal.progress_line import Progress
-    from avrare.rollout.executors.work import build_executor
-    from avrare.rollout.loaded_scenario import LoadedScenario
-    from avrare.scenario.load import load
-
     both, second_only = _split_settings(args.set)
     definitions = (load(args.scenario, both), load(args.against, [*both, *second_only]))
     problems = [LoadedScenario(one).problem(args.specification or one.estimated) for one in definitions]
@@ -218,9 +168,6 @@ def _paired_rollouts(text: str | None, steps: int) -> int:
 
 
 def _write(comparison: Any, content: dict[str, Any], args: argparse.Namespace) -> list[str]:
-    from avrare.report.plots import comparison_plot
-    from avrare.report.terminal.comparison_table import markdown
-
     folder, text = Path(args.out), json.dumps(content, indent=2) + "\n"
     if args.against is not None:
         write_files(folder, {"paired.json": text})
@@ -228,16 +175,12 @@ def _write(comparison: Any, content: dict[str, Any], args: argparse.Namespace) -
     write_files(folder, {"comparison.json": text, "comparison.md": markdown(comparison)})
     if args.no_pictures or not can_draw():
         return ["comparison.json", "comparison.md"]
-    with write_errors(folder, "choose another --out"):
+    with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
         comparison_plot.draw(comparison, folder / "comparison.png")
     return ["comparison.json", "comparison.md", "comparison.png"]
 
 
 def _show(comparison: Any, written: list[str], args: argparse.Namespace) -> None:
-    from avrare.report.terminal import comparison_table as estimators
-    from avrare.report.terminal import paired_table as versions
-    from avrare.report.terminal.console import make_console, print_lines, print_table
-
     console = make_console(display(args))
     paired = args.against is not None
     tables: Any = versions if paired else estimators

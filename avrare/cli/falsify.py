@@ -5,29 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from avrare.analysis.failures.failure import record_failure
+from avrare.analysis.failures.falsify import BUDGET, falsify
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.failure_search import add_search_arguments, progress_line, store_failure
+from avrare.cli.failure_search import progress_line, store_failure
 from avrare.cli.output import print_warnings
-from avrare.cli.parser import add_set_argument, at_least
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument("scenario", metavar="SCENARIO", help="scenario file")
-    add_set_argument(parser)
-    text = "specification to violate; required if there are several"
-    parser.add_argument("--specification", metavar="NAME", help=text)
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="random seed (default 0)")
-    add_search_arguments(parser)
+from avrare.report.terminal.failure_text import describe_falsification
+from avrare.rollout.loaded_scenario import load
 
 
 def execute(args: argparse.Namespace) -> int:
     """Search, print and store the failure; return exit code 1 if one was found, else 0."""
-    from avrare.analysis.failures.failure import record_failure
-    from avrare.analysis.failures.falsify import BUDGET, falsify
-    from avrare.report.terminal.failure_text import describe_falsification
-    from avrare.rollout.loaded_scenario import load
-
     scenario = load(args.scenario, args.set)
     print_warnings(scenario.definition.warnings)
     name = _specification(args, scenario)

@@ -7,40 +7,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.history.entry import find_breaks, group_series, read_entries
+from avrare.analysis.history.store import DEFAULT, HistoryStore
 from avrare.base.errors import ExitCode, PluginError, UsageError, did_you_mean
-from avrare.cli.output import write_errors
-from avrare.cli.parser import at_least, set_epilog
-
-_EPILOG = """\
-`avrare history add` stores the estimates of DIR, the --out of `avrare run` or `avrare check`.
-Nothing else writes to the history. Adding a folder twice has no effect.
-
-examples:
-  avrare history add runs/night
-  avrare history lane_change --specification safe_distance --limit 20
-  avrare history --plot trend.png
-  avrare history add out --store postgresql://host/avrare
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    set_epilog(parser, _EPILOG)
-    parser.usage = "avrare history [SCENARIO] [options]\n       avrare history add DIR... [--store URL]"
-    parser.add_argument(
-        "words", nargs="*", metavar="SCENARIO", help="scenario name, or 'add' and run folders"
-    )
-    parser.add_argument("--specification", metavar="NAME", help="show only this specification")
-    parser.add_argument(
-        "--limit", type=at_least(0), default=20, metavar="N", help="show the newest N (default 20; 0: all)"
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
-    parser.add_argument("--plot", metavar="FILE", help="draw the estimates as a PNG")
-    parser.add_argument(
-        "--store",
-        metavar="URL",
-        help="SQLite file, or SQLAlchemy URL of a database (default .avrare/history.sqlite)",
-    )
+from avrare.base.files import explain_file_errors
+from avrare.report.plots.figure import has_matplotlib
+from avrare.report.plots.history_plot import draw
+from avrare.report.terminal.console import make_console, print_lines, print_table
+from avrare.report.terminal.result_table import history_note_lines, history_table
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -53,8 +27,6 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _add(args: argparse.Namespace) -> None:
-    from avrare.analysis.history.entry import read_entries
-
     if len(args.words) < 2:
         raise UsageError("avrare history add: DIR is required", "avrare history add DIR...")
     found = [entry for name in args.words[1:] for entry in read_entries(Path(name))]
@@ -65,8 +37,6 @@ def _add(args: argparse.Namespace) -> None:
 
 
 def _show(args: argparse.Namespace) -> None:
-    from avrare.analysis.history.entry import group_series
-
     if len(args.words) > 1:
         raise UsageError(
             f"give one scenario, not {len(args.words)}: {' '.join(args.words)}",
@@ -95,10 +65,6 @@ def _chosen(args: argparse.Namespace) -> list[Any]:
 
 
 def _print(shown: list[Any]) -> None:
-    from avrare.analysis.history.entry import find_breaks, group_series
-    from avrare.report.terminal.console import make_console, print_lines, print_table
-    from avrare.report.terminal.result_table import history_note_lines, history_table
-
     console, broken = make_console("auto"), False
     for index, ((scenario, specification), entries) in enumerate(group_series(shown)):
         if index:
@@ -109,18 +75,13 @@ def _print(shown: list[Any]) -> None:
 
 
 def _plot(shown: list[Any], path: Path) -> None:
-    from avrare.report.plots.figure import has_matplotlib
-    from avrare.report.plots.history_plot import draw
-
     if not has_matplotlib():
         raise PluginError("--plot needs matplotlib", "pip install 'avrare[plot]'")
     if path.suffix.lower() != ".png":
         raise UsageError(f"--plot {path}: the picture is written as PNG", "use the suffix .png")
-    with write_errors(path, "choose another --plot"):
+    with explain_file_errors(f"{path}: cannot write", "choose another --plot"):
         draw(shown, path)
 
 
 def _store(args: argparse.Namespace, create: bool) -> Any:
-    from avrare.analysis.history.store import DEFAULT, HistoryStore
-
     return HistoryStore(args.store or DEFAULT, create=create)

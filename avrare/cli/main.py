@@ -6,13 +6,13 @@ import argparse
 import importlib
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from avrare.base import version
 from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError, did_you_mean
-from avrare.cli.parser import Parser, command_parser
 
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
@@ -31,7 +31,7 @@ COMMANDS = {
     "new": ("avrare.cli.new", "create a plugin package"),
     "check-plugin": ("avrare.cli.check_plugin", "run the conformance checks of a plugin"),
 }
-"""Name -> module with ``add_arguments(parser)`` and ``execute(args) -> int``, and a summary."""
+"""Name -> module with ``execute(args) -> int``, and a summary; ``options.OPTIONS`` has the options."""
 
 COMMAND_GROUP = "avrare.commands"
 
@@ -40,10 +40,26 @@ PROVIDED = {
     "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
     "synthesize": ("avrare-linear", "design the input of a linear system that makes its failure less likely"),
 }
-"""Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary."""
+"""Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.
+
+Such a module also has ``add_arguments(parser)``.
+"""
 
 _BROKEN_PIPE = 141
 """Exit code after SIGPIPE, as shells report it: 128 + 13."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser that raises ``UsageError`` instead of printing and exiting."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what argparse would print; the hint is the most similar option, or the usage."""
+        message = re.sub(r"^argument (--[\w-]+): must", r"\1 must", message)
+        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
+        similar = did_you_mean(unknown[1], self._option_string_actions) if unknown else None
+        usage = " ".join(self.format_usage().split())
+        hint = similar if similar and similar.startswith("did") else usage
+        raise UsageError(f"{self.prog}: {message}", hint)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -86,26 +102,37 @@ def _dispatch(words: list[str]) -> int:
         parser.print_help()
         return int(ExitCode.PASS)
     name = words[place]
-    module, summary = _command(name)
-    command = command_parser(name, summary)
-    module.add_arguments(command)
-    return int(module.execute(command.parse_args(words[place + 1 :])))
+    args = command_parser(name).parse_args(words[place + 1 :])
+    return int(_module(name).execute(args))
 
 
-def _command(name: str) -> tuple[Any, str]:
+def command_parser(name: str) -> Parser:
+    """Return the parser of a command."""
+    known = COMMANDS | PROVIDED
+    if name not in known:
+        raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, known))
+    parser = Parser(prog=f"avrare {name}", description=known[name][1], allow_abbrev=False)
+    parser.add_argument("--traceback", action="store_true", help="print the traceback of an internal error")
+    from avrare.cli import options
+
+    if name in options.OPTIONS:
+        options.add_options(parser, name)
+    else:
+        _module(name).add_arguments(parser)
+    return parser
+
+
+def _module(name: str) -> Any:
     if name in COMMANDS:
-        reference, summary = COMMANDS[name]
-        return importlib.import_module(reference), summary
-    if name not in PROVIDED:
-        raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, [*COMMANDS, *PROVIDED]))
+        return importlib.import_module(COMMANDS[name][0])
     from importlib.metadata import entry_points  # half the time of `avrare --help`
 
-    distribution, summary = PROVIDED[name]
+    distribution, _ = PROVIDED[name]
     points = entry_points(group=COMMAND_GROUP, name=name)
     if not points:
         reason = f"avrare {name} is provided by {distribution}, which is not installed"
         raise PluginError(reason, f"pip install {distribution}")
-    return next(iter(points)).load(), summary
+    return next(iter(points)).load()
 
 
 def _top_parser() -> Parser:

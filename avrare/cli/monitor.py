@@ -4,66 +4,34 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.errors import ExitCode, UsageError, did_you_mean
-from avrare.cli.output import can_draw, print_warnings, write_errors, write_files
-from avrare.cli.parser import add_set_argument, set_epilog
+from avrare.base.files import explain_file_errors
+from avrare.cli.options import LANE_WIDTH
+from avrare.cli.output import can_draw, print_warnings, write_files
+from avrare.logic import stl
+from avrare.logic.formula import find_formula
+from avrare.logic.syntax import nodes
 from avrare.protocols import find_scene
-
-_LANE_WIDTH = 3.5
-
-_EPILOG = """\
-FILE is one of
-  a CSV file of signals: a column 'time' and one column per signal
-  a CSV file of vehicles, one row per vehicle and time: time, vehicle, x, y,
-      heading, speed, length, width and, optionally, acceleration
-  a CommonRoad XML file
-  a run folder, whose stored failures are replayed
-
-examples:
-  avrare monitor gaps.csv --stl "always (gap > 2)"
-  avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
-  avrare monitor runs/lane_change --specification safe_distance --failure 0
-
-exit code: 0 satisfied, 1 violated, 4 bad file or usage, 5 a package or plugin is missing
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    set_epilog(parser, _EPILOG)
-    # A list of lanes such as -1.75,1.75,5.25 begins with a minus but is not an option.
-    parser._negative_number_matcher = re.compile(r"-\.?\d")
-    parser.add_argument("file", metavar="FILE", help="recorded drive, or run folder")
-    rule = parser.add_argument_group("specification")
-    rule.add_argument("--rule", metavar="NAME", help="traffic rule of a plugin; 'avrare rules' lists them")
-    add_set_argument(rule, "set an option of the rule; may be repeated")
-    rule.add_argument("--stl", metavar="FORMULA", help="formula over signals or vehicles")
-    rule.add_argument("--specification", metavar="NAME", help="specification of the scenario or of the run")
-    recording = parser.add_argument_group("recording")
-    recording.add_argument("--ego", metavar="NAME", help="vehicle under test (default in CSV files: ego)")
-    recording.add_argument("--scenario", metavar="FILE", help="scenario whose simulator provides the road")
-    recording.add_argument("--lanes", metavar="Y,...", help="lane centres from right to left [m]")
-    recording.add_argument(
-        "--lane-width", type=float, metavar="W", help=f"lane width [m] (default {_LANE_WIDTH})"
-    )
-    recording.add_argument("--access-ramp", metavar="I,...", help="indices of access ramp lanes, from 0")
-    recording.add_argument(
-        "--failure", type=int, metavar="K", help="index of a run's failure (default: the worst)"
-    )
-    parser.add_argument("--out", metavar="DIR", help="write monitor.csv, monitor.json and monitor.png")
-    parser.add_argument("--json", action="store_true", help="print the result with all samples as JSON")
+from avrare.report.documents.monitoring_documents import monitoring_document, write_monitoring_csv
+from avrare.report.plots import monitoring_plot
+from avrare.report.terminal.monitoring_text import draw_chart, headline
+from avrare.results.recordings.commonroad import read_commonroad
+from avrare.results.recordings.csv_recording import read_csv
+from avrare.results.recordings.lanes import parse_road
+from avrare.results.recordings.replayed_failure import replay_run_failure
+from avrare.scenario.load import load
+from avrare.stack.builder import build_block, build_formula, build_rule, build_specification
 
 
 def execute(args: argparse.Namespace) -> int:
     """Score the recording and print the outcome; return exit code 1 if the specification is violated."""
-    from avrare.analysis.monitor.monitoring import monitor_recording
-    from avrare.report.documents.monitoring_documents import monitoring_document
-
     _check(args)
     if Path(args.file).is_dir():
         name, specification, recording = _case_of_run(args)
@@ -106,8 +74,6 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _case_of_run(args: argparse.Namespace) -> tuple[str, Any, Any]:
-    from avrare.results.recordings.replayed_failure import replay_run_failure
-
     found = replay_run_failure(Path(args.file), args.specification, args.failure, args.rule)
     print_warnings((line, None) for line in found.changes)
     if args.rule is None and args.stl is None:
@@ -117,18 +83,13 @@ def _case_of_run(args: argparse.Namespace) -> tuple[str, Any, Any]:
 
 
 def _scenario_and_road(args: argparse.Namespace) -> tuple[Any, Any]:
-    from avrare.results.recordings.lanes import parse_road
-
     scenario = road = None
     if args.scenario is not None:
-        from avrare.scenario.load import load
-        from avrare.stack.builder import build_block
-
         scenario = load(args.scenario)
         scene = find_scene(build_block(scenario.simulator, None))
         road = scene.road if scene is not None else None
     if args.lanes is not None:
-        width = _LANE_WIDTH if args.lane_width is None else args.lane_width
+        width = LANE_WIDTH if args.lane_width is None else args.lane_width
         return scenario, parse_road(args.lanes, width, args.access_ramp)
     if args.lane_width is not None or args.access_ramp is not None:
         raise UsageError("--lane-width and --access-ramp require --lanes", "give --lanes Y,...")
@@ -137,17 +98,11 @@ def _scenario_and_road(args: argparse.Namespace) -> tuple[Any, Any]:
 
 def _read(args: argparse.Namespace, road: Any) -> Any:
     if args.file.lower().endswith(".xml"):
-        from avrare.results.recordings.commonroad import read_commonroad
-
         return read_commonroad(args.file, args.ego, road)
-    from avrare.results.recordings.csv_recording import read_csv
-
     return read_csv(args.file, "ego" if args.ego is None else args.ego, road)
 
 
 def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> tuple[str, Any]:
-    from avrare.stack.builder import build_rule, build_specification
-
     if args.stl is not None:
         return "formula", _formula(args, recording)
     if args.rule is not None:
@@ -162,10 +117,6 @@ def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> t
 
 
 def _formula(args: argparse.Namespace, recording: Any) -> Any:
-    from avrare.logic import stl
-    from avrare.logic.syntax import nodes
-    from avrare.stack.builder import build_formula
-
     formula = stl(args.stl, dt=recording.dt, warn=False)
     relations = any(isinstance(part, nodes.Signal) and part.arguments for part in nodes.walk(formula.node))
     if relations and recording.scene is not None:
@@ -178,9 +129,6 @@ def _formula(args: argparse.Namespace, recording: Any) -> Any:
 
 
 def _warnings(args: argparse.Namespace, specification: Any, recording: Any) -> Sequence[Any]:
-    from avrare.logic import stl
-    from avrare.logic.formula import find_formula
-
     if args.stl is not None:
         return stl(args.stl, dt=recording.dt, warn=False).warnings
     formula = find_formula(specification)
@@ -196,21 +144,14 @@ def _missing_scene(recording: Any, what: str) -> UsageError:
 
 
 def _write(scored: Any, folder: Path) -> None:
-    from avrare.report.documents.monitoring_documents import monitoring_document, write_monitoring_csv
-    from avrare.report.plots import monitoring_plot
-
     write_files(folder, {"monitor.json": json.dumps(monitoring_document(scored)) + "\n"})
-    with write_errors(folder, "choose another --out"):
+    with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
         write_monitoring_csv(scored, folder / "monitor.csv")
         if can_draw():
             monitoring_plot.draw(scored, folder / "monitor.png")
 
 
 def _show(scored: Any, out: str | None) -> None:
-    from rich.console import Console
-
-    from avrare.report.terminal.monitoring_text import draw_chart, headline
-
     console = Console(soft_wrap=True, highlight=False)
     for line in [*headline(scored), *([] if scored.no_vehicles else ["", *draw_chart(scored)])]:
         console.print(line)

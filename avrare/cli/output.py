@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from avrare.base.errors import UsageError
+from avrare.base.files import explain_file_errors, write_text
 
 
 def print_warnings(warnings: Iterable[tuple[str, str | None]]) -> None:
@@ -17,24 +17,15 @@ def print_warnings(warnings: Iterable[tuple[str, str | None]]) -> None:
         print(f"warning: {message}" + (f"\nhint: {hint}" if hint else ""), file=sys.stderr)
 
 
-@contextmanager
-def write_errors(path: Path | str, hint: str) -> Iterator[None]:
-    """Turn errors of writing to ``path`` into a ``UsageError`` with a hint."""
-    try:
-        yield
-    except OSError as error:
-        raise UsageError(f"{path}: cannot write: {error.strerror or error}", hint) from error
+def write_file(path: Path | str, text: str, hint: str) -> None:
+    """Write a text file, or raise a ``UsageError`` with this hint."""
+    with explain_file_errors(f"{path}: cannot write", hint):
+        write_text(Path(path), text)
 
 
 def write_files(folder: Path, files: Mapping[str, str]) -> None:
-    """Write text files, by name, into the folder of ``--out``.
-
-    Raises:
-        UsageError: The folder cannot be written to.
-    """
-    from avrare.base.files import write_text
-
-    with write_errors(folder, "choose another --out"):
+    """Write text files, by name, into the folder of ``--out``."""
+    with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             write_text(folder / name, text)
@@ -50,15 +41,9 @@ def can_draw() -> bool:
 
 
 def refuse_overwrite(out: Path, summary: str, names: Sequence[str]) -> None:
-    """Refuse a folder with results of an earlier command, before anything runs.
+    """Refuse a folder that holds ``summary``, a result of a scenario, or an interrupted run.
 
-    Args:
-        out: The folder; it need not exist.
-        summary: Name of the file that the command writes into it.
-        names: Names of the scenarios; several scenarios have their own folders in ``out``.
-
-    Raises:
-        UsageError: ``out`` contains ``summary``, a result of a scenario, or an interrupted run.
+    Several scenarios have their own folders in ``out``, which need not exist.
     """
     from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index
 

@@ -18,14 +18,6 @@ from avrare.plugin.registry import VARIABLE, Row, default_registry
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument("--json", action="store_true", help="print a JSON list instead of a table")
-    parser.add_argument(
-        "--timing", action="store_true", help="also show the import time of each plugin's descriptions"
-    )
-
-
 def execute(args: argparse.Namespace) -> int:
     """Print one row per component and per plugin that could not be loaded."""
     seconds = _import_seconds() if args.timing else None

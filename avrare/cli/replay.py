@@ -7,37 +7,24 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.failures.failure import make_failure, make_failure_of_run, record_failure
+from avrare.analysis.failures.shrink import BUDGET, shrink
+from avrare.analysis.failures.storage import FailureDatabase, decode
+from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.failure_search import add_search_arguments, progress_line, store_failure
-from avrare.cli.output import write_errors
-from avrare.cli.parser import add_set_argument
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="scenario file; optional with --run")
-    add_set_argument(parser)
-    which = parser.add_argument_group("failure")
-    which.add_argument("--failure", metavar="ID", help="ID of a stored failure; with --run: an index")
-    which.add_argument(
-        "--blob", metavar="TEXT", help="failure as text; @FILE reads it from a file, @- from stdin"
-    )
-    which.add_argument("--run", metavar="DIR", help="run folder; default: its worst failure")
-    which.add_argument("--specification", metavar="NAME", help="with --run: the violated specification")
-    add_search_arguments(parser)
-    parser.add_argument("--shrink", action="store_true", help="find the smallest noise that still fails")
-    parser.add_argument("--csv", metavar="FILE", help="write the rollout as CSV for `avrare monitor`")
-    parser.add_argument(
-        "--commonroad", metavar="FILE", help="write the rollout as a CommonRoad scenario; the ego has ID 1"
-    )
+from avrare.cli.failure_search import progress_line, store_failure
+from avrare.cli.output import write_file
+from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
+from avrare.results.reader import load_run_scenario, read_versions
+from avrare.results.recordings.commonroad import to_commonroad
+from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
+from avrare.results.recordings.replayed_failure import record_rollout
+from avrare.results.stored_rollouts import read_failures, select_failure
+from avrare.rollout.loaded_scenario import load
 
 
 def execute(args: argparse.Namespace) -> int:
     """Replay, and with ``--shrink`` shrink; return exit code 0 if it fails again, 1 if not."""
-    from avrare.analysis.failures.failure import make_failure
-    from avrare.analysis.failures.stored_replays import replay_failure
-    from avrare.report.terminal.failure_text import describe_replay
-
     _check(args)
     scenario, failure = _failure_of_run(args) if args.run is not None else _stored_failure(args)
     found = replay_failure(scenario, failure)
@@ -72,9 +59,6 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _stored_failure(args: argparse.Namespace) -> tuple[Any, Any]:
-    from avrare.analysis.failures.storage import FailureDatabase, decode
-    from avrare.rollout.loaded_scenario import load
-
     if args.blob is not None:
         failure = decode(_blob(args.blob))
     else:
@@ -95,11 +79,6 @@ def _blob(text: str) -> str:
 
 
 def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
-    from avrare.analysis.failures.failure import make_failure_of_run
-    from avrare.results.reader import load_run_scenario, read_versions
-    from avrare.results.stored_rollouts import read_failures, select_failure
-    from avrare.rollout.loaded_scenario import load
-
     if args.failure is not None and not args.failure.isdecimal():
         raise UsageError(f"--failure {args.failure}: with --run, give the index of a failure, from 0")
     wanted = None if args.failure is None else int(args.failure)
@@ -115,10 +94,6 @@ def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
 def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) -> None:
     if args.csv is None and args.commonroad is None:
         return
-    from avrare.results.recordings.commonroad import to_commonroad
-    from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
-    from avrare.results.recordings.replayed_failure import record_rollout
-
     if not found.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
     recording = record_rollout(scenario, found, source)
@@ -133,18 +108,11 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
 
 
 def _write(path: str, text: str) -> None:
-    from avrare.base.files import write_text
-
-    with write_errors(path, "choose another file"):
-        write_text(Path(path), text)
+    write_file(path, text, "choose another file")
     print(f"written to {path}")
 
 
 def _shrink(args: argparse.Namespace, scenario: Any, failure: Any) -> None:
-    from avrare.analysis.failures.failure import record_failure
-    from avrare.analysis.failures.shrink import BUDGET, shrink
-    from avrare.report.terminal.failure_text import describe_shrinking
-
     budget = BUDGET if args.budget is None else args.budget
     with progress_line() as progress:
         small = shrink(scenario.problem(failure.specification), failure.noise, budget, progress)

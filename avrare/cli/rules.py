@@ -20,14 +20,6 @@ if TYPE_CHECKING:
 _WIDTH = 100
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="show these rules in full; case and '_' are ignored"
-    )
-    parser.add_argument("--json", action="store_true", help="print a JSON list")
-
-
 def execute(args: argparse.Namespace) -> int:
     """Print a table of all rules, or the named rules in full."""
     catalogue = Catalogue.of(default_registry())

@@ -13,45 +13,33 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.failures.storage import FailureDatabase
+from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, UsageError
+from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings
-from avrare.cli.parser import (
-    add_display_arguments,
-    add_run_arguments,
-    add_scenario_arguments,
-    display,
-    load_scenarios,
-    overrides,
-)
+from avrare.estimation.budget import Budget
+from avrare.estimation.checkpoint import SaveError
+from avrare.estimation.estimate import estimate_specifications
+from avrare.estimation.loop import Settings, planned
+from avrare.estimation.result import verdict, worst_verdict
 from avrare.protocols import ReplacesWorkers, find_ability
+from avrare.report.plots.drive_plot import draw_run
+from avrare.report.terminal.console import make_console, print_lines, print_table
+from avrare.report.terminal.progress_line import Progress
+from avrare.report.terminal.result_table import note_lines, result_table, verdict_lines
+from avrare.results import run_checkpoint as checkpoint_run
+from avrare.results import run_folder as rundir
+from avrare.results.run_checkpoint import saved_scenarios
+from avrare.rollout.executors.in_flight import WorkerDied
+from avrare.rollout.executors.interruption import Stopping
+from avrare.rollout.executors.work import build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.schema import Scenario
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    add_scenario_arguments(parser, optional=True)
-    add_run_arguments(parser)
-    parser.add_argument(
-        "--until",
-        metavar="relative_error=X|threshold=X",
-        help="run Monte Carlo until the relative error is at most X, or the interval excludes X",
-    )
-    parser.add_argument("--out", metavar="DIR", help="results folder (default: a new one under runs/)")
-    parser.add_argument("--resume", metavar="DIR", help="resume the interrupted run in this folder")
-    parser.add_argument(
-        "--failures", metavar="DIR", help="replay the failures stored in DIR first, and store new ones there"
-    )
-    parser.add_argument("--json", action="store_true", help="print result.json and nothing else on stdout")
-    parser.add_argument("--no-pictures", action="store_true", help="draw no pictures")
-    add_display_arguments(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Run the scenarios one after another, or resume an interrupted run."""
-    from avrare.estimation.budget import Budget
-    from avrare.results import run_checkpoint as checkpoint_run
-    from avrare.results import run_folder as rundir
-
     out = _out_folder(args)
     scenarios, budget = _named_scenarios(args), Budget.parse(args.budget)
     if args.resume is not None:
@@ -96,8 +84,6 @@ def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
 
 
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
-    from avrare.results.run_checkpoint import saved_scenarios
-
     scenarios = saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
         hint = f"avrare run SCENARIO --resume {out} starts one"
@@ -107,8 +93,6 @@ def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario
 
 def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
     """Check every scenario before running the first; what is built for that is kept."""
-    from avrare.rollout.loaded_scenario import LoadedScenario
-
     built = [LoadedScenario(scenario) for scenario in scenarios]
     for scenario in built if len(built) > 1 else ():
         _check_start(scenario, budget)
@@ -116,8 +100,6 @@ def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
 
 
 def _check_start(scenario: Any, budget: Any) -> None:
-    from avrare.estimation.loop import Settings, planned
-
     definition, estimator = scenario.definition, scenario.estimator()
     problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
     settings = Settings(
@@ -142,10 +124,6 @@ def _overrides(args: argparse.Namespace) -> list[str]:
 def _run_all(
     pairs: Iterable[tuple[Any, Path]], args: argparse.Namespace, budget: Any, checkpoint: Any
 ) -> list[dict[str, Any]]:
-    from avrare.estimation.checkpoint import SaveError
-    from avrare.rollout.executors.in_flight import WorkerDied
-    from avrare.rollout.executors.interruption import Stopping
-
     try:
         with Stopping() as stop:
             return [_run_scenario(*pair, args, budget, checkpoint, stop) for pair in pairs]
@@ -174,9 +152,6 @@ def _finish(args: argparse.Namespace, contents: list[dict[str, Any]]) -> int:
 def _run_scenario(
     scenario: Any, folder: Path, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
 ) -> dict[str, Any]:
-    from avrare.report.plots.drive_plot import draw_run
-    from avrare.results import run_folder as rundir
-
     definition = scenario.definition
     _use_failures(scenario, None, args)
     results = _estimates(scenario, args, budget, checkpoint, stop)
@@ -194,9 +169,6 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
     """Replay the failures of ``--failures``, or store those of the results; print what happened."""
     if args.failures is None:
         return
-    from avrare.analysis.failures.storage import FailureDatabase
-    from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
-
     database = FailureDatabase(Path(args.failures))
     if results is None:
         lines = check_known_failures(database, scenario)
@@ -210,10 +182,6 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
 
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
-    from avrare.estimation.estimate import estimate_specifications
-    from avrare.report.terminal.progress_line import Progress
-    from avrare.rollout.executors.work import build_executor
-
     definition = scenario.definition
     confidence = definition.confidence if definition.estimator.plugin == "mc" else None
     journal = cache(lambda specification: checkpoint.journal(f"{definition.name}/{specification}"))
@@ -244,8 +212,6 @@ def _report_restarts(executor: Any) -> None:
 
 
 def _judged(definition: Scenario, result: Any) -> Any:
-    from avrare.estimation.result import verdict, worst_verdict
-
     found = [
         verdict(result, threshold.limit, threshold.strict, threshold.confidence)
         for threshold in definition.thresholds
@@ -257,9 +223,6 @@ def _judged(definition: Scenario, result: Any) -> Any:
 def _show(
     definition: Scenario, results: Sequence[Any], folder: Path, pictures: Sequence[Path], mode: Any
 ) -> None:
-    from avrare.report.terminal.console import make_console, print_lines, print_table
-    from avrare.report.terminal.result_table import note_lines, result_table, verdict_lines
-
     if mode == "quiet":
         print("\n".join(verdict_lines(definition.name, results)))
         return

@@ -10,10 +10,6 @@ from avrare.plugin.registry import default_registry
 from avrare.scenario.json_schema import scenario_schema
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add nothing: the command has no options."""
-
-
 def execute(args: argparse.Namespace) -> int:
     """Print the schema with the options of every installed component."""
     print(json.dumps(scenario_schema(default_registry()), indent=2))

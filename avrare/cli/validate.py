@@ -8,14 +8,7 @@ import sys
 
 from avrare.base.errors import AvrareError, ExitCode
 from avrare.cli.output import print_warnings
-from avrare.cli.parser import add_scenario_arguments
 from avrare.scenario.load import load
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's options."""
-    add_scenario_arguments(parser)
-    parser.add_argument("--build", action="store_true", help="also build the stack and run three steps")
 
 
 def execute(args: argparse.Namespace) -> int:

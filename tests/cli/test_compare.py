@@ -146,11 +146,11 @@ def test_wrong_words_are_answered_in_words(capsys, words, code, message):
 
 def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr("avrare.analysis.compare.study.compare", pytest.fail)
+    monkeypatch.setattr("avrare.cli.compare.compare", pytest.fail)
     words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", "problem:d_rw_L2.5", "--estimators", "mc", *words]) == 4
     assert "cannot write" in capsys.readouterr().err
-    monkeypatch.setattr("avrare.analysis.compare.paired.compare_pairs", pytest.fail)
+    monkeypatch.setattr("avrare.cli.compare.compare_pairs", pytest.fail)
     words = ["--against", LANE_CHANGE, "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", LANE_CHANGE, *words]) == 4
     assert "cannot write" in capsys.readouterr().err

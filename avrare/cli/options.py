@@ -1,0 +1,340 @@
+"""Options of the commands, as data: their help imports nothing that runs them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from avrare.base.errors import UsageError
+from avrare.plugin.component import KINDS
+
+if TYPE_CHECKING:
+    from avrare.report.terminal.console import Mode
+    from avrare.scenario.schema import Scenario
+
+FAILURES_FOLDER = ".avrare/failures"
+LANE_WIDTH = 3.5
+REPEAT = 10
+
+Options: TypeAlias = dict[str, "str | tuple[str, dict[str, Any]] | Options"]
+"""Usage -> help, or (help, settings of ``add_argument``); a title, or ``|`` for alternatives -> group."""
+
+
+def at_least(minimum: int) -> Callable[[str], int]:
+    """Return an argparse type for integers of at least ``minimum``."""
+
+    def integer(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"must be a whole number, not {text!r}") from None
+        if number < minimum:
+            raise argparse.ArgumentTypeError(f"must be at least {minimum}, not {text}")
+        return number
+
+    return integer
+
+
+_NATURAL: dict[str, Any] = {"type": at_least(0)}
+_REPEATABLE: dict[str, Any] = {"action": "append", "default": []}
+_SCENARIO: Options = {"scenario SCENARIO": "scenario file"}
+_SET: Options = {"--set KEY=VALUE": ("override one value", _REPEATABLE)}
+_OVERRIDES: Options = {
+    "--set KEY=VALUE": ("override one value, e.g. estimator.rollouts=1000; may be repeated", _REPEATABLE),
+    "--estimator NAME": "use estimator NAME with its defaults instead of the scenario's estimator block",
+}
+_SCENARIOS: Options = {"scenarios SCENARIO": ("scenario file", {"nargs": "+"}), **_OVERRIDES}
+_WORKERS: Options = {"--workers N": ("processes (default 1)", {"type": at_least(1), "default": 1})}
+_RUN: Options = {
+    "--seed N": ("random seed; default: the scenario's", {"type": int}),
+    **_WORKERS,
+    "--executor NAME": "executor: serial, processes or ray (with options: ray,address=auto); "
+    "default: processes if workers > 1, else serial",
+    "--budget KIND=N": "budget per estimate: steps=N, rollouts=N or seconds=N",
+}
+_DISPLAY: Options = {
+    "|": {
+        "--quiet": "print only verdicts and errors",
+        "--plain": "no colours, nothing redrawn: for logs",
+    }
+}
+_FAILURES: Options = {
+    "--failures DIR": (f"folder of stored failures (default {FAILURES_FOLDER})", {"default": FAILURES_FOLDER})
+}
+_SEARCH: Options = {
+    **_FAILURES,
+    "--budget N": ("maximal number of rollouts", {"type": at_least(2)}),
+    "--write-blob FILE": "write the failure as text that --blob reads",
+}
+
+OPTIONS: dict[str, Options] = {
+    "run": {
+        "scenarios SCENARIO": ("scenario file", {"nargs": "*"}),
+        **_OVERRIDES,
+        **_RUN,
+        "--until relative_error=X|threshold=X": "run Monte Carlo until the relative error is at most X, or "
+        "the interval excludes X",
+        "--out DIR": "results folder (default: a new one under runs/)",
+        "--resume DIR": "resume the interrupted run in this folder",
+        "--failures DIR": "replay the failures stored in DIR first, and store new ones there",
+        "--json": "print result.json and nothing else on stdout",
+        "--no-pictures": "draw no pictures",
+        **_DISPLAY,
+    },
+    "check": {
+        **_SCENARIOS,
+        **_RUN,
+        "--spend KIND=N": "maximal budget, spent in up to four interim looks until every verdict is decided",
+        "baselines": {
+            "--baseline DIR": "baseline folder (DIR/NAME for several scenarios); implies a comparison",
+            "--save": "save this run as the new baseline",
+            "--require-baseline": "stop if there is no baseline; recommended in CI",
+            "--accept-changes": "compare even if the scenario has changed since the baseline",
+        },
+        "output": {
+            "--plan": "only estimate the cost of a verdict",
+            "--junit FILE": "write JUnit XML",
+            "--markdown FILE": "write a summary for a merge request",
+            "--out DIR": "write check.json and the run folders",
+            "--json": "print check.json and nothing else on stdout",
+        },
+        **_DISPLAY,
+    },
+    "compare": {
+        "scenario SCENARIO": "scenario file, or problem:ID",
+        "--against OTHER": "second version of the scenario, run on the same noise tapes",
+        "--estimators NAMES": "estimators to compare, e.g. mc,ams,ce",
+        "--budget KIND=N": "budget per estimate: steps=N or rollouts=N",
+        "--repeat R": (f"estimates per estimator (default {REPEAT})", {"type": at_least(1)}),
+        "--specification NAME": "specification; required if there are several",
+        "--truth P": "true probability, or mc=ROLLOUTS to estimate it first",
+        "--set KEY=VALUE": (
+            "ams.particles=100 for every ams; scenario.steps=20 for the scenario; may be repeated",
+            _REPEATABLE,
+        ),
+        "--seed N": ("seed of the first repetition; default: the scenario's, or 0", _NATURAL),
+        **_WORKERS,
+        "--out DIR": "write comparison.json, .md and .png",
+        "--json": "print comparison.json and nothing else on stdout",
+        "--no-pictures": "draw nothing",
+        **_DISPLAY,
+    },
+    "validate": {**_SCENARIOS, "--build": "also build the stack and run three steps"},
+    "replay": {
+        "scenario SCENARIO": ("scenario file; optional with --run", {"nargs": "?"}),
+        **_SET,
+        "failure": {
+            "--failure ID": "ID of a stored failure; with --run: an index",
+            "--blob TEXT": "failure as text; @FILE reads it from a file, @- from stdin",
+            "--run DIR": "run folder; default: its worst failure",
+            "--specification NAME": "with --run: the violated specification",
+        },
+        **_SEARCH,
+        "--shrink": "find the smallest noise that still fails",
+        "--csv FILE": "write the rollout as CSV for `avrare monitor`",
+        "--commonroad FILE": "write the rollout as a CommonRoad scenario; the ego has ID 1",
+    },
+    "falsify": {
+        **_SCENARIO,
+        **_SET,
+        "--specification NAME": "specification to violate; required if there are several",
+        "--seed N": ("random seed (default 0)", {**_NATURAL, "default": 0}),
+        **_SEARCH,
+    },
+    "failures": {},
+    "failures list": _FAILURES,
+    "failures blob": {"id ID": "", **_FAILURES},
+    "failures add": {"run DIR": "folder written by `avrare run`", **_FAILURES},
+    "failures cluster": {
+        **_SCENARIO,
+        **_SET,
+        "--specification NAME": "only failures of this specification",
+        "--shrink": "shrink all failures before clustering (slow)",
+        "--budget N": (
+            "rollouts for shrinking one failure (default 400); 0: do not shrink",
+            {**_NATURAL, "default": 400},
+        ),
+        **_FAILURES,
+    },
+    "rules": {
+        "names NAME": ("show these rules in full; case and '_' are ignored", {"nargs": "*"}),
+        "--json": "print a JSON list",
+    },
+    "monitor": {
+        "file FILE": "recorded drive, or run folder",
+        "specification": {
+            "--rule NAME": "traffic rule of a plugin; 'avrare rules' lists them",
+            "--set KEY=VALUE": ("set an option of the rule; may be repeated", _REPEATABLE),
+            "--stl FORMULA": "formula over signals or vehicles",
+            "--specification NAME": "specification of the scenario or of the run",
+        },
+        "recording": {
+            "--ego NAME": "vehicle under test (default in CSV files: ego)",
+            "--scenario FILE": "scenario whose simulator provides the road",
+            "--lanes Y,...": "lane centres from right to left [m]",
+            "--lane-width W": (f"lane width [m] (default {LANE_WIDTH})", {"type": float}),
+            "--access-ramp I,...": "indices of access ramp lanes, from 0",
+            "--failure K": ("index of a run's failure (default: the worst)", {"type": int}),
+        },
+        "--out DIR": "write monitor.csv, monitor.json and monitor.png",
+        "--json": "print the result with all samples as JSON",
+    },
+    "report": {
+        "folder DIR": "run folder",
+        "--out FILE": "report file (default: report.html in DIR)",
+        "--open": "open the report in the browser",
+    },
+    "history": {
+        "words SCENARIO": ("scenario name, or 'add' and run folders", {"nargs": "*"}),
+        "--specification NAME": "show only this specification",
+        "--limit N": ("show the newest N (default 20; 0: all)", {**_NATURAL, "default": 20}),
+        "--json": "print JSON and nothing else on stdout",
+        "--plot FILE": "draw the estimates as a PNG",
+        "--store URL": "SQLite file, or SQLAlchemy URL of a database (default .avrare/history.sqlite)",
+    },
+    "plugins": {
+        "--json": "print a JSON list instead of a table",
+        "--timing": "also show the import time of each plugin's descriptions",
+    },
+    "schema": {},
+    "new": {
+        "what": ("what to create", {"choices": ["plugin"]}),
+        "name NAME": "name in scenarios, for example wind_gusts",
+        "--kind KIND": (f"one of {', '.join(KINDS)}", {"required": True}),
+        "--out DIR": ("parent of the new folder (default: .)", {"default": "."}),
+    },
+    "check-plugin": {
+        "name NAME": "component, or distribution: all of its components",
+        "--kind KIND": "only components of this kind",
+        "--set KEY=VALUE": ("set an option of the component; may be repeated", _REPEATABLE),
+        "--json": "print a JSON list instead of lines",
+    },
+}
+"""Command, or command and action -> options."""
+
+_ACTIONS = {
+    "failures": {
+        "list": "list all failures, one per line",
+        "blob": "print one failure as text for `avrare replay --blob`",
+        "add": "store the failures of a run",
+        "cluster": "cluster the failures of a scenario",
+    }
+}
+_EPILOGS = {
+    "check": """\
+A threshold passes if the interval of the probability lies below the bound, and fails if it
+lies above. Each specification is also compared with the newest baseline, a numbered file in
+baselines/NAME next to the scenario, if there is one; the first comparison saves it. See
+docs/ci.md.
+
+examples:
+  avrare check scenarios/*.yaml --junit report.xml --markdown summary.md
+  avrare check drive.yaml --spend rollouts=80000    # up to four looks, until all verdicts are clear
+  avrare check drive.yaml --plan                    # estimate the cost of a verdict
+  avrare check drive.yaml --save                    # save a new baseline
+
+exit code: 0 all pass, 1 a threshold or comparison fails, 3 inconclusive, 4 bad scenario or
+usage, 5 plugin missing, 6 too many rollout errors
+""",
+    "compare": """\
+SCENARIO is a scenario file, or problem:ID for a reference problem with a known probability
+('avrare compare problem:' lists them).
+
+NAMES are estimators separated by commas; options of a variant follow after colons:
+mc,ams,ams:particles=100:discard=10
+
+examples:
+  avrare compare problem:d_rw_L3.8 --estimators mc,ams,ce --budget steps=1e6
+  avrare compare drive.yaml --specification no_collision --estimators mc,ams \\
+      --budget steps=40000 --repeat 5 --truth mc=10000 --workers 4 --out comparison
+  avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
+  avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
+""",
+    "monitor": """\
+FILE is one of
+  a CSV file of signals: a column 'time' and one column per signal
+  a CSV file of vehicles, one row per vehicle and time: time, vehicle, x, y,
+      heading, speed, length, width and, optionally, acceleration
+  a CommonRoad XML file
+  a run folder, whose stored failures are replayed
+
+examples:
+  avrare monitor gaps.csv --stl "always (gap > 2)"
+  avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
+  avrare monitor runs/lane_change --specification safe_distance --failure 0
+
+exit code: 0 satisfied, 1 violated, 4 bad file or usage, 5 a package or plugin is missing
+""",
+    "report": """\
+DIR is a folder written by `avrare run`. The report is a single file without external
+resources: send it by mail, or archive it with the build.
+
+examples:
+  avrare run scenarios/lane_change.yaml --out runs/night
+  avrare report runs/night --open
+  avrare report runs/night --out lane_change.html
+""",
+    "history": """\
+`avrare history add` stores the estimates of DIR, the --out of `avrare run` or `avrare check`.
+Nothing else writes to the history. Adding a folder twice has no effect.
+
+examples:
+  avrare history add runs/night
+  avrare history lane_change --specification safe_distance --limit 20
+  avrare history --plot trend.png
+  avrare history add out --store postgresql://host/avrare
+""",
+}
+
+
+def add_options(parser: argparse.ArgumentParser, command: str) -> None:
+    """Add the options of a command."""
+    _add(parser, OPTIONS[command])
+    if command in _ACTIONS:
+        actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+        for name, text in _ACTIONS[command].items():
+            _add(actions.add_parser(name, help=text), OPTIONS[f"{command} {name}"])
+    if command in _EPILOGS:
+        parser.epilog, parser.formatter_class = _EPILOGS[command], argparse.RawDescriptionHelpFormatter
+    if command == "monitor":
+        # A list of lanes such as -1.75,1.75,5.25 begins with a minus but is not an option.
+        parser._negative_number_matcher = re.compile(r"-\.?\d")
+    if command == "history":
+        parser.usage = "avrare history [SCENARIO] [options]\n       avrare history add DIR... [--store URL]"
+
+
+def _add(parser: Any, options: Options) -> None:
+    for usage, entry in options.items():
+        if isinstance(entry, dict):
+            titled = usage != "|"
+            _add(parser.add_argument_group(usage) if titled else parser.add_mutually_exclusive_group(), entry)
+            continue
+        name, _, metavar = usage.partition(" ")
+        text, settings = entry if isinstance(entry, tuple) else (entry, {})
+        if metavar or not name.startswith("-"):
+            parser.add_argument(name, metavar=metavar or None, help=text or None, **settings)
+        else:
+            parser.add_argument(name, action="store_true", help=text)
+
+
+def overrides(args: argparse.Namespace) -> list[str]:
+    """Return the settings of ``--set`` and ``--seed``."""
+    return [*args.set, *([f"seed={args.seed}"] if args.seed is not None else [])]
+
+
+def load_scenarios(args: argparse.Namespace, settings: Sequence[str]) -> list[Scenario]:
+    """Load the scenarios on the command line, which must have different names."""
+    from avrare.scenario.load import load
+
+    scenarios = [load(path, settings, args.estimator) for path in args.scenarios]
+    names = sorted(scenario.name for scenario in scenarios)
+    if len(set(names)) < len(names):
+        raise UsageError(f"two scenarios have the same name: {', '.join(names)}", "give one per command")
+    return scenarios
+
+
+def display(args: argparse.Namespace) -> Mode:
+    """Return the display mode that ``--quiet`` and ``--plain`` select."""
+    return "quiet" if args.quiet else "plain" if args.plain else "auto"
