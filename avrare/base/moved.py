@@ -78,8 +78,8 @@ MOVED = {
 RENAMED = {
     "avrare.build.scenario": {"BuildableScenario": "avrare.rollout.loaded_scenario.LoadedScenario"},
     "avrare.build.weighted": {
-        "Law": "avrare.stack.weighted_loop.SamplingLaw",
-        "WeightedState": "avrare.stack.weighted_loop.WeightedLoopState",
+        "Law": "avrare.stack.closed_loop.SamplingLaw",
+        "WeightedState": "avrare.stack.closed_loop.WeightedLoopState",
         "check_block": "avrare.rollout.weighted_problem.check_proposal",
     },
     "avrare.record.whole": {

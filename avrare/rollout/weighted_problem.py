@@ -16,8 +16,7 @@ from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Block
 from avrare.scenario.validation import check_options
 from avrare.stack.builder import build_block
-from avrare.stack.closed_loop import ClosedLoop
-from avrare.stack.weighted_loop import WeightedLoop
+from avrare.stack.closed_loop import ClosedLoop, WeightedLoop
 
 _KIND = "perception"
 

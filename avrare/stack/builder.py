@@ -13,7 +13,7 @@ import numpy as np
 from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
 from avrare.driving import Scene
 from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, stl
-from avrare.plugin.registry import Registry, Row, default_registry
+from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import ExplainsViolation, HasMargin, Specification, find_ability, find_scene
 from avrare.scenario.marked_values import Mark, Node
@@ -40,12 +40,7 @@ class Stack:
 
 
 def build_stack(scenario: Scenario) -> Stack:
-    """Build every part of ``scenario``.
-
-    Raises:
-        PluginError: A part needs a package that is not installed.
-        UsageError: The parts do not fit together.
-    """
+    """Build every part of ``scenario``; they must fit together."""
     if scenario.perception is not None and scenario.tracker is None:
         raise UsageError(
             f"{scenario.path}: perception: no tracker is given to process the observations",
@@ -67,11 +62,7 @@ def build_stack(scenario: Scenario) -> Stack:
 
 
 def check_start(scenario: Scenario, stack: Stack) -> None:
-    """Check that the noise-free start violates no specification, whose probability would then be 1.
-
-    Raises:
-        ScenarioError: A specification is violated, or the start raises an exception.
-    """
+    """Check that the noise-free start violates no specification, whose probability would then be 1."""
     signals = _signals_at_start(scenario, stack)
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():
@@ -112,10 +103,9 @@ def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:
 
 
 def build_and_try(scenario: Scenario, steps: int = 3) -> list[tuple[str, str | None]]:
-    """Build the stack and run a few noise-free steps, for ``validate --build``.
+    """Build the stack, run a few noise-free steps and return warnings (message, hint) on its specifications.
 
-    Returns:
-        Warnings (message, hint) on plugins' specifications, which loading the scenario does not give.
+    Only those of plugins: loading the scenario has warned of the others.
     """
     stack = build_stack(scenario)
     check_start(scenario, stack)
@@ -148,12 +138,7 @@ def _located(scenario: Scenario, path: str) -> Iterator[None]:
 
 
 def build_block(block: Block, scene: Scene | None) -> Any:
-    """Build the part that a block describes.
-
-    Raises:
-        PluginError: Its implementation cannot be imported.
-        UsageError: It needs a road, and the simulator has none.
-    """
+    """Build the part that a block describes; ``scene`` is the simulator's, None if it has no road."""
     if block.component.driving and scene is None:
         raise UsageError(
             f"{block.component.kind} {block.plugin!r} is for vehicles on a road, and this simulator has none",
@@ -179,61 +164,36 @@ def build_specification(part: Block | Formula, scene: Scene | None, dt: float) -
     return FormulaMonitor(stl(part.stl, dt=dt, until=part.until, warn=False))
 
 
-def build_rule(
-    name: str, settings: Sequence[str], scene: Scene, registry: Registry | None = None
-) -> Specification:
-    """Build the monitor of a plugin's rule.
-
-    Args:
-        name: Name of the rule as ``avrare rules`` lists it.
-        settings: ``KEY=VALUE`` options of the plugin, as for ``--set``.
-        scene: Road, sizes and names.
-        registry: Registry of plugins; the installed ones by default.
-
-    Raises:
-        UsageError: There is no such rule, or two plugins offer one.
-        ScenarioError: An option is unknown or has a wrong value.
-    """
-    registry = registry or default_registry()
-    offers = Catalogue.of(registry).find(name)
+def build_rule(name: str, settings: Sequence[str], scene: Scene) -> Specification:
+    """Build the monitor of a plugin's rule, with ``KEY=VALUE`` options of the plugin as for ``--set``."""
+    offers = Catalogue.of(default_registry()).find(name)
     if len(offers) > 1:
         both = " and ".join(offer.row.name for offer in offers)
         raise UsageError(
             f"rule {name!r} is offered by {both}",
             "put it in a scenario and choose it with --specification",
         )
-    return _build_configured(registry, offers[0].row, "rule", name, settings, scene)
+    return _build_configured(offers[0].row, "rule", name, settings, scene)
 
 
-def build_formula(
-    text: str, settings: Sequence[str], scene: Scene, registry: Registry | None = None
-) -> Specification:
+def build_formula(text: str, settings: Sequence[str], scene: Scene) -> Specification:
     """Build the monitor of a formula over vehicles, whose predicates a plugin defines.
 
     Args:
         text: Formula such as ``forall o in others: always (time_to_collision(ego, o) > 1.5)``.
         settings: ``KEY=VALUE`` options of the plugin, as for ``--set``.
         scene: Road, sizes and names.
-        registry: Registry of plugins; the installed ones by default.
-
-    Raises:
-        PluginError: No installed plugin defines predicates of vehicles.
-        ScenarioError: An option is unknown or has a wrong value.
     """
-    registry = registry or default_registry()
-    rows = dict.fromkeys(offer.row for offer in Catalogue.of(registry).offers)
-    for row in rows:
+    for row in dict.fromkeys(offer.row for offer in Catalogue.of(default_registry()).offers):
         if row.component is not None and "formula" in row.component.load_config().model_fields:
-            return _build_configured(registry, row, "formula", text, settings, scene)
+            return _build_configured(row, "formula", text, settings, scene)
     raise PluginError(
         "no installed plugin defines predicates of vehicles", "pip install avrare-traffic-rules"
     )
 
 
-def _build_configured(
-    registry: Registry, row: Row, key: str, value: str, settings: Sequence[str], scene: Scene
-) -> Specification:
-    component = registry.require("specification", row.name)
+def _build_configured(row: Row, key: str, value: str, settings: Sequence[str], scene: Scene) -> Specification:
+    component = default_registry().require("specification", row.name)
     mark = Mark("--rule" if key == "rule" else "--stl")
     node = override(Node({key: Node(value, mark, mark)}, mark), settings)
     config, problems = check(component.load_config(), node)

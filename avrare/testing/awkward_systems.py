@@ -62,15 +62,7 @@ class Killed(BaseException):
 
 
 class Mortal(_Wrapper):
-    """Wrapper that raises ``Killed`` after so many batches of steps.
-
-    Args:
-        system: The system.
-        lives: Batches of steps before it raises.
-
-    Attributes:
-        lived: Batches of steps so far.
-    """
+    """Wrapper that raises ``Killed`` after ``lives`` batches of steps; ``lived`` counts those so far."""
 
     lived = 0
 

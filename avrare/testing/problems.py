@@ -21,14 +21,7 @@ from avrare.testing.static_problems import (
     linear,
     lognormal_product,
 )
-from avrare.testing.walk_problems import (
-    count_down,
-    ornstein_uhlenbeck,
-    plus_minus,
-    reach,
-    response,
-    walk,
-)
+from avrare.testing.walk_problems import count_down, ornstein_uhlenbeck, plus_minus, reach, response, walk
 
 __all__ = [
     "ReferenceProblem", "conjunction", "count_down", "exponential_sum", "families", "four_branch", "linear",

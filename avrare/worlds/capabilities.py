@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,17 +56,9 @@ def capabilities(system: System, steps: int = 3) -> Capabilities:
 
 
 def require(system: System, estimator: str, needs: Iterable[str]) -> None:
-    """Refuse a system that lacks what an estimator needs.
+    """Refuse a system that lacks what an estimator needs: "branches", "noise".
 
     Only simulators with ``lacks`` are tried: the state of any other is a value, which can be copied.
-
-    Args:
-        system: Any system.
-        estimator: Name of the estimator.
-        needs: Names of capabilities: "branches", "noise".
-
-    Raises:
-        UsageError: A capability is missing; the message gives the reason.
     """
     wanted = list(needs)
     if not wanted or find_ability(find_simulator(system), HasLimits) is None:
@@ -85,7 +77,7 @@ def require(system: System, estimator: str, needs: Iterable[str]) -> None:
 def _difference(system: System, steps: int) -> str:
     # Any numbers will do that are not round.
     noise = np.sin(np.arange(1.0, 2.0 * (steps + 1) * system.noise_size + 1.0)).reshape(2, steps + 1, -1)
-    first, second = _run(system, noise), _run(system, noise)
+    first, second = list(_run(system, noise)), list(_run(system, noise))
     for t, (one, two) in enumerate(zip(first, second, strict=True)):
         for name in one:
             if not np.array_equal(one[name], two[name], equal_nan=one[name].dtype.kind == "f"):
@@ -93,10 +85,9 @@ def _difference(system: System, steps: int) -> str:
     return ""
 
 
-def _run(system: System, noise: Any) -> list[dict[str, Any]]:
-    state = system.initial(np.ascontiguousarray(noise[:, 0]))
-    found = [dict(system.signals(state))]
-    for t in range(1, noise.shape[1]):
-        state = system.step(state, np.ascontiguousarray(noise[:, t]))
-        found.append(dict(system.signals(state)))
-    return found
+def _run(system: System, noise: Any) -> Iterator[dict[str, Any]]:
+    state: Any = None
+    for t in range(noise.shape[1]):
+        given = np.ascontiguousarray(noise[:, t])
+        state = system.step(state, given) if t else system.initial(given)
+        yield dict(system.signals(state))

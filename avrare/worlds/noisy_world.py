@@ -107,11 +107,7 @@ class Noisy:
         self._draw_error(noise)
 
     def prepare(self, actions: Any, noise: Floats) -> Any:
-        """Return the disturbed actions of N worlds.
-
-        Raises:
-            UsageError: There is no action to disturb, or it has another size.
-        """
+        """Return the disturbed actions of N worlds."""
         if self.action is not None:
             size = 0 if actions is None else np.size(actions) // len(noise)
             if size != self.action.size:

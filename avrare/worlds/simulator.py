@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, get_args
 
 import numpy as np
@@ -86,7 +87,7 @@ class Worlds:
             )
         if step_timeout is not None and not 0.0 < step_timeout < 1e6:
             raise UsageError(f"step_timeout must be a positive number of seconds, not {step_timeout!r}")
-        self.settings = make, dt, copy, step_timeout, reuse
+        self._again = partial(type(self), make, dt=dt, copy=copy, step_timeout=step_timeout, reuse=reuse)
         self.dt = dt
         self._pool = WorldPool(make, copy, reuse)
         self._watchdog = Watchdog(step_timeout)
@@ -100,7 +101,7 @@ class Worlds:
         self._pool.put_away(first)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_worlds, (type(self), *self.settings)
+        return self._again, ()
 
     def reset(self, noise: Floats) -> WorldState:
         """Return worlds at t = 0 from noise (N, noise_size)."""
@@ -120,7 +121,7 @@ class Worlds:
             action = self._preparing.prepare(action, noise)
         at, histories = world.step.tolist(), world.track.tolist()
         inputs = list(zip(_rows(action, len(at)), _frozen(noise), strict=True))
-        replayed, called = world.replayed.copy(), False
+        replayed, recalled = world.replayed.copy(), False
         with self._watchdog:
             for i, (history, t, given) in enumerate(zip(histories, at, inputs, strict=True)):
                 if history.world is None or len(history.actions) != t:
@@ -128,12 +129,12 @@ class Worlds:
                         if history.fault is not None:
                             raise history.fault
                         continue
-                    if not called:
-                        called = self._recall_worlds(histories, at, inputs)
+                    if not recalled:
+                        self._recall_worlds(histories, at, inputs)
+                        recalled = True
                     replayed[i] += t if len(history.actions) > t and self._pool.copying == "replay" else 0
-                    histories[i] = history = self._branches.branch(
-                        history, t, batch.take(world.signals, slice(i, i + 1))
-                    )
+                    signals = batch.take(world.signals, slice(i, i + 1))
+                    histories[i] = history = self._branches.branch(history, t, signals)
                 self._advance(history, *given)
                 if self._branches.untested and t in history.copies:
                     self._branches.test_copy(history, t, given)
@@ -149,15 +150,13 @@ class Worlds:
 
     def _recall_worlds(
         self, histories: list[InputHistory], at: list[int], inputs: list[tuple[Any, Floats]]
-    ) -> bool:
-        keep, needed = set(), 0
-        for history, t, given in zip(histories, at, inputs, strict=True):
-            if (history.world is not None and len(history.actions) == t) or history.ended_with(t, *given):
-                keep.add(history)
-            else:
-                needed += 1
-        self._pool.recall(needed, keep)
-        return True
+    ) -> None:
+        settled = [
+            history
+            for history, t, given in zip(histories, at, inputs, strict=True)
+            if (history.world is not None and len(history.actions) == t) or history.ended_with(t, *given)
+        ]
+        self._pool.recall(len(histories) - len(settled), set(settled))
 
     def _start(self, noise: Floats) -> InputHistory:
         history = InputHistory([noise], [])
@@ -195,9 +194,8 @@ class Worlds:
     ) -> WorldState:
         column = np.empty(len(histories), dtype=object)
         column[:] = histories
-        return WorldState(
-            step, column, *self._readout.all([history.latest for history in histories]), replayed
-        )
+        signals, seen = self._readout.all([history.latest for history in histories])
+        return WorldState(step, column, signals, seen, replayed)
 
 
 def _rows(action: Any, n: int) -> Iterator[Any] | Sequence[None]:
@@ -219,10 +217,8 @@ def _frozen(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _check_world(world: Any, copy: Copy) -> World:
-    needed = ["noise_size", "reset", "step", "signals"]
-    missing = [
-        name for name in needed + ["snapshot", "restore"] * (copy == "hook") if not hasattr(world, name)
-    ]
+    needed = ["noise_size", "reset", "step", "signals"] + ["snapshot", "restore"] * (copy == "hook")
+    missing = [name for name in needed if not hasattr(world, name)]
     if missing:
         raise UsageError(
             f"{type(world).__name__} is not a world: it lacks {', '.join(missing)}",
@@ -230,12 +226,6 @@ def _check_world(world: Any, copy: Copy) -> World:
             "snapshot() and restore(snapshot)",
         )
     return world  # type: ignore[no-any-return]
-
-
-def _rebuild_worlds(
-    kind: type[Worlds], make: Any, dt: float, copy: Copy, step_timeout: float | None, reuse: bool
-) -> Worlds:
-    return kind(make, dt=dt, copy=copy, step_timeout=step_timeout, reuse=reuse)
 
 
 @dataclass(frozen=True)
@@ -291,9 +281,5 @@ def as_system(
     step_timeout: float | None = None,
     reuse: bool = True,
 ) -> WorldSystem:
-    """Return the system of worlds that ``make`` creates; see ``Worlds`` and ``WorldSystem``.
-
-    Raises:
-        UsageError: An argument is invalid.
-    """
+    """Return the system of worlds that ``make`` creates; see ``Worlds`` and ``WorldSystem``."""
     return WorldSystem(Worlds(make, copy=copy, step_timeout=step_timeout, reuse=reuse), controller)

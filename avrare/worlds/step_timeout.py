@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-from types import FrameType, TracebackType
 from typing import Any
 
 from avrare.base.errors import UsageError
@@ -19,10 +18,9 @@ class _Alarm(BaseException):
 
 
 class Watchdog:
-    """Watchdog that interrupts slow calls by SIGALRM; entered around many steps, ``call`` guards one.
+    """Watchdog that interrupts calls slower than ``seconds`` by SIGALRM, where there is a limit.
 
-    Args:
-        seconds: Wall-clock limit of one call; None: no limit.
+    It is entered around many steps; ``call`` guards one.
     """
 
     def __init__(self, seconds: float | None) -> None:
@@ -41,7 +39,7 @@ class Watchdog:
             self._before = signal.signal(signal.SIGALRM, self._on_alarm), timer
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: Any, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is not None:
             handler, timer = self._before
             signal.signal(signal.SIGALRM, handler)
@@ -49,11 +47,7 @@ class Watchdog:
             self._before = None
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """Call ``function(*arguments)`` under the time limit.
-
-        Raises:
-            StepTimeout: It did not return in time.
-        """
+        """Call ``function(*arguments)`` under the time limit, or raise ``StepTimeout``."""
         if self.seconds is None:
             return function(*arguments)
         try:
@@ -72,6 +66,6 @@ class Watchdog:
         self._armed = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
-    def _on_alarm(self, number: int, frame: FrameType | None) -> None:
+    def _on_alarm(self, *_: object) -> None:
         if self._armed:
             raise _Alarm

@@ -118,11 +118,7 @@ class ByName:
         return signals, observed(world, signals)
 
     def all(self, rows: Sequence[Any]) -> Columns:
-        """Return the signals and observations of N worlds as arrays.
-
-        Raises:
-            UsageError: They have different names or shapes.
-        """
+        """Return the signals and observations of N worlds as arrays."""
         try:
             names = list(rows[0][0])
             if any(len(signals) != len(names) for signals, _ in rows):
@@ -134,11 +130,7 @@ class ByName:
 
 
 class Table:
-    """Readout of K numbers of each world, which any world of the kind can name.
-
-    Args:
-        pattern: World that names the columns of a table (N, K).
-    """
+    """Readout of K numbers of each world; ``pattern`` names the columns of their table (N, K)."""
 
     def __init__(self, pattern: ReadsAsTable) -> None:
         self.pattern = pattern

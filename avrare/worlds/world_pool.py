@@ -69,13 +69,7 @@ def _rebuild_history(noise: Floats, actions: NDArray[Any] | int) -> InputHistory
 
 
 class WorldPool:
-    """Pool that creates worlds and lends them to input histories.
-
-    Args:
-        make: Creates a world.
-        copying: Way of copying a world.
-        reuse: Reset a world for another rollout; else every rollout gets a new one.
-    """
+    """Pool that creates worlds and lends them to input histories; without ``reuse`` each is lent once."""
 
     def __init__(self, make: Callable[[], World], copying: Copy, reuse: bool) -> None:
         self.make, self.copying, self.reuse = make, copying, reuse
@@ -107,11 +101,7 @@ class WorldPool:
             close(world)
 
     def snapshot(self, world: World) -> Any:
-        """Copy the state of ``world``; None where copies are made by replay.
-
-        Raises:
-            UsageError: The world cannot be copied in this way.
-        """
+        """Copy the state of ``world``; None where copies are made by replay."""
         if self.copying == "replay":
             return None
         try:
@@ -154,17 +144,7 @@ class Branches:
         self.untested = pool.copying != "replay"
 
     def branch(self, history: InputHistory, t: int, expected: dict[str, Floats]) -> InputHistory:
-        """Return a history of the first ``t`` steps of another, with a world at its end.
-
-        Args:
-            history: The other history.
-            t: Number of steps.
-            expected: Signals at that step, (1, ...) each.
-
-        Raises:
-            NotDeterministic: The signals are different now.
-            UsageError: The world cannot be copied.
-        """
+        """Return a history of the first ``t`` steps, with a world that must have the ``expected`` signals."""
         new = history.branch(t)
         try:
             world = self._advance_to(new, t)
@@ -198,11 +178,7 @@ class Branches:
             )
 
     def test_copy(self, history: InputHistory, t: int, given: tuple[Any, Floats]) -> None:
-        """Check that the first copy of this process continues like the world that it is a copy of.
-
-        Raises:
-            UsageError: It does not.
-        """
+        """Check that the first copy of this process continues like the world that it is a copy of."""
         self.untested = False
         spare = history.branch(t)
         try:

@@ -92,11 +92,7 @@ class Subject:
             return self.model(**example)
 
     def build(self) -> Any:
-        """Build a new part.
-
-        Raises:
-            Skipped: A package or an option is missing.
-        """
+        """Build a new part; raise ``Skipped`` where a package or an option is missing."""
         missing = missing_dependencies(self.component)
         if missing:
             raise Skipped(f"needs {', '.join(missing)}, which is not installed")

@@ -214,7 +214,7 @@ def test_perception_rows_do_not_depend_on_their_neighbours():
     from avrare.rollout.noise import NoiseSource
     from avrare.rollout.request import FROM_START, Request
     from avrare.rollout.weighted_problem import WeightedProblem
-    from avrare.stack.weighted_loop import SamplingLaw
+    from avrare.stack.closed_loop import SamplingLaw
 
     task = WeightedProblem(toy.final_only(LIMIT), NEAR)
     same = np.ones(40, dtype=np.int64)

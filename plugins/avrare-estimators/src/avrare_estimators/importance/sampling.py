@@ -19,7 +19,7 @@ from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
-from avrare.stack.weighted_loop import SamplingLaw
+from avrare.stack.closed_loop import SamplingLaw
 from avrare_estimators.importance.proposals import NoiseProposal
 from avrare_estimators.weights import mixture_log_weights
 
