@@ -60,7 +60,7 @@ class InputHistory:
     def branch(self, t: int) -> InputHistory:
         """Return a history of the first ``t`` steps of this one."""
         new = InputHistory(self.noise[: t + 1], self.actions[:t])
-        new.copies = {step: copy for step, copy in self.copies.items() if step <= t}
+        new.copies = {step: snapshot for step, snapshot in self.copies.items() if step <= t}
         return new
 
 
@@ -152,8 +152,8 @@ class Branches:
         except BaseException:
             self.pool.discard(new)
             raise
-        if t not in new.copies and (copy := self.pool.snapshot(world)) is not None:
-            new.copies[t] = history.copies[t] = copy
+        if t not in new.copies and (snapshot := self.pool.snapshot(world)) is not None:
+            new.copies[t] = history.copies[t] = snapshot
         return new
 
     def _advance_to(self, history: InputHistory, t: int) -> World:
