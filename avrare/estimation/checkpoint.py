@@ -24,7 +24,7 @@ import numpy as np
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.request import ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"
 INDEX = "checkpoint.json"
@@ -34,9 +34,8 @@ _OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(
 """Names of checkpoint files, and of temporary ones that a killed process has left."""
 _MAX_DIFFERENCES = 5
 
-# Members of a chunk's file, beside those of ``_ARRAYS`` and the counters.
+# Members of a chunk's file, beside ``ARRAYS`` and the counters.
 _KEY, _SECONDS, _STEPS, _EVERY, _MESSAGES = "key", "seconds", "simulated_steps", "every", "messages"
-_ARRAYS = ("robustness", "violated", "error", "scores", "log_weight")
 _COUNT = "count."
 
 
@@ -211,7 +210,7 @@ def digest(chunk: Request) -> str:
 
 def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
     """Encode an outcome as an ``.npz`` file, without its carries and without pickled objects."""
-    arrays: dict[str, Any] = {name: getattr(outcome, name) for name in _ARRAYS}
+    arrays: dict[str, Any] = {name: getattr(outcome, name) for name in ARRAYS}
     arrays |= {_COUNT + name: values for name, values in outcome.counts.items()}
     arrays |= {
         _KEY: np.array(key),
@@ -230,7 +229,7 @@ def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
     arrays = _arrays(content)
     try:
         outcome = Rollouts(
-            **{name: arrays[name] for name in _ARRAYS},
+            **{name: arrays[name] for name in ARRAYS},
             simulated_steps=int(arrays[_STEPS]),
             every=int(arrays[_EVERY]),
             counts={n.removeprefix(_COUNT): v for n, v in arrays.items() if n.startswith(_COUNT)},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -10,7 +11,7 @@ from avrare import protocols
 from avrare.estimation.budget import Budget
 from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request, Rollouts, total_counts
+from avrare.rollout.request import Request, Rollouts
 
 _MAX_MESSAGES = 5
 
@@ -72,15 +73,15 @@ class Info:
 
     def plus(self, outcome: Rollouts) -> Info:
         """Return the progress after more rollouts."""
-        new = total_counts([outcome])
-        names = sorted({*self.counts, *new})
+        counts = Counter(self.counts)
+        counts.update({name: int(values.sum()) for name, values in outcome.counts.items()})
         return replace(
             self,
             rollouts=self.rollouts + len(outcome.error),
             steps=self.steps + outcome.simulated_steps,
             failures=self.failures + int(outcome.violated.any(axis=1).sum()),
             errors=self.errors + int(outcome.error.sum()),
-            counts={name: self.counts.get(name, 0) + new.get(name, 0) for name in names},
+            counts=dict(sorted(counts.items())),
             messages=(*self.messages, *outcome.messages)[:_MAX_MESSAGES],
         )
 

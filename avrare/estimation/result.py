@@ -19,30 +19,19 @@ FAILURE_LIMIT = 100
 
 @dataclass(frozen=True)
 class Failures:
-    """Failing noise tapes, up to a limit.
+    """Failing noise tapes, up to a limit."""
 
-    Attributes:
-        noise: Noise tapes (F, steps + 1, noise_size).
-        robustness: Robustness of each (F,).
-        count: Number of failing rollouts, kept or not.
-    """
-
-    noise: Floats
-    robustness: Floats
-    count: int
+    noise: Floats  # (F, steps + 1, noise_size)
+    robustness: Floats  # (F,)
+    count: int  # number of failing rollouts, kept or not
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The rollout with the least robustness.
+    """The rollout with the least robustness."""
 
-    Attributes:
-        noise: Noise tape (steps + 1, noise_size).
-        robustness: Its robustness; NaN when every rollout ended in an error.
-    """
-
-    noise: Floats
-    robustness: float
+    noise: Floats  # (steps + 1, noise_size)
+    robustness: float  # NaN when every rollout ended in an error
 
 
 @dataclass(frozen=True)
@@ -138,11 +127,7 @@ def finite(value: Any) -> Any:
 
 
 def verdict(result: Result, limit: float, strict: bool, confidence: float) -> str:
-    """Judge whether the failure probability is below ``limit`` (or at it, unless ``strict``).
-
-    Returns:
-        "pass" if the whole interval is, "fail" if none of it is, else "inconclusive".
-    """
+    """Return "pass" where all of the interval is below ``limit`` (at it, unless ``strict``), "fail" where none."""
     low, high = result.interval_at(confidence)
     if high < limit or (high == limit and not strict):
         return "pass"

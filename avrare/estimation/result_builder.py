@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from avrare.estimation import health
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Interval, Result, Worst
+from avrare.estimation.result import Result, Worst
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.protocols import Floats, find_notes
@@ -22,33 +22,20 @@ _MAX_FALLBACKS = 0.01
 
 
 def build_result(
-    plan: Plan, estimator: str, total: Info, run_probabilities: Floats, *,
-    interval_at: Callable[[float], Interval], relative_error: float, health: dict[str, str],
-    failures: Failures, worst: Worst, robustness: Floats, column: int = 0, relation: str = "violated",
-    diagnostics: Mapping[str, Any] | None = None,
-) -> Result:  # fmt: skip
-    """Build the result of specification number ``column``; the other arguments are as in ``Result``.
-
-    The probability is the mean of ``run_probabilities``.
-    """
+    plan: Plan, estimator: str, total: Info, run_probabilities: Floats, column: int = 0, **fields: Any
+) -> Result:
+    """Build the result of specification number ``column``; ``fields`` are further ones of ``Result``."""
     return Result(
         specification=plan.names[column],
         estimator=estimator,
         probability=float(run_probabilities.mean()),
-        interval_at=interval_at,
         confidence=plan.confidence,
         run_probabilities=run_probabilities,
-        relative_error=relative_error,
         rollouts=total.rollouts,
         simulated_steps=total.steps,
         errors=total.errors,
-        health=health,
-        failures=failures,
-        worst=worst,
-        robustness=robustness,
         counts=dict(total.counts),
-        relation=relation,
-        diagnostics=dict(diagnostics or {}),
+        **fields,
     )
 
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -14,25 +13,11 @@ from avrare.estimation import intervals
 from avrare.protocols import Bools, Floats
 
 
-class Stopping(Protocol):
-    """Stopping rule of one specification, with its estimate and interval."""
-
-    def at(self, violated: Bools, error: Bools) -> int:
-        """Return the number of rollouts after which the rule stops, 0 if it does not stop within these."""
-
-    def value(self, violated: Bools, stop: int) -> float:
-        """Return the estimate from the first ``stop`` rollouts, from all of them where ``stop`` is 0."""
-
-    def interval(self, stop: int) -> Callable[..., intervals.Interval]:
-        """Return the interval function ``(failures, trials, confidence, errors)`` for a stop, 0: none."""
-
-
 @dataclass(frozen=True)
 class AtFailures:
-    """Stop at a number of failures fixed beforehand (inverse binomial sampling, Haldane 1945).
+    """Stop at a number m of failures fixed beforehand (inverse binomial sampling, Haldane 1945).
 
-    Attributes:
-        failures: Number m of failures; the relative error is then at most 1 / sqrt(m - 2).
+    The relative error is then at most 1 / sqrt(m - 2).
     """
 
     failures: int
@@ -43,17 +28,17 @@ class AtFailures:
         return AtFailures(math.ceil(relative_error**-2) + 2)
 
     def at(self, violated: Bools, error: Bools) -> int:
-        """Return the number of rollouts up to the last of the failures."""
+        """Return the number of rollouts after which the rule stops, 0 if it does not stop within these."""
         if violated.sum() < self.failures:
             return 0
         return int(np.flatnonzero(violated)[self.failures - 1]) + 1
 
     def value(self, violated: Bools, stop: int) -> float:
-        """Return the unbiased estimate: after a stop the last failure was certain and does not count."""
+        """Return the unbiased estimate; after a stop (0: none) the last failure was certain and does not count."""
         return float((violated.sum() - 1) / (stop - 1) if stop else violated.mean())
 
     def interval(self, stop: int) -> Callable[..., intervals.Interval]:
-        """Return the exact interval, with or without the stop."""
+        """Return the exact interval ``(failures, trials, confidence, errors)``, with or without a stop."""
         return intervals.inverse_binomial if stop else intervals.clopper_pearson
 
 
@@ -64,17 +49,13 @@ class AtThreshold:
     The sequence is valid at all times at once (Robbins 1970), so it may be evaluated after every rollout:
     it is the set of p whose likelihood is not 1/(1 - confidence) times below that of a beta mixture around
     the threshold. Stopping biases the estimate away from the threshold; the interval remains valid.
-
-    Attributes:
-        threshold: In (0, 1).
-        confidence: Confidence of the decision, in (0, 1).
     """
 
     threshold: float
-    confidence: float
+    confidence: float  # of the decision
 
     def at(self, violated: Bools, error: Bools) -> int:
-        """Return the first rollout after which the threshold is excluded, whatever the errors are."""
+        """Return the first rollout after which the threshold is excluded, whatever the errors are, or 0."""
         count = np.arange(1, len(violated) + 1)
         pessimistic = violated | error
         below = self._out(pessimistic) & (np.cumsum(pessimistic) < self.threshold * count)
@@ -104,3 +85,7 @@ class AtThreshold:
             np.log((b + before - failures) / (1.0 - self.threshold)),
         )
         return np.asarray(np.cumsum(surprise - np.log(a + b + before)))
+
+
+Stopping = AtFailures | AtThreshold
+"""Stopping rule of one specification, with its estimate and interval."""

@@ -13,26 +13,18 @@ from avrare.protocols import Bools, SelectsSamples, Signals, Specification, Verd
 
 @dataclass(frozen=True)
 class DecidingState:
-    """State of a monitor and of the interval monitor beside it.
-
-    Attributes:
-        inner: State of the specification.
-        bounds: State of the interval monitor; None without a formula to bound.
-        decided: (N,) True where no later sample can change the verdict.
-    """
+    """State of a monitor and of the interval monitor beside it."""
 
     inner: Any
-    bounds: Any
-    decided: Bools
+    bounds: Any  # None without a formula to bound
+    decided: Bools  # (N,) True where no later sample can change the verdict
 
 
 class Deciding:
-    """Specification with the robust satisfaction interval of its formula.
+    """Specification with the robust satisfaction interval of its formula over ``length`` samples.
 
-    Args:
-        inner: Monitor of a formula, or a specification with ``HasFormula`` and, where the formula reads
-            other signals than the system's, ``SelectsSamples``. Any other is never decided before the end.
-        length: Number of samples of a complete rollout.
+    It may have a formula that reads other signals than the system's (``SelectsSamples``). Without a formula
+    it is never decided before the end.
     """
 
     def __init__(self, inner: Specification, length: int) -> None:

@@ -93,13 +93,8 @@ class ScenarioProblem(Problem):
         self.scenario = scenario
         stack, definition = scenario.stack, scenario.definition
         specifications = {name: stack.specifications[name] for name in names}
-        super().__init__(
-            stack.loop,
-            specifications,
-            definition.steps,
-            _choose_score(scenario, names[0]),
-            chunk=definition.chunk,
-        )
+        score = _choose_score(scenario, names[0])
+        super().__init__(stack.loop, specifications, definition.steps, score, chunk=definition.chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild_problem, (self.scenario.definition, self.names, self.score)

@@ -21,21 +21,13 @@ _ROW_STEPS = 4000
 
 @dataclass(frozen=True)
 class ReplayedRollout:
-    """Rollout of one noise tape.
+    """Rollout of one noise tape, judged by the first specification."""
 
-    Attributes:
-        signals: name -> (T, ...): T is steps + 1, or less where the rollout broke down.
-        states: T states of the system, one particle each.
-        robustness: Robustness of the first specification; of the samples before the error, if any.
-        violated: True where the first specification is violated.
-        error: Reason of the breakdown, or None.
-    """
-
-    signals: dict[str, NDArray[Any]]
-    states: tuple[Any, ...]
-    robustness: float
+    signals: dict[str, NDArray[Any]]  # (T, ...): T is steps + 1, or less where the rollout broke down
+    states: tuple[Any, ...]  # T states of the system, one particle each
+    robustness: float  # of the samples before the error, if any
     violated: bool
-    error: str | None
+    error: str | None  # reason of the breakdown
 
     @property
     def outcome(self) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,43 +13,30 @@ from avrare.protocols import Bools, Floats, Verdict
 
 Integers = NDArray[np.int64]
 FROM_START = -1
+ARRAYS = ("robustness", "violated", "error", "scores", "log_weight")
+"""Fields of ``Rollouts`` with an entry for each row."""
 
 
 @dataclass(frozen=True)
 class Carry:
-    """State of a particle between two steps, which splitting copies.
-
-    Attributes:
-        system: State of the system.
-        monitors: Monitor state of every specification.
-        verdicts: Verdict of every specification on the samples so far.
-    """
+    """State of a particle between two steps, which splitting copies."""
 
     system: Any
-    monitors: tuple[Any, ...]
-    verdicts: tuple[Verdict, ...]
+    monitors: tuple[Any, ...]  # state of every specification's monitor
+    verdicts: tuple[Verdict, ...]  # of every specification on the samples so far
 
 
 @dataclass(frozen=True)
 class Past:
-    """Addresses of the noise with which rows without a stored carry reach their start.
+    """Addresses of the noise with which rows without a stored carry reach their start."""
 
-    Attributes:
-        rows: (P,) rows of the request that have no carry, ascending; they are to reach their ``start``.
-        origin: (P,) step to simulate from: -1 the beginning, s >= 0 a carry at step s.
-        stage: (P, steps + 1) stage that drew the noise of each step up to ``start``.
-        particle: (P, steps + 1) particle that the noise was drawn for.
-        paid: (P,) steps before ``start`` that count as simulated.
-        carries: (s, entries, carry) in ascending s: the carries of the entries (among the P) with origin s,
-            which ascend.
-    """
-
-    rows: Integers
-    origin: Integers
-    stage: NDArray[np.int32]
-    particle: NDArray[np.int32]
-    paid: Integers
+    rows: Integers  # (P,) rows of the request that have no carry, ascending; they are to reach ``start``
+    origin: Integers  # (P,) step to simulate from: -1 the beginning, s >= 0 a carry at step s
+    stage: NDArray[np.int32]  # (P, steps + 1) stage that drew the noise of each step up to ``start``
+    particle: NDArray[np.int32]  # (P, steps + 1) particle that the noise was drawn for
+    paid: Integers  # (P,) steps before ``start`` that count as simulated
     carries: tuple[tuple[int, Integers, Carry], ...] = ()
+    """(s, entries, carry) in ascending s: carries of the entries (among the P, ascending) with origin s."""
 
     def slice(self, begin: int, end: int) -> Past | None:
         """Return the part for rows begin..end of the request, None where it is empty."""
@@ -180,10 +165,7 @@ class Rollouts:
         offsets = np.cumsum([0] + [len(part.error) for part in parts])
         names = {name for part in parts for name in part.counts}
         return Rollouts(
-            robustness=np.concatenate([part.robustness for part in parts]),
-            violated=np.concatenate([part.violated for part in parts]),
-            error=np.concatenate([part.error for part in parts]),
-            scores=np.concatenate([part.scores for part in parts]),
+            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS},
             simulated_steps=sum(part.simulated_steps for part in parts),
             counts={
                 name: np.concatenate(
@@ -197,14 +179,5 @@ class Rollouts:
                 for part, offset in zip(parts, offsets, strict=False)
                 for step, rows, carry in part.carries
             ),
-            log_weight=np.concatenate([part.log_weight for part in parts]),
             every=max(part.every for part in parts),
         )
-
-
-def total_counts(outcomes: Iterable[Rollouts]) -> dict[str, int]:
-    """Return the systems' counters, summed over all rollouts."""
-    total: Counter[str] = Counter()
-    for outcome in outcomes:
-        total.update({name: int(values.sum()) for name, values in outcome.counts.items()})
-    return dict(sorted(total.items()))

@@ -42,7 +42,7 @@ class Atom(nodes.Node):
 
 
 def positive(node: nodes.Node, found: list[nodes.Node], negated: bool = False) -> nodes.Node | None:
-    """Push negations down to past-only parts, which become atoms; None where that is not possible."""
+    """Push negations down to past-only parts, added to ``found``; None where that is not possible."""
     if nodes.horizon(node) == 0:
         found.append(nodes.Not(node) if negated else node)
         return Atom(len(found) - 1)
@@ -69,19 +69,12 @@ def positive(node: nodes.Node, found: list[nodes.Node], negated: bool = False) -
 
 @dataclass(frozen=True)
 class Danger:
-    """Danger of formulas in positive form, at every position of a window of samples.
+    """Danger of formulas in positive form, at every position of a window of samples."""
 
-    Attributes:
-        values: Per atom, (W, N) margins at the samples of the window, oldest first.
-        first: Index of the window's first sample in the trace.
-        last: Index of the trace's last sample.
-        scales: Typical size of each atom.
-    """
-
-    values: Sequence[Floats]
-    first: int
-    last: int
-    scales: Sequence[float]
+    values: Sequence[Floats]  # per atom, (W, N) margins at the samples of the window, oldest first
+    first: int  # index of the window's first sample in the trace
+    last: int  # index of the trace's last sample
+    scales: Sequence[float]  # typical size of each atom
 
     def __call__(self, node: nodes.Node) -> Floats:
         """Return danger (W, N) at each position, given the samples up to the window's newest."""
@@ -170,19 +163,12 @@ def _waiting(best: Floats, deficit: Floats, allowed: Floats, seen: Floats) -> Fl
 
 @dataclass(frozen=True)
 class Shape:
-    """Formula in the form that the score is computed from.
+    """Formula in the form that the score is computed from."""
 
-    Attributes:
-        body: The formula in positive form; for ``always φ`` over the complete rollout, φ.
-        atoms: Past-only parts of the formula.
-        repeated: True where the body must hold at every sample, False: at the first.
-        window: Number of samples that the body depends on.
-    """
-
-    body: nodes.Node
-    atoms: tuple[nodes.Node, ...]
-    repeated: bool
-    window: float
+    body: nodes.Node  # in positive form; for ``always φ`` over the complete rollout, φ
+    atoms: tuple[nodes.Node, ...]  # past-only parts of the formula
+    repeated: bool  # True where the body must hold at every sample, False: at the first
+    window: float  # number of samples that the body depends on
 
 
 def shape_of(formula: Formula) -> Shape | None:
@@ -206,33 +192,20 @@ def shape_of(formula: Formula) -> Shape | None:
 
 @dataclass(frozen=True)
 class ProgressState:
-    """State of a progress score.
+    """State of a progress score."""
 
-    Attributes:
-        inner: State of the formula's monitor.
-        atoms: States of the atoms' monitors.
-        values: Per atom, (N, W) margins at the newest samples.
-        settled: (N,) largest danger of the positions that have left the window.
-        score: (N,) running maximum.
-        t: Number of samples so far.
-    """
-
-    inner: Any
-    atoms: tuple[Any, ...]
-    values: tuple[Floats, ...] | None
-    settled: Floats
-    score: Floats
-    t: int
+    inner: Any  # of the formula's monitor
+    atoms: tuple[Any, ...]  # of the atoms' monitors
+    values: tuple[Floats, ...] | None  # per atom, (N, W) margins at the newest samples
+    settled: Floats  # (N,) largest danger of the positions that have left the window
+    score: Floats  # (N,) running maximum
+    t: int  # number of samples so far
 
 
 class ProgressScored:
     """Formula scored by its danger; 1 exactly where a complete rollout violates it.
 
-    Args:
-        inner: Monitor of the formula.
-        shape: Shape of the formula.
-        steps: Last step of a rollout.
-        nominal: Signals of the noise-free rollout, which give the atoms' typical sizes; None: 1.
+    ``nominal`` holds the signals of the noise-free rollout, which give the atoms' typical sizes; None: 1.
     """
 
     def __init__(

@@ -28,17 +28,11 @@ class _Specification(Specification, HasMargin, Protocol):
 
 @dataclass(frozen=True)
 class ScoredState:
-    """State of a specification with a score of its own.
-
-    Attributes:
-        inner: State of the specification.
-        score: (N,) running score.
-        memory: Further state of the score.
-    """
+    """State of a specification with a score of its own."""
 
     inner: Any
-    score: Floats
-    memory: Any
+    score: Floats  # (N,) running score
+    memory: Any  # further state of the score
 
 
 class _Scored:
@@ -63,11 +57,9 @@ class _Scored:
 
 
 class MarginScored(_Scored):
-    """Specification scored by the lost share of the noise-free margin.
+    """Specification "always φ", scored by the lost share of the noise-free margin.
 
-    Args:
-        inner: Specification of the shape "always φ".
-        nominal: (steps + 1,) robustness of φ along the noise-free rollout, positive.
+    ``nominal`` is the robustness (steps + 1,) of φ along the noise-free rollout, positive.
     """
 
     def __init__(self, inner: _Specification, nominal: Floats) -> None:
