@@ -34,7 +34,7 @@ class AtFailures:
         return int(np.flatnonzero(violated)[self.failures - 1]) + 1
 
     def value(self, violated: Bools, stop: int) -> float:
-        """Return the unbiased estimate; after a stop (0: none) the last failure was certain and does not count."""
+        """Return the unbiased estimate: after a stop the last failure was certain and does not count."""
         return float((violated.sum() - 1) / (stop - 1) if stop else violated.mean())
 
     def interval(self, stop: int) -> Callable[..., intervals.Interval]:

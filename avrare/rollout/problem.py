@@ -178,7 +178,7 @@ class Problem:
             nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
             # Without a positive margin along the complete noise-free rollout, robustness is the score.
             lost = len(nominal) <= self.steps or nominal.min() <= 0
-            scored.append(spec if lost else MarginScored(spec, nominal))  # type: ignore[arg-type]
+            scored.append(spec if lost else MarginScored(spec, nominal))
         return tuple(scored)
 
 

@@ -10,20 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, HasMargin, Signals, Specification, Verdict
+from avrare.protocols import Floats, Signals, Specification, Verdict
 
 ScoreFunction = Callable[[dict[str, Any], int], Floats]
 """``function(signals so far, t) -> (N,)``; signals have shape (N, t + 1, ...)."""
 _SCORE_HINT = "it gets the signals so far, (N, t + 1, ...) each, and t; it must return (N,)"
-
-
-class _Specification(Specification, HasMargin, Protocol):
-    pass
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,7 @@ class MarginScored(_Scored):
     ``nominal`` is the robustness (steps + 1,) of φ along the noise-free rollout, positive.
     """
 
-    def __init__(self, inner: _Specification, nominal: Floats) -> None:
+    def __init__(self, inner: Any, nominal: Floats) -> None:
         super().__init__(inner)
         finite = nominal[np.isfinite(nominal)]
         self.nominal = np.where(np.isfinite(nominal), nominal, finite.max() if finite.size else 1.0)
