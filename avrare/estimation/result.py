@@ -127,7 +127,7 @@ def finite(value: Any) -> Any:
 
 
 def verdict(result: Result, limit: float, strict: bool, confidence: float) -> str:
-    """Return "pass" if all of the interval is below ``limit`` (at it, unless ``strict``), "fail" if none is."""
+    """Return "pass" where the interval is below ``limit`` (at it, unless ``strict``), "fail" where above."""
     low, high = result.interval_at(confidence)
     if high < limit or (high == limit and not strict):
         return "pass"
