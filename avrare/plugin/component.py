@@ -13,15 +13,7 @@ from typing import Any
 
 import pluggy
 
-KINDS = (
-    "simulator",
-    "perception",
-    "tracker",
-    "controller",
-    "specification",
-    "estimator",
-    "executor",
-)
+KINDS = ("simulator", "perception", "tracker", "controller", "specification", "estimator", "executor")
 
 
 @dataclass(frozen=True)

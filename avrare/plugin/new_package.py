@@ -32,11 +32,7 @@ _SUITE = "from avrare.testing.estimators import EstimatorConformance\n"
 
 
 def check_name(name: str, kind: str, registry: Registry) -> str:
-    """Check the name of a new component and return it without a leading ``avrare-``.
-
-    Raises:
-        UsageError: The name is invalid or taken, or the kind does not exist.
-    """
+    """Check the kind and the name of a new component; return the name without a leading ``avrare-``."""
     if kind not in KINDS:
         raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))
     short = name.removeprefix("avrare-")
@@ -58,19 +54,7 @@ def check_name(name: str, kind: str, registry: Registry) -> str:
 
 
 def write(name: str, kind: str, folder: Path) -> Path:
-    """Write the package ``avrare-NAME`` into a folder.
-
-    Args:
-        name: Name of the component, as returned by ``check_name``.
-        kind: One of ``KINDS``.
-        folder: Parent of the new folder.
-
-    Returns:
-        The new folder.
-
-    Raises:
-        UsageError: The folder exists already, or cannot be written.
-    """
+    """Write the package ``avrare-NAME`` into a new subfolder, and return that; ``name`` has been checked."""
     words = _placeholders(name, kind)
     target = folder / words["distribution"]
     try:

@@ -14,7 +14,7 @@ import pluggy
 
 from avrare.base import version
 from avrare.base.errors import PluginError, did_you_mean
-from avrare.plugin import builtin
+from avrare.plugin import first_party
 from avrare.plugin.component import API_VERSION, GROUP, KINDS, Component, HookSpecs
 from avrare.plugin.first_party import FIRST_PARTY, pip_line
 
@@ -26,17 +26,10 @@ Status = Literal["ok", "missing dependency", "broken", "incompatible", "blocked"
 
 @dataclass(frozen=True)
 class Row:
-    """Line of ``avrare plugins``.
+    """Line of ``avrare plugins``; ``detail`` says why a component cannot be used, and what to install.
 
-    Attributes:
-        kind: One of ``KINDS``; empty for a plugin that could not be loaded.
-        name: Name of the component, or of the entry point that could not be loaded.
-        distribution: Distribution that provides it.
-        version: Version of the distribution.
-        status: ``ok`` if it can be used.
-        detail: Reason that it cannot be used, with the pip command if that helps.
-        summary: The plugin's own summary of the component.
-        component: Description; None for a plugin that could not be loaded.
+    If the plugin could not be loaded, the kind is empty, the name is that of its entry point, and there is no
+    component.
     """
 
     kind: str
@@ -66,7 +59,7 @@ class Registry:
         self._manager = pluggy.PluginManager(GROUP)
         self._manager.add_hookspecs(HookSpecs)
         self._rows: list[Row] = []
-        self.register(builtin, "avrare", "avrare", version.__version__)
+        self.register(first_party, "avrare", "avrare", version.__version__)
         wanted = None if only is None else set(only)
         found = sorted(points, key=lambda point: (point.name, point.value))
         for point in found:
@@ -82,13 +75,9 @@ class Registry:
         return cls(entry_points(group=GROUP), only)
 
     def register(self, plugin: object, name: str, distribution: str = "", version: str = "") -> None:
-        """Add the components of a plugin that is already imported.
+        """Add the components of an imported module or object with the hook ``avrare_components``.
 
-        Args:
-            plugin: Module or object with the hook ``avrare_components``.
-            name: Unique name of the plugin.
-            distribution: Distribution that provides it.
-            version: Version of the distribution.
+        The name must be unique.
         """
         try:
             self._manager.register(plugin, name)
@@ -153,27 +142,18 @@ class Registry:
         if row.status == "broken":
             raise PluginError(row.detail, f"uninstall one of them, or select plugins with {VARIABLE}")
         if row.status == "incompatible":
-            raise PluginError(
-                f"{kind} {name!r} of {row.origin}: {row.detail}", f"pip install -U {row.distribution}"
-            )
+            text = f"{kind} {name!r} of {row.origin}: {row.detail}"
+            raise PluginError(text, f"pip install -U {row.distribution}")
         return row
 
     def get(self, kind: str, name: str) -> Component:
-        """Return the component ``name``; its dependencies may be missing (``require`` checks them).
-
-        Raises:
-            PluginError: It is unknown, not installed, ambiguous or incompatible.
-        """
+        """Return the component ``name``; its dependencies may be missing (``require`` checks them)."""
         component = self.find(kind, name).component
         assert component is not None
         return component
 
     def require(self, kind: str, name: str) -> Component:
-        """Return the component ``name`` after checking its dependencies.
-
-        Raises:
-            PluginError: ``get`` raises it, or a dependency is missing.
-        """
+        """Return the component ``name`` after checking its dependencies."""
         component = self.get(kind, name)
         missing = missing_dependencies(component)
         if missing:
@@ -219,9 +199,8 @@ def _row(item: object, distribution: str, version: str) -> Row:
     if not isinstance(item, Component):
         raise TypeError(f"avrare_components returned {item!r}, which is not a Component")
     if item.kind not in KINDS:
-        raise TypeError(
-            f"component {item.name!r} has the unknown kind {item.kind!r}; known: {', '.join(KINDS)}"
-        )
+        known = ", ".join(KINDS)
+        raise TypeError(f"component {item.name!r} has the unknown kind {item.kind!r}; known: {known}")
     for field in ("name", "summary", "config", "factory", "rules", "check"):
         value = getattr(item, field)
         is_reference = field in ("config", "factory") or (field in ("rules", "check") and value)

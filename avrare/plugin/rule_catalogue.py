@@ -15,12 +15,7 @@ _SIMILARITY, _MOST_SUGGESTIONS = 0.6, 5
 
 @dataclass(frozen=True)
 class Offer:
-    """Rule with the plugin that offers it.
-
-    Attributes:
-        card: Description of the rule.
-        row: Specification component whose option ``rule`` takes its name.
-    """
+    """Rule, with the specification component whose option ``rule`` takes its name."""
 
     card: RuleCard
     row: Row
@@ -28,12 +23,7 @@ class Offer:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """All rules that can be listed.
-
-    Attributes:
-        offers: Rules by plugin, in each plugin's own order.
-        failures: One line for each plugin whose rules cannot be listed.
-    """
+    """All rules, in each plugin's own order, and a line for each plugin whose rules cannot be listed."""
 
     offers: tuple[Offer, ...]
     failures: tuple[str, ...]
@@ -53,21 +43,10 @@ class Catalogue:
                 failures.append(f"the rules of {row.name} ({row.origin}) cannot be listed: {reason}")
         return cls(tuple(offers), tuple(failures))
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the rules."""
-        return [offer.card.name for offer in self.offers]
-
     def find(self, name: str, loosely: bool = False) -> list[Offer]:
-        """Return the offers of a rule, one for each plugin that has it.
+        """Return the offers of a rule, one for each plugin that has it, or raise an error if there is none.
 
-        Args:
-            name: Name of the rule.
-            loosely: Ignore differences in case, ``_`` and ``-``.
-
-        Raises:
-            PluginError: No plugin offers any rule.
-            UsageError: There is no such rule.
+        ``loosely`` ignores differences in case, ``_`` and ``-``.
         """
         found = [offer for offer in self.offers if offer.card.name == name]
         if not found and loosely:
@@ -82,7 +61,7 @@ class Catalogue:
         return found
 
     def _suggest(self, name: str) -> str | None:
-        plain = {_plain(known): known for known in self.names}
+        plain = {_plain(offer.card.name): offer.card.name for offer in self.offers}
         same = plain.get(_plain(name))
         close = difflib.get_close_matches(_plain(name), plain, n=_MOST_SUGGESTIONS, cutoff=_SIMILARITY)
         words = [same] if same else [plain[word] for word in close]

@@ -11,11 +11,7 @@ from avrare.scenario.yaml import MAX_BYTES, parse
 
 
 def read(path: str) -> Node:
-    """Read a file and merge it over the files that it extends; the key ``extends`` is removed.
-
-    Raises:
-        ScenarioError: A file is missing or unreadable, or files extend each other in a circle.
-    """
+    """Read a file and merge it over the files that it extends; the key ``extends`` is removed."""
     return _read(path, named_at=None, seen=())
 
 
@@ -32,22 +28,22 @@ def _read(path: str, named_at: Mark | None, seen: tuple[str, ...]) -> Node:
     seen = (*seen, os.path.realpath(path))
     if real in seen:
         chain = " -> ".join(os.path.basename(file) for file in (*seen, real))
-        raise _error(parent.mark, f"files extend each other in a circle: {chain}", "remove one 'extends'")
+        raise parent.mark.error(
+            f"extends: files extend each other in a circle: {chain}", "remove one 'extends'"
+        )
     return merge(_read(base, parent.mark, seen), tree)
 
 
 def _base(parent: Node, path: str) -> str:
     target = parent.value
     if not isinstance(target, str) or not target:
-        raise _error(parent.mark, "should be the path of a scenario file", "for example _base/highway.yaml")
+        raise parent.mark.error(
+            "extends: should be the path of a scenario file", "for example _base/highway.yaml"
+        )
     if os.path.isabs(target) or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|~|\\", target):
         hint = f"write it relative to {os.path.dirname(path) or 'the folder of this file'}"
-        raise _error(parent.mark, f"{target!r} is not a local relative path", hint)
+        raise parent.mark.error(f"extends: {target!r} is not a local relative path", hint)
     return os.path.normpath(os.path.join(os.path.dirname(path), target))
-
-
-def _error(mark: Mark, text: str, hint: str | None) -> ScenarioError:
-    return ScenarioError([(f"{mark}: extends: {text}", hint)])
 
 
 def _content(path: str, named_at: Mark | None) -> bytes:
@@ -57,11 +53,9 @@ def _content(path: str, named_at: Mark | None) -> bytes:
             return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise ScenarioError([(f"{where}: no such file", _similar_files(path))]) from None
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
         raise ScenarioError([(f"{where}: cannot be read: {reason}", None)]) from None
-    except ValueError as error:  # a NUL in the path
-        raise ScenarioError([(f"{where}: cannot be read: {error}", None)]) from None
 
 
 def _similar_files(path: str) -> str | None:

@@ -13,11 +13,7 @@ _OPTIONAL = ("perception", "tracker", "controller")
 
 
 def scenario_schema(registry: Registry) -> Schema:
-    """Return the draft 2020-12 schema of a scenario; a file that ``extends`` another may omit keys.
-
-    Args:
-        registry: Components whose options are included; one whose model fails to import is left out.
-    """
+    """Return the draft 2020-12 schema of a scenario; a component whose model fails to import is left out."""
     schema = Document.model_json_schema()
     definitions: Schema = schema.setdefault("$defs", {})
     properties: Schema = schema["properties"]
@@ -29,10 +25,8 @@ def scenario_schema(registry: Registry) -> Schema:
     formula = Formula.model_json_schema()
     choices = [formula, *_choices(registry, "specification", definitions)]
     properties["specifications"]["additionalProperties"] = {"oneOf": choices}
-    properties["extends"] = {
-        "type": "string",
-        "description": "scenario file, relative to this one, whose keys this one inherits",
-    }
+    text = "scenario file, relative to this one, whose keys this one inherits"
+    properties["extends"] = {"type": "string", "description": text}
     required = schema.pop("required")
     schema["anyOf"] = [{"required": ["extends"]}, {"required": required}]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
@@ -54,11 +48,9 @@ def _choice(row: Row, definitions: Schema) -> Schema | None:
     definitions.update({prefix + name: part for name, part in options.pop("$defs", {}).items()})
     plugin: Schema = {"plugin": {"const": row.name, "description": row.summary}}
     if row.kind == "estimator":
-        names = {"type": "array", "items": {"type": "string"}, "minItems": 1}
-        plugin["specifications"] = {
-            **names,
-            "description": "names of the specifications to estimate; default all",
-        }
+        text = "names of the specifications to estimate; default all"
+        names = {"type": "array", "items": {"type": "string"}, "minItems": 1, "description": text}
+        plugin["specifications"] = names
     options["properties"] = plugin | options.get("properties", {})
     options["required"] = ["plugin", *options.get("required", [])]
     return dict(options)

@@ -29,14 +29,8 @@ def load(
 ) -> Scenario:
     """Load and check a scenario; builds nothing and imports nothing heavy.
 
-    Args:
-        path: YAML file.
-        overrides: ``KEY=VALUE`` settings as after ``--set``, applied last, in order.
-        estimator: Name of an estimator whose defaults replace the file's estimator block.
-        registry: Installed plugins; found by default.
-
-    Raises:
-        ScenarioError: All mistakes, each with its place.
+    The defaults of ``estimator`` replace the file's estimator block; ``overrides``, ``KEY=VALUE`` as after
+    ``--set``, are applied last. The error has all mistakes, each with its place.
     """
     file = os.fspath(path)
     tree = override(_with_estimator(read(file), estimator), overrides)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from avrare.base.errors import ScenarioError
+
 Path: TypeAlias = tuple[str | int, ...]
 Scalar: TypeAlias = bool | int | float | str | None
 
@@ -20,6 +22,10 @@ class Mark:
 
     def __str__(self) -> str:
         return f"{printable(self.file)}:{self.line}:{self.column}" if self.line else printable(self.file)
+
+    def error(self, text: str, hint: str | None = None) -> ScenarioError:
+        """Return the error with this message about the place."""
+        return ScenarioError([(f"{self}: {text}", hint)])
 
 
 @dataclass(frozen=True)

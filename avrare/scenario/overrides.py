@@ -13,11 +13,7 @@ def override(tree: Node, settings: Sequence[str]) -> Node:
     """Apply every ``KEY=VALUE`` in order and return the new tree.
 
     KEY is a dotted path in which a number indexes a list; a missing key is added, and the schema decides
-    later whether it is allowed. VALUE is YAML.
-
-    Raises:
-        ScenarioError: Settings without ``=``, with a bad value, or with a path that does not exist; all of
-            them at once.
+    later whether it is allowed. VALUE is YAML. The error lists all bad settings.
     """
     problems: list[tuple[str, str | None]] = []
     for setting in settings:
@@ -35,9 +31,9 @@ def _apply(tree: Node, setting: str) -> Node:
     key = key.strip()
     mark = Mark(f"--set {key}")
     if not equals or not all(key.split(".")):
-        raise ScenarioError([(f"{mark}: should be KEY=VALUE", "for example --set estimator.rollouts=1000")])
+        raise mark.error("should be KEY=VALUE", "for example --set estimator.rollouts=1000")
     if key.split(".")[0] == "extends":
-        raise ScenarioError([(f"{mark}: extends cannot be set here", "edit the scenario file")])
+        raise mark.error("extends cannot be set here", "edit the scenario file")
     return _put(tree, tuple(key.split(".")), parse_value(text, mark), mark)
 
 
@@ -51,7 +47,7 @@ def _put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
         items[index] = _put(items[index], rest, value, mark)
         return Node(items, node.mark, node.key)
     if node.value is not None and not isinstance(node.value, dict):
-        raise ScenarioError([(f"{mark}: there is no {step!r} inside {node.value!r}", "shorten the path")])
+        raise mark.error(f"there is no {step!r} inside {node.value!r}", "shorten the path")
     entries = node.entries
     if step == "plugin" and not rest and step in entries and entries[step].value != value.value:
         entries = {}  # the options of one plugin mean nothing to another
@@ -63,6 +59,4 @@ def _index(items: list[Node], step: str, mark: Mark) -> int:
     if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < len(items):
         return int(step)
     known = [str(i) for i in range(len(items))]
-    raise ScenarioError(
-        [(f"{mark}: the list has no item {step!r}", did_you_mean(step, known) or "it is empty")]
-    )
+    raise mark.error(f"the list has no item {step!r}", did_you_mean(step, known) or "it is empty")

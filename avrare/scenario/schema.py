@@ -160,15 +160,7 @@ class Document(_Model):
 
 @dataclass(frozen=True)
 class Block:
-    """Component of a scenario with its checked options.
-
-    Attributes:
-        plugin: Name of the component.
-        component: Description of the component.
-        config: Options, an instance of the component's own pydantic model.
-        distribution: Distribution that provides it.
-        version: Version of the distribution.
-    """
+    """Component of a scenario with its checked options, an instance of its own pydantic model."""
 
     plugin: str
     component: Component
@@ -185,17 +177,12 @@ class Block:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Checked scenario; nothing is built and nothing heavy is imported.
+    """Checked scenario; nothing is built and nothing heavy is imported. ``Document`` describes its keys.
 
     Attributes:
         path: File, as the user wrote it.
         estimated: Names of the specifications to estimate, in the scenario's order (the estimator option
             ``specifications``; all of them by default).
-        chunk: Rollouts per chunk of work.
-        max_error_rate: Fraction of the rollouts that may end in an error.
-        confidence: Confidence level of the reported intervals.
-        suppress: Names of health warnings to suppress.
-        regression: Settings of the comparison with a baseline; None for the default.
         warnings: (message, hint) on specifications that are valid but may not mean what was intended.
     """
 

@@ -17,24 +17,16 @@ from avrare.scenario.marked_values import Mark, Node, Path, dotted
 
 UNKNOWN_KEY = "unknown key"
 
-_TYPE_NAMES = {
-    "bool_parsing": "true or false",
-    "bool_type": "true or false",
-    "dict_type": "a mapping",
-    "float_parsing": "a number",
-    "float_type": "a number",
-    "frozen_set_type": "a list",
-    "int_from_float": "a whole number",
-    "int_parsing": "a whole number",
-    "int_type": "a whole number",
-    "list_type": "a list",
-    "model_type": "a mapping",
-    "dataclass_type": "a mapping",
-    "none_required": "null",
-    "set_type": "a list",
-    "string_type": "a string",
-    "tuple_type": "a list",
+_TYPES = {
+    "a list": "frozen_set_type list_type set_type tuple_type",
+    "a mapping": "dataclass_type dict_type model_type",
+    "a number": "float_parsing float_type",
+    "a string": "string_type",
+    "a whole number": "int_from_float int_parsing int_type",
+    "null": "none_required",
+    "true or false": "bool_parsing bool_type",
 }
+_TYPE_NAMES = {kind: name for name, kinds in _TYPES.items() for kind in kinds.split()}
 """Pydantic's error type -> the type that was expected."""
 
 
@@ -187,14 +179,9 @@ Model = TypeVar("Model", bound=BaseModel)
 
 @dataclass(frozen=True)
 class Mistake:
-    """Error in a scenario.
+    """Error at a place in a scenario: keys that lead to it, message and advice.
 
-    Attributes:
-        mark: Place in the file, or the command-line option.
-        path: Keys that lead to it.
-        text: Message.
-        hint: Advice.
-        exit_code: ``ExitCode.PLUGIN`` for a missing or broken plugin.
+    The exit code is ``ExitCode.PLUGIN`` for a missing or broken plugin.
     """
 
     mark: Mark
@@ -225,15 +212,8 @@ def check(
     """Validate a mapping against a pydantic model.
 
     Types are strict: ``"40"`` and ``true`` are not numbers, but a whole float such as ``1e4`` is an integer.
-
-    Args:
-        model: Model of the mapping.
-        node: Mapping.
-        path: Keys that lead to the mapping.
-        other_keys: Keys of the mapping that the core reads itself and the model does not see.
-
-    Returns:
-        The instance, or None, and the mistakes.
+    The model does not see ``other_keys``, which the core reads itself. Returns the instance, or None, and the
+    mistakes.
     """
     data = {key: _with_integers(value) for key, value in node.plain().items() if key not in other_keys}
     try:
@@ -263,15 +243,8 @@ def check_options(
 ) -> Any:
     """Return the instance of a pydantic model for options given in Python, objects of any type.
 
-    Args:
-        model: Model of the options.
-        name: Name of the component, for messages.
-        options: Name -> value.
-        kind: Kind of the component, for messages.
-        other_keys: Further names to suggest for a misspelt option.
-
-    Raises:
-        UsageError: Unknown or invalid options; the message names all of them.
+    The ``UsageError`` names all unknown and invalid options of the component ``name``, and suggests
+    ``other_keys`` as well for a misspelt one.
     """
     try:
         return model(**options)

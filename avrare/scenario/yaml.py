@@ -13,7 +13,6 @@ from typing import Any
 
 import yaml
 
-from avrare.base.errors import ScenarioError
 from avrare.scenario.marked_values import Mark, Node, Scalar
 
 MAX_BYTES = 1_000_000
@@ -49,8 +48,6 @@ class _Refusal(Exception):
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's composer with the plain scalars of YAML 1.2 and bounds on depth and size."""
-
     yaml_implicit_resolvers = {None: list(_PATTERNS.items())}  # noqa: RUF012  (PyYAML's own attribute)
     depth = 0
     count = 0
@@ -170,40 +167,29 @@ def parse(
     hint: str = "a scenario needs name, steps, simulator, specifications",
     merge_keys: bool = False,
 ) -> Node:
-    """Parse a file that holds a single mapping.
+    """Parse a UTF-8 file that holds a single mapping with string keys.
 
-    Args:
-        data: The content of the file.
-        file: Its path as the user wrote it, for messages.
-        content: Kind of the file, for messages.
-        hint: Hint for an empty file.
-        merge_keys: True to allow merge keys (``<<``).
-
-    Raises:
-        ScenarioError: It is not UTF-8, not YAML, empty, too large, or not one mapping with string keys.
+    ``file`` is the path as the user wrote it, ``content`` the kind of the file, and ``hint`` that of an empty
+    file.
     """
     if len(data) > MAX_BYTES:
-        raise _error(Mark(file), f"larger than {MAX_BYTES:,} bytes, too large for a {content}", None)
+        raise Mark(file).error(f"larger than {MAX_BYTES:,} bytes, too large for a {content}")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = data[: error.start]
         mark = Mark(file, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
-        raise _error(mark, "not UTF-8 text", "save the file in UTF-8") from None
+        raise mark.error("not UTF-8 text", "save the file in UTF-8") from None
     node = _read(text, lambda mark: _place(file, mark), merge_keys)
     if node is None:
-        raise _error(Mark(file, 1, 1), "the file is empty", hint)
+        raise Mark(file, 1, 1).error("the file is empty", hint)
     if not isinstance(node.value, dict):
-        raise _error(node.mark, f"a {content} is a mapping of keys to values", "write 'key: value' lines")
+        raise node.mark.error(f"a {content} is a mapping of keys to values", "write 'key: value' lines")
     return node
 
 
 def parse_value(text: str, mark: Mark) -> Node:
-    """Parse a single value, as after ``--set KEY=``; every part of it is placed at ``mark``.
-
-    Raises:
-        ScenarioError: The text is not one YAML value.
-    """
+    """Parse a single value, as after ``--set KEY=``; every part of it is placed at ``mark``."""
     node = _read(text, lambda _: mark)
     return Node(None, mark, mark) if node is None else Node(node.value, mark, mark)
 
@@ -222,17 +208,17 @@ def _read(text: str, place: Callable[[yaml.Mark | None], Mark], merge_keys: bool
         node = _Loader(text).get_single_node()
         return None if node is None else _Converter(place, merge_keys).convert(node)
     except _Refusal as problem:
-        raise _error(place(problem.mark), problem.text, problem.hint) from None
+        raise place(problem.mark).error(problem.text, problem.hint) from None
     except yaml.reader.ReaderError as error:
         position = int(error.position)
         before = text[:position]
         mark = yaml.Mark("", position, before.count("\n"), position - before.rfind("\n") - 1, None, 0)
-        raise _error(place(mark), f"the character {text[position]!r} is not allowed in YAML", None) from None
+        raise place(mark).error(f"the character {text[position]!r} is not allowed in YAML") from None
     except yaml.MarkedYAMLError as error:
         what, hint = _syntax(error)
-        raise _error(place(error.problem_mark or error.context_mark), what, hint) from None
+        raise place(error.problem_mark or error.context_mark).error(what, hint) from None
     except (ValueError, OverflowError) as error:  # PyYAML lets chr() fail on "\U00110000"
-        raise _error(place(None), f"not YAML: {error}", "check the escapes in quoted strings") from None
+        raise place(None).error(f"not YAML: {error}", "check the escapes in quoted strings") from None
 
 
 def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str | None]:
@@ -242,7 +228,3 @@ def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str | None]:
     context = f" ({' '.join(error.context.split())})" if error.context else ""
     hint = next((hint for sign, hint in _HINTS if sign in problem), None)
     return f"not YAML: {problem}{context}", hint
-
-
-def _error(mark: Mark, text: str, hint: str | None) -> ScenarioError:
-    return ScenarioError([(f"{mark}: {text}", hint)])
