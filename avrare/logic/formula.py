@@ -111,8 +111,8 @@ class Formula:
 
     def prefixes(self, signals: Signals) -> Floats:
         """Return the robustness at sample 0 of samples 0..t, for every t: (N, T) (stl-ams, Eq. 14)."""
-        states = _follow(self.monitor(), trace := read_trace(signals, self.signals))
-        return _finish(np.stack([state.robustness for state in states], axis=1), trace)
+        verdicts = _follow(self.monitor(), trace := read_trace(signals, self.signals))
+        return _finish(np.stack([verdict.robustness for verdict in verdicts], axis=1), trace)
 
     def intervals(self, signals: Signals, length: int | None = None) -> Floats:
         """Return bounds of the robustness at sample 0 after each sample, over all continuations: (N, T, 2).
@@ -127,8 +127,8 @@ class Formula:
         trace = read_trace(signals, self.signals)
         if length is not None and length < trace.steps:
             raise FormulaError(f"length is {length} but the signals have {trace.steps} samples")
-        states = _follow(self.interval_monitor(length), trace)
-        bounds = [np.stack([state.verdict.lower, state.verdict.upper], axis=1) for state in states]
+        verdicts = _follow(self.interval_monitor(length), trace)
+        bounds = [np.stack([verdict.lower, verdict.upper], axis=1) for verdict in verdicts]
         return _finish(np.stack(bounds, axis=1), trace)
 
     def parts(self, signals: Signals) -> dict[str, Floats]:
@@ -210,9 +210,8 @@ class FormulaMonitor(RobustnessMonitor):
 def _follow(monitor: Any, trace: Trace) -> Iterator[Any]:
     state = monitor.start(trace.rows)
     for t in range(trace.steps):
-        with np.errstate(all="ignore"):
-            state = monitor.advance(state, trace.at(t))
-        yield state
+        state, verdict = monitor.update(state, trace.at(t))
+        yield verdict
 
 
 def _finish(values: NDArray[Any], trace: Trace) -> NDArray[Any]:

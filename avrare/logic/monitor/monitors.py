@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,12 +36,7 @@ _ZERO = np.zeros(())
 
 
 class _MonitorCarry(NamedTuple):
-    """Values carried from sample to sample: arrays with leading axis N.
-
-    Attributes:
-        tables: Newest settled values (N, ...) of each node that are still needed, oldest first.
-        folds: Carry of each root fold.
-    """
+    """Arrays (N, ...): values of each node that are still needed, oldest first; carry of each root fold."""
 
     tables: _Tables
     folds: _Tables
@@ -102,27 +98,33 @@ class _MonitorEngine:
         return (nothing,) * len(self.algebras)
 
     def advance(
-        self, carried: tuple[_MonitorCarry, ...], sample: Mapping[str, Array], t: int, rows: int
-    ) -> tuple[tuple[_MonitorCarry, ...], list[tuple[SampleContext, _Tables]]]:
-        """Settle sample ``t``; return the carry, and the values of nodes and folds in each algebra."""
-        n, new, seen = len(self.plan.obligations), [], []
-        for k, algebra in enumerate(self.algebras):
+        self,
+        carried: tuple[_MonitorCarry, ...],
+        sample: Mapping[str, Array],
+        t: int,
+        rows: int,
+        unseen: UnseenSamples | None = None,
+    ) -> tuple[tuple[_MonitorCarry, ...], list[Array], Array | None]:
+        """Settle sample ``t``; return the carry, the value in each algebra, and the body's margin."""
+        n, new, values, newest = len(self.plan.obligations), [], [], None
+        for algebra, before in zip(self.algebras, carried, strict=True):
             # 1. Bring the corners to the front.
-            before = carried[k]
             if n:
                 before = _move_rows(before, 0, n)
             # 2. Settle all nodes, operands first; then all folds.
             now = SampleContext(t, rows, sample, algebra, list(before.tables), n, [None] * n)
             tables = self._settle(now)
             folds = tuple([fold.settle(now, before.folds[k]) for k, fold in self._folds])
-            after = _MonitorCarry(tables, folds)
+            values.append(self._value(now, folds, unseen))
+            if newest is None and self.plan.body:
+                newest = now.at(self.plan.body, t)
             # 3. Bring the particles back to the front.
-            seen.append((now, after.folds))
+            after = _MonitorCarry(tables, folds)
             new.append(_move_rows(after, n, 0) if n else after)
-        return tuple(new), seen
+        return tuple(new), values, newest
 
-    def value(self, now: SampleContext, folds: _Tables, unseen: UnseenSamples | None = None) -> Array:
-        """Return the formula's nominal value (N,), or its bounds (2, N) over all unseen samples."""
+    def _value(self, now: SampleContext, folds: _Tables, unseen: UnseenSamples | None) -> Array:
+        # The nominal value (N,), or its bounds (2, N) over all unseen samples.
         # 1. Values of the root folds.
         if unseen is None and self.plan.stepwise:
             algebra = now.algebra
@@ -189,12 +191,22 @@ def _move(x: Array, axis: int, to: int) -> Array:
     return x.transpose(axes)
 
 
-class RobustnessMonitor:
+class _Monitor:
+    def __init__(self, node: nodes.Node, closed: bool, plain: bool = False) -> None:
+        self._node, self._closed = node, closed
+        self._engine = _get_engine(node, closed, plain)
+        self._names = nodes.signals(node)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self._node, self._closed)
+
+
+class RobustnessMonitor(_Monitor):
     """Monitor of a formula's robustness at sample 0 (an ``avrare.protocols.Specification``).
 
-    Every step costs the same, except for the few formulas that ``plan`` names, whose history is carried
-    and evaluated. NaN makes a row's robustness NaN for good if the formula depends on it; such a row is
-    neither violated nor does its score change.
+    Every step costs the same, except for the few formulas that ``plan`` names, whose history is carried and
+    evaluated. NaN makes a row's robustness NaN for good if the formula depends on it; such a row is neither
+    violated nor does its score change.
 
     Args:
         node: Formula.
@@ -202,12 +214,7 @@ class RobustnessMonitor:
     """
 
     def __init__(self, node: nodes.Node, closed: bool) -> None:
-        self._node, self._closed = node, closed
-        self._engine = _get_engine(node, closed, plain=True)
-        self._names = nodes.signals(node)
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self._node, self._closed)
+        super().__init__(node, closed, plain=True)
 
     def start(self, n: int) -> MonitorState:
         """Return the state of ``n`` particles before sample 0."""
@@ -233,29 +240,20 @@ class RobustnessMonitor:
         Raises:
             FormulaError: A signal is missing or has the wrong shape.
         """
-        sample = read_sample(signals, self._names, len(state.verdict.score))
-        if self._engine.plan.quiet:
-            new = self.advance(state, sample)
-        else:
-            with np.errstate(all="ignore"):
-                new = self.advance(state, sample)
-        return new, new.verdict
-
-    def advance(self, state: MonitorState, sample: Mapping[str, Array]) -> MonitorState:
-        """Return the state after one more sample that is checked already."""
         t, before, engine = state.t, state.verdict, self._engine
-        plan = engine.plan
+        plan, rows = engine.plan, len(before.score)
+        sample = read_sample(signals, self._names, rows)
         if t > plan.horizon:
-            return MonitorState(t + 1, (), before, state.newest)
-        carried, seen = engine.advance(state.carried, sample, t, len(before.score))
-        values = [engine.value(now, folds) for now, folds in seen]
-        robustness, violated = flush(values[0]), engine.is_false(values[-1], _ZERO)
-        if len(values) > 1:
-            violated &= ~np.isnan(robustness)
-        trend = plan.trend if robustness is values[0] else None  # only then there is no NaN
-        score = _update_score(before.score, robustness, trend, t)
-        newest = seen[0][0].at(plan.body, t) if plan.body else None
-        return MonitorState(t + 1, carried, Verdict(robustness, violated, score), newest)
+            return MonitorState(t + 1, (), before, state.newest), before
+        with nullcontext() if plan.quiet else np.errstate(all="ignore"):
+            carried, values, newest = engine.advance(state.carried, sample, t, rows)
+            robustness, violated = flush(values[0]), engine.is_false(values[-1], _ZERO)
+            if len(values) > 1:
+                violated &= ~np.isnan(robustness)
+            trend = plan.trend if robustness is values[0] else None  # only then there is no NaN
+            score = _update_score(before.score, robustness, trend, t)
+        verdict = Verdict(robustness, violated, score)
+        return MonitorState(t + 1, carried, verdict, newest), verdict
 
 
 @dataclass(frozen=True)
@@ -290,7 +288,7 @@ class IntervalState:
     verdict: IntervalVerdict
 
 
-class IntervalMonitor:
+class IntervalMonitor(_Monitor):
     """Monitor of bounds of a formula's robustness at sample 0 over all continuations.
 
     The bounds come from interval arithmetic: they hold for every continuation, and are exact unless a sample
@@ -309,9 +307,8 @@ class IntervalMonitor:
     def __init__(self, node: nodes.Node, closed: bool, length: int | None = None) -> None:
         if length is not None and length < 1:
             raise FormulaError(f"length is {length}", "a trace has at least one sample")
-        self._node, self._closed, self.length = node, closed, length
-        self._engine = _get_engine(node, closed)
-        self._names = nodes.signals(node)
+        super().__init__(node, closed)
+        self.length = length
 
     def __reduce__(self) -> tuple[object, ...]:
         return type(self), (self._node, self._closed, self.length)
@@ -334,24 +331,18 @@ class IntervalMonitor:
         """
         if self.length is not None and state.t >= self.length:
             raise FormulaError(f"length is {self.length} but there are more samples")
-        sample = read_sample(signals, self._names, len(state.verdict.lower))
-        with np.errstate(all="ignore"):
-            new = self.advance(state, sample)
-        return new, new.verdict
-
-    def advance(self, state: IntervalState, sample: Mapping[str, Array]) -> IntervalState:
-        """Return the state after one more sample that is checked already."""
-        t, engine = state.t, self._engine
+        t, engine, rows = state.t, self._engine, len(state.verdict.lower)
+        sample = read_sample(signals, self._names, rows)
         if t > engine.plan.horizon:
-            return IntervalState(t + 1, (), state.verdict)
-        carried, seen = engine.advance(state.carried, sample, t, len(state.verdict.lower))
+            return IntervalState(t + 1, (), state.verdict), state.verdict
         unseen = lay_out_unseen(t + 1, engine.plan.settling, engine.plan.reach, self.length)
-        values = [engine.value(now, folds, unseen) for now, folds in seen]
-        lower, upper = flush(values[0])
-        truth = values[-1]
+        with np.errstate(all="ignore"):
+            carried, values, _ = engine.advance(state.carried, sample, t, rows, unseen)
+        (lower, upper), truth = flush(values[0]), values[-1]
         violated = truth[1] < 0.0
         decided = violated | (truth[0] > 0.0)
         if len(values) > 1:
             known = ~np.isnan(lower)
             violated, decided = violated & known, decided & known
-        return IntervalState(t + 1, carried, IntervalVerdict(lower, upper, decided, violated))
+        verdict = IntervalVerdict(lower, upper, decided, violated)
+        return IntervalState(t + 1, carried, verdict), verdict
