@@ -32,18 +32,10 @@ class Definition:
 class Definitions:
     """Definitions of a text.
 
-    Args:
-        text: Text of the formula.
-        statements: Its statements (lark trees).
-
     Attributes:
         all: name -> definition, in order; includes the last statement if it has a name.
         last: Last statement: a definition without parameters, or one without a name.
         used: Names that some statement uses.
-
-    Raises:
-        FormulaError: An unnamed statement is not the last, a name is defined twice, or the last statement is
-            not a formula.
     """
 
     def __init__(self, text: str, statements: list[Any]) -> None:
@@ -61,11 +53,7 @@ class Definitions:
         self._check_last(statements[-1])
 
     def look_up(self, name: str, place: Any, index: int) -> Definition | None:
-        """Return the definition of ``name`` for statement ``index``; None if it is a signal.
-
-        Raises:
-            FormulaError: The name is defined at or below that statement.
-        """
+        """Return the definition of ``name`` for statement ``index``; None if it is a signal."""
         found = self.all.get(name)
         if found is None:
             return None
@@ -77,18 +65,6 @@ class Definitions:
             raise make_error(self.text, place, f"{name} is defined below its use", hint)
         self.used.add(name)
         return found
-
-    def resolve_number(self, token: Any, index: int) -> Any:
-        """Return the number (token) that the name in a bound stands for.
-
-        Raises:
-            FormulaError: The name is not a constant.
-        """
-        found = self.look_up(str(token), token, index)
-        if found is None or found.body.data != "number":
-            message = f"{token} is {'not a number of zero or above' if found else 'not defined'}"
-            raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
-        return found.body.children[0]
 
     def _read(self, tree: Any, index: int) -> Definition:
         if tree.data != "definition":
@@ -141,12 +117,8 @@ class Scope:
     def quantify(self, variable: str, group: str, words: set[str]) -> tuple[str, Scope]:
         """Return the name of a new quantified vehicle, and the scope of the quantifier's body.
 
-        The vehicle is renamed if the formula that uses a definition has given the name another meaning.
-
-        Args:
-            variable: Name as written.
-            group: Group that it ranges over.
-            words: All words of the text, from which a new name must differ.
+        The vehicle is renamed, unlike any of ``words``, if the formula that uses a definition has given the
+        name another meaning.
         """
         vehicle = variable
         if variable in {*self.bound, *self.names.values()}:
@@ -160,11 +132,7 @@ class Scope:
         return Scope(statement, dict(zip(parameters, vehicles, strict=True)), self.bound)
 
     def resolve_vehicle(self, text: str, word: Any) -> str:
-        """Return the vehicle that the argument ``word`` (a token) stands for.
-
-        Raises:
-            FormulaError: The word is a group, a misspelt variable, or bound only where a definition is used.
-        """
+        """Return the vehicle that the argument ``word`` (a token) stands for."""
         name = str(word)
         if name in self.names:
             return self.names[name]
@@ -181,11 +149,7 @@ class Scope:
         return name
 
     def refuse_capture(self, text: str, word: Any) -> None:
-        """Refuse a name that is bound by a quantifier outside the definition.
-
-        Raises:
-            FormulaError: The word is such a name.
-        """
+        """Refuse a name that is bound by a quantifier outside the definition."""
         if str(word) in self.bound and str(word) not in self.names:
             message = f"this definition cannot see {word}, which is bound by a quantifier around its use"
             hint = f"make {word} a parameter of the definition, as in: name({word}) = ..."

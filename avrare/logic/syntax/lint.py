@@ -37,18 +37,10 @@ _Placed = tuple[tuple[int, int], LintWarning]
 
 
 def find_lint_warnings(text: str, definitions: Definitions, trees: list[Any]) -> tuple[LintWarning, ...]:
-    """Return the warnings about a text that has been parsed, sorted by place.
-
-    Args:
-        text: Text of the formula.
-        definitions: Names that it defines and uses.
-        trees: Its statements (lark trees).
-    """
+    """Return the warnings about a text that has been parsed to ``trees``, sorted by place."""
     found = [*_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
     parts = [part for tree in trees for part in tree.iter_subtrees()]
-    for part in parts:
-        if part.data in _BINARY:
-            found += _early_end(text, part)
+    found += [warning for part in parts if part.data in _BINARY for warning in _early_end(text, part)]
     found += _signless(text, parts)
     return tuple(warning for _, warning in sorted(found, key=lambda pair: pair[0]))
 

@@ -12,7 +12,6 @@ from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definitions
 from avrare.logic.syntax.lint import LintWarning, find_lint_warnings
 from avrare.logic.syntax.syntax_errors import make_error, translate_error
-from avrare.logic.syntax.time_bounds import read_period
 from avrare.logic.syntax.tokens import INFIX_LETTERS, WORDS, TokenClassifier, TokenError
 from avrare.logic.syntax.transformer import FormulaTransformer
 
@@ -45,11 +44,11 @@ def parse_with_warnings(text: str, dt: float | Fraction = 1.0) -> tuple[nodes.No
         dt: Sampling period [s].
 
     Raises:
-        FormulaError: The text is not a formula; the message has line, column, source line and a mark.
+        FormulaError: The text is not a formula, or ``dt`` is invalid.
     """
     if not isinstance(text, str):
         raise FormulaError(f"a formula must be text, not {type(text).__name__}")
-    return _parse(text, read_period(dt))
+    return _parse(text, _read_period(dt))
 
 
 @functools.lru_cache(maxsize=256)
@@ -67,6 +66,17 @@ def _parse(text: str, period: Fraction) -> tuple[nodes.Node, tuple[LintWarning, 
     return node, find_lint_warnings(text, definitions, trees)
 
 
+def _read_period(dt: Any) -> Fraction:
+    # The rational number that its decimal text denotes: 0.1 is a tenth.
+    try:
+        period = dt if isinstance(dt, Fraction) else Fraction(str(dt))
+    except (ValueError, ZeroDivisionError):
+        period = Fraction(0)
+    if period <= 0 or isinstance(dt, bool | str):
+        raise FormulaError(f"dt is {dt!r}", "the sampling period must be a number of seconds above zero")
+    return period
+
+
 def _parse_statements(text: str) -> list[Any]:
     from lark.exceptions import UnexpectedInput
 
@@ -80,11 +90,9 @@ def _parse_statements(text: str) -> list[Any]:
 
 
 def _blank_declarations(text: str) -> str:
-    """Replace rtamt's declarations by blanks, so that every place in the text stays where it is.
-
-    ``float x``, ``input float x``, ``output T y``, ``specification name``, ``from m import T`` and
-    ``@topic(x, name)`` are removed; of ``const float c = 3.0`` the definition ``c = 3.0`` remains.
-    """
+    # rtamt's ``float x``, ``input float x``, ``output T y``, ``specification name``, ``from m import T`` and
+    # ``@topic(x, name)`` are blanked, so that every place in the text stays where it is; of
+    # ``const float c = 3.0`` the definition ``c = 3.0`` remains.
     types = "|".join((*_TYPES, *(re.escape(name) for name in re.findall(_IMPORT, text))))
     other = rf"(?!(?:{_RESERVED})\b){_NAME}"
     declarations = (

@@ -33,13 +33,7 @@ _CONTEXT = 200
 
 
 def add_place(text: str, place: Any, message: str) -> str:
-    """Return the message with its line, column, source line and a mark.
-
-    Args:
-        text: Text of the formula.
-        place: Token or tree with ``line`` and ``column``, counted from 1.
-        message: Problem at that place.
-    """
+    """Return the message with line and column (from 1) of a token or tree, its source line and a mark."""
     line, column = place.line, place.column
     shown = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
     mark = " " * (column - 1) + "^"

@@ -67,11 +67,7 @@ class TokenClassifier:
     always_accept = ("SEMICOLON", "LBRACE", "RBRACE")
 
     def process(self, stream: Iterable[Token]) -> Iterator[Token]:
-        """Return the tokens, with words and braces retyped and ``_END`` between statements.
-
-        Raises:
-            TokenError: A token is ambiguous, or a bracket closes another kind of bracket.
-        """
+        """Return the tokens, with words and braces retyped and ``_END`` between statements."""
         return _TokenPass(_without_times(list(stream))).tokens()
 
 

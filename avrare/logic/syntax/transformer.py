@@ -9,12 +9,15 @@ from typing import Any
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definition, Definitions, Scope
 from avrare.logic.syntax.syntax_errors import make_error, suggest
-from avrare.logic.syntax.time_bounds import to_sample_bounds
 from avrare.logic.syntax.tokens import FUNCTIONS, MEANING, WORDS
 
+MAX_SAMPLES = 10**14
+"""Largest bound in samples: more must be a mistake and cannot index an array."""
 MAX_PARTS = 100_000
 """Larger formulas, which only nested definitions can make, are refused."""
 
+_MAX_DIGITS = 400
+_SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
 _ARITY = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}
 _MISSPELT, _SIMILAR = 0.8, 0.7
 
@@ -24,14 +27,7 @@ def _operator(token: Any) -> str:
 
 
 class FormulaTransformer:
-    """Transformer of the statements of one text.
-
-    Args:
-        text: Text of the formula.
-        period: Sampling period.
-        definitions: Statements of the text.
-        words: All words of the text.
-    """
+    """Transformer of the statements of one text, whose ``words`` new names of vehicles must differ from."""
 
     def __init__(self, text: str, period: Fraction, definitions: Definitions, words: set[str]) -> None:
         self.text = text
@@ -42,11 +38,7 @@ class FormulaTransformer:
         self.parts = 0
 
     def transform(self) -> nodes.Node:
-        """Return the formula of the last statement; the others are checked too.
-
-        Raises:
-            FormulaError: A statement is wrong; the message has line, column, source line and a mark.
-        """
+        """Return the formula of the last statement; the others are checked too."""
         last = self.definitions.last
         for found in self.definitions.all.values():
             if found is not last:
@@ -70,11 +62,9 @@ class FormulaTransformer:
         tree = _strip_groups(tree)
         if self.parts > MAX_PARTS:
             message = f"the formula has more than {MAX_PARTS} parts once its definitions are expanded"
-            raise make_error(
-                self.text, tree.meta, message, "compute parts of the formula as signals of the system"
-            )
-        method = getattr(self, f"_{tree.data}")
-        item: nodes.Node | nodes.Term = method(tree, *tree.children)
+            hint = "compute parts of the formula as signals of the system"
+            raise make_error(self.text, tree.meta, message, hint)
+        item: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)
         return item
 
     def _quantified(self, tree: Any, op: Any, *rest: Any) -> nodes.Node:
@@ -106,7 +96,7 @@ class FormulaTransformer:
 
     def _count(self, token: Any) -> int:
         if token.type == "NAME":
-            token = self.definitions.resolve_number(token, self.scope.statement)
+            token = self._resolve_number(token)
         value = float(token)
         if not (1 <= value < 1e9 and value.is_integer()):
             raise make_error(self.text, token, f"at_least needs a whole number above 0, not {token}")
@@ -138,12 +128,49 @@ class FormulaTransformer:
     _edge = _step
 
     def _bounds(self, rest: Any) -> tuple[int, float]:
+        # A bound without a unit is in seconds, except that the left one inherits the unit of the right one.
         if len(rest) == 1:
             return 0, math.inf
-        statement = self.scope.statement
-        return to_sample_bounds(
-            self.text, rest[0], self.period, lambda name: self.definitions.resolve_number(name, statement)
-        )
+        left, right = rest[0].children
+        lo = self._samples(left, str(right.children[1]) if len(right.children) > 1 else "s")
+        hi = self._samples(right, "s")
+        if math.isinf(lo):
+            hint = "only the second bound may be inf"
+            raise make_error(self.text, left.meta, "the first bound is infinite", hint)
+        if lo > hi:
+            raise make_error(self.text, rest[0].meta, "the first bound is larger than the second")
+        return int(lo), hi
+
+    def _samples(self, bound: Any, unit: str) -> float:
+        token = bound.children[0]
+        if token == "inf":
+            return math.inf
+        if token.type == "NAME":
+            token = self._resolve_number(token)
+        unit = str(bound.children[1]) if len(bound.children) > 1 else unit
+        if not _fits_float(token):
+            raise make_error(self.text, bound.meta, "the bound is out of range")
+        if unit.startswith("sample"):
+            samples, wrong = Fraction(token), "the bound is not a whole number of samples"
+        else:
+            samples = Fraction(token) * _SECONDS[unit] / self.period
+            wrong = f"{token} {unit} is not a whole multiple of dt = {float(self.period):g} s"
+        if samples.denominator != 1:
+            nearest = float(round(samples) * self.period)
+            hint = f"the nearest sample is at {nearest:g} s; or give samples, as in [0:3 samples]"
+            raise make_error(self.text, bound.meta, wrong, hint)
+        if samples > MAX_SAMPLES:
+            message = f"out of range: above {MAX_SAMPLES:g} samples"
+            raise make_error(self.text, bound.meta, message, "write inf")
+        return int(samples)
+
+    def _resolve_number(self, token: Any) -> Any:
+        # The number that a name stands for.
+        found = self.definitions.look_up(str(token), token, self.scope.statement)
+        if found is None or found.body.data != "number":
+            message = f"{token} is {'not a number of zero or above' if found else 'not defined'}"
+            raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
+        return found.body.children[0]
 
     def _compared(self, tree: Any, left: Any, op: Any, right: Any, *more: Any) -> nodes.Node:
         if more:
@@ -222,9 +249,8 @@ class FormulaTransformer:
         wanted = len(found.parameters)
         if len(vehicles) != wanted:
             shown = f"{name}({', '.join(found.parameters)})" if wanted else str(name)
-            message = (
-                f"{name} takes {wanted or 'no'} argument{'s' if wanted != 1 else ''}, not {len(vehicles)}"
-            )
+            count = f"{wanted or 'no'} argument{'s' if wanted != 1 else ''}"
+            message = f"{name} takes {count}, not {len(vehicles)}"
             raise make_error(self.text, name, message, f"it is defined as {shown}")
         return self._expand(found, vehicles, self.scope)
 
@@ -239,3 +265,12 @@ def _strip_groups(tree: Any) -> Any:
     while tree.data == "group":
         tree = tree.children[0]
     return tree
+
+
+def _fits_float(token: str) -> bool:
+    # Checked before conversion: the exact fraction of 1e999999999 would exhaust the memory.
+    if len(token) > _MAX_DIGITS:
+        return False
+    value = float(token)
+    mantissa = token.lower().split("e")[0]
+    return math.isfinite(value) and (value != 0 or float(mantissa) == 0)
