@@ -77,14 +77,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class _Binding:
-    """Member that a quantified variable is bound to.
-
-    Attributes:
-        variable: Name of the variable.
-        group: Group of vehicles.
-        index: Index of the member in the group.
-        name: Name of the member, if the group's members have names.
-    """
+    """Member of a group that a quantified variable is bound to, by index, and by name if it has one."""
 
     variable: str
     group: str
@@ -280,14 +273,9 @@ def _with_names(item: Any, labels: Mapping[str, str]) -> Any:
 
 
 def to_single_trace(signals: Mapping[str, Any], node: nodes.Node) -> Mapping[str, Any]:
-    """Return the signals of one trace, (1, T, ...) each; invalid ones are passed on, to be refused later.
+    """Return the signals of one trace, (T, ...) or (1, T, ...) each, as (1, T, ...).
 
-    Args:
-        signals: (T, ...) or (1, T, ...) each.
-        node: Formula, whose relations determine how many axes a sample has.
-
-    Raises:
-        FormulaError: There are several traces.
+    The formula's relations determine how many axes a sample has. Invalid signals are refused later.
     """
     names: Sequence[str] = nodes.signals(node) or list(signals)[:1]
     arrays = {name: signals[name] for name in names if isinstance(signals.get(name), np.ndarray)}

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from avrare.logic.semantics.terms import align
+from avrare.logic.semantics.trace_evaluator import align
 from avrare.logic.semantics.value_algebra import IntervalAlgebra, Range, RobustnessAlgebra
 from avrare.logic.semantics.window_operators import Array, get_neutral
 

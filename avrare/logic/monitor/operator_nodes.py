@@ -20,8 +20,7 @@ from avrare.logic.monitor.monitor_node import (
     make_corner,
 )
 from avrare.logic.semantics.normal_form import is_unbounded_future
-from avrare.logic.semantics.terms import align, compile_term
-from avrare.logic.semantics.trace_evaluator import connect, get_join, quantify
+from avrare.logic.semantics.trace_evaluator import align, compile_term, connect, get_join, quantify
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.semantics.window_operators import Array, fold_until, get_dual, get_neutral, slide
 from avrare.logic.syntax import nodes

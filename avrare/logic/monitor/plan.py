@@ -30,8 +30,7 @@ from avrare.logic.semantics.normal_form import (
     normalize,
     place_quantifiers,
 )
-from avrare.logic.semantics.terms import align
-from avrare.logic.semantics.trace_evaluator import Evaluator, get_join
+from avrare.logic.semantics.trace_evaluator import Evaluator, align, get_join
 from avrare.logic.semantics.value_algebra import IntervalAlgebra, RobustnessAlgebra
 from avrare.logic.semantics.window_operators import Array, accumulate, get_dual, get_neutral
 from avrare.logic.syntax import nodes

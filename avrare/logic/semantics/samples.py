@@ -52,11 +52,7 @@ class Trace:
 
 
 def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
-    """Check the signals ``names`` of complete traces, (N, T, ...) each or (T,) each.
-
-    Raises:
-        FormulaError: A signal is missing, is not an array of numbers, contains NaN, or the shapes disagree.
-    """
+    """Check the signals ``names`` of complete traces, (N, T, ...) each or (T,) each; NaN is refused."""
     arrays = _select(signals, names)
     for name, array in arrays.items():
         if array.ndim == 0:
@@ -78,11 +74,7 @@ def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
 
 
 def read_sample(signals: Mapping[str, Any], names: Sequence[str], rows: int) -> dict[str, Array]:
-    """Check the signals ``names`` at one sample, (N, ...) each; others and NaN are let through.
-
-    Raises:
-        FormulaError: A signal is missing, is not an array of numbers, or does not have N rows.
-    """
+    """Check the signals ``names`` at one sample, (N, ...) each; others and NaN are let through."""
     if type(signals) is dict and names and _are_plain(signals, names, rows):
         return signals
     arrays = _select(signals, names) if names else {}

@@ -1,24 +1,36 @@
 """Evaluator of formulas on complete traces, by the definition of nominal robustness (stl-ams, Eq. 14).
 
 Arrays are time-major: (T, N, ...). Windows are clipped to the trace: over an empty window always is true and
-eventually is false.
+eventually is false. Terms are functions of the samples, used by monitors too.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import FormulaError
-from avrare.logic.semantics.terms import align, compile_term
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.semantics.window_operators import Array, fold_until, slide
 from avrare.logic.syntax import nodes
 
+TermFunction = Callable[[Mapping[str, Array]], Any]
+
+_ARITHMETIC = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
+_FUNCTIONS = {
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "min": np.minimum,
+    "max": np.maximum,
+    "pow": np.power,
+}
 _DUALS = ("always", "historically", "release", "trigger")
 
 
@@ -45,11 +57,7 @@ class Evaluator:
     found: dict[nodes.Node, Array] | None = field(default=None, compare=False)
 
     def __call__(self, node: nodes.Node) -> Array:
-        """Evaluate ``node`` at every sample: (T, N, ...), a new array.
-
-        Raises:
-            FormulaError: The shapes of the signals do not fit the formula.
-        """
+        """Evaluate ``node`` at every sample: (T, N, ...), a new array."""
         with np.errstate(all="ignore"):
             return self._formula(node)
 
@@ -64,9 +72,7 @@ class Evaluator:
         match node:
             case nodes.Comparison():
                 return self._comparison(node)
-            case nodes.Predicate() | nodes.Step():
-                return self._formula(nodes.expand(node))
-            case nodes.Connective(op="implies") | nodes.Until(op="unless"):
+            case nodes.Predicate() | nodes.Step() | nodes.Connective(op="implies") | nodes.Until(op="unless"):
                 return self._formula(nodes.expand(node))
             case nodes.Constant(value):
                 return self._full(math.inf if value else -math.inf)
@@ -140,13 +146,7 @@ def connect(op: str, left: Array, right: Array, algebra: RobustnessAlgebra) -> A
 def quantify(node: nodes.Quantifier, x: Array, lead: int) -> Array:
     """Reduce the last axis to the quantifier's order statistic.
 
-    Args:
-        node: Quantifier.
-        x: Values of its child: ``lead`` axes, then one per quantifier down to this one.
-        lead: Axes before those of vehicles.
-
-    Raises:
-        FormulaError: The values do not depend on the quantifier's variable.
+    ``x`` has ``lead`` axes, then one per quantifier down to this one if it depends on the variable.
     """
     if x.ndim != lead + node.depth + 1:
         raise FormulaError(
@@ -165,13 +165,67 @@ def quantify(node: nodes.Quantifier, x: Array, lead: int) -> Array:
 
 
 def require_scalar(trailing: int) -> None:
-    """Refuse values with trailing axes left.
-
-    Raises:
-        FormulaError: ``trailing`` is above 0.
-    """
+    """Refuse values with trailing axes left."""
     if trailing > 0:
         raise FormulaError(
             f"the formula has {trailing} trailing {'axes' if trailing > 1 else 'axis'} left at every sample",
             "put 'forall o in others:' or 'exists o in others:' before the part with array-valued signals",
         )
+
+
+@functools.lru_cache(maxsize=1024)
+def compile_term(term: nodes.Term, lead: int) -> TermFunction:
+    """Compile a term to a function of the samples, which returns a number if it reads no signal.
+
+    Samples have ``lead`` axes before those of the vehicles: 1 for (N, ...), 2 for (T, N, ...).
+    """
+    match term:
+        case nodes.Number(value):
+            return lambda samples: value
+        case nodes.Signal(name, axes=axes):
+            if axes == tuple(range(len(axes))):
+                return lambda samples: samples[name]
+            return lambda samples: _lay_out(samples[name], axes, lead)
+        case nodes.Negative(operand):
+            return _apply(np.negative, [compile_term(operand, lead)])
+        case nodes.Arithmetic(op, left, right):
+            return _apply(_ARITHMETIC[op], [compile_term(left, lead), compile_term(right, lead)])
+        case nodes.Call(function, arguments):
+            return _apply(_FUNCTIONS[function], [compile_term(argument, lead) for argument in arguments])
+    raise TypeError(f"not a term: {term!r}")
+
+
+def _apply(function: np.ufunc, operands: list[TermFunction]) -> TermFunction:
+    if len(operands) == 1:
+        (only,) = operands
+        return lambda samples: function(only(samples))
+    if len(operands) == 2:
+        left, right = operands
+        return lambda samples: function(*align(left(samples), right(samples)))
+    return functools.reduce(lambda x, y: _apply(function, [x, y]), operands)
+
+
+def _lay_out(x: Array, axes: tuple[int, ...], lead: int) -> Array:
+    # Each trailing axis moves to the depth of its quantifier; the same one twice takes the diagonal.
+    while len(axes) != len(set(axes)):
+        first, second = next(
+            (i, j) for j in range(len(axes)) for i in range(j) if axes[i] == axes[j]
+        )  # fmt: skip
+        x = np.diagonal(x, axis1=lead + first, axis2=lead + second)
+        axes = (*axes[:first], *axes[first + 1 : second], *axes[second + 1 :], axes[first])
+    order = np.argsort(axes)
+    x = np.transpose(x, (*range(lead), *(int(i) + lead for i in order)))
+    return np.expand_dims(x, [lead + axis for axis in range(max(axes)) if axis not in axes])
+
+
+def align(left: Any, right: Any) -> tuple[Any, Any]:
+    """Add trailing axes to the operand that has fewer; numbers stay numbers."""
+    if not (isinstance(left, np.ndarray) and isinstance(right, np.ndarray)):
+        return left, right
+    if left.shape == right.shape:
+        return left, right
+    ndim = max(left.ndim, right.ndim)
+    left, right = (x.reshape(x.shape + (1,) * (ndim - x.ndim)) for x in (left, right))
+    if any(a != b and 1 not in (a, b) for a, b in zip(left.shape, right.shape, strict=True)):
+        raise FormulaError(f"signals with shapes {left.shape} and {right.shape} cannot be combined")
+    return left, right

@@ -195,22 +195,14 @@ def _term_range(term: Term) -> Range:
             return _subtract_ranges(_term_range(left), (-high, -low))
         case Arithmetic("-", left, right):
             return _subtract_ranges(_term_range(left), _term_range(right))
-        case Call(function, arguments):
-            return _call_range(function, [_term_range(argument) for argument in arguments])
-        case _:
-            return _ANY
-
-
-def _call_range(function: str, ranges: list[Range]) -> Range:
-    match function:
-        case "abs":
-            return _absolute_range(ranges[0])
-        case "sqrt" | "exp":
+        case Call("abs", (argument,)):
+            return _absolute_range(_term_range(argument))
+        case Call("sqrt" | "exp"):
             return 0.0, math.inf
-        case "min":
-            return min(low for low, _ in ranges), min(high for _, high in ranges)
-        case "max":
-            return max(low for low, _ in ranges), max(high for _, high in ranges)
+        case Call("min" | "max" as function, arguments):
+            choose = min if function == "min" else max
+            lows, highs = zip(*map(_term_range, arguments), strict=True)
+            return choose(lows), choose(highs)
         case _:
             return _ANY
 

@@ -56,12 +56,7 @@ def accumulate(join: np.ufunc, x: Array, own: bool = False) -> Array:
 def slide(x: Array, lo: int, hi: float, join: np.ufunc, own: bool = False) -> Array:
     """Return the join of ``x[i + lo .. i + hi]``, clipped to the trace (stl-ams, Eq. 14), for every i.
 
-    Args:
-        x: (T, ...).
-        lo: First sample of the window, at least 0.
-        hi: Last sample of the window, at least ``lo``; may be infinite.
-        join: ``np.minimum`` or ``np.maximum``.
-        own: True if ``x`` may be overwritten.
+    ``x`` is (T, ...), and overwritten if ``own``; 0 <= lo <= hi, which may be infinite.
     """
     steps = x.shape[0]
     # 1. Empty and unbounded windows need no doubling.

@@ -15,8 +15,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.logic.formula import Formula
 from avrare.logic.semantics.normal_form import normalize
-from avrare.logic.semantics.terms import compile_term
-from avrare.logic.semantics.trace_evaluator import Evaluator
+from avrare.logic.semantics.trace_evaluator import Evaluator, compile_term
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
