@@ -43,7 +43,9 @@ _PAIRED_ROLLOUTS = 1000
 def execute(args: argparse.Namespace) -> int:
     """Compare, print and write the comparison."""
     if args.scenario == "problem:":
-        return _list_problems()
+        for problem in reference_problems():
+            print(f"{problem.id:<26}{problem.probability:<12.4g}{problem.text}")
+        return int(ExitCode.PASS)
     paired = args.against is not None
     _check(args)
     if args.out:
@@ -117,12 +119,6 @@ def _case(args: argparse.Namespace, overrides: list[str], truth: Any) -> Any:
                 "a reference problem has one formula and a known probability",
             )
     return case
-
-
-def _list_problems() -> int:
-    for problem in reference_problems():
-        print(f"{problem.id:<26}{problem.probability:<12.4g}{problem.text}")
-    return int(ExitCode.PASS)
 
 
 def _compare_versions(args: argparse.Namespace) -> Any:

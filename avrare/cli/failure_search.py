@@ -1,4 +1,4 @@
-"""Options, progress line and storage of failures that ``falsify``, ``replay`` and ``failures`` share."""
+"""Progress line and storage of failures that ``falsify``, ``replay`` and ``failures`` share."""
 
 from __future__ import annotations
 
@@ -33,11 +33,7 @@ def progress_line() -> Iterator[Callable[[str, int], None] | None]:
 
 
 def store_failure(args: argparse.Namespace, failure: Any) -> None:
-    """Store a failure and print the commands that replay it.
-
-    Raises:
-        UsageError: It cannot be written.
-    """
+    """Store a failure and print the commands that replay it."""
     FailureDatabase(Path(args.failures)).add(failure)
     folder = [] if args.failures == FAILURES_FOLDER else ["--failures", args.failures]
     scenario = getattr(args, "scenario", None) or f"{args.run}/scenario.yaml"

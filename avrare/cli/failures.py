@@ -12,7 +12,7 @@ from avrare.analysis.failures.describe import describe
 from avrare.analysis.failures.shrink import shrink
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.analysis.failures.stored_replays import replay_failures, store_worst
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import UsageError
 from avrare.cli.failure_search import progress_line
 from avrare.report.terminal.failure_text import describe_clusters
 from avrare.results.reader import load_run_scenario
@@ -20,12 +20,11 @@ from avrare.results.stored_rollouts import read_failures
 from avrare.rollout.loaded_scenario import load
 
 
-def execute(args: argparse.Namespace) -> int:
+def execute(args: argparse.Namespace) -> None:
     """Run the chosen action and print its lines."""
     actions = {"list": _list, "blob": _blob, "add": _add, "cluster": _cluster}
     for line in actions[args.action](args, FailureDatabase(Path(args.failures))):
         print(line)
-    return int(ExitCode.PASS)
 
 
 def _list(args: argparse.Namespace, database: Any) -> Sequence[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from avrare.analysis.history.entry import find_breaks, group_series, read_entries
 from avrare.analysis.history.store import DEFAULT, HistoryStore
-from avrare.base.errors import ExitCode, PluginError, UsageError, did_you_mean
+from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.base.files import explain_file_errors
 from avrare.report.plots.figure import has_matplotlib
 from avrare.report.plots.history_plot import draw
@@ -17,13 +17,12 @@ from avrare.report.terminal.console import make_console, print_lines, print_tabl
 from avrare.report.terminal.result_table import history_note_lines, history_table
 
 
-def execute(args: argparse.Namespace) -> int:
+def execute(args: argparse.Namespace) -> None:
     """Add results to the history, or show it."""
     if args.words[:1] == ["add"]:
         _add(args)
     else:
         _show(args)
-    return int(ExitCode.PASS)
 
 
 def _add(args: argparse.Namespace) -> None:

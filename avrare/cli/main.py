@@ -31,7 +31,7 @@ COMMANDS = {
     "new": ("avrare.cli.new", "create a plugin package"),
     "check-plugin": ("avrare.cli.check_plugin", "run the conformance checks of a plugin"),
 }
-"""Name -> module with ``execute(args) -> int``, and a summary; ``options.OPTIONS`` has the options."""
+"""Name -> module with ``execute(args)`` (returns the exit code, None: 0), and a summary."""
 
 COMMAND_GROUP = "avrare.commands"
 
@@ -42,7 +42,7 @@ PROVIDED = {
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.
 
-Such a module also has ``add_arguments(parser)``.
+Such a module has ``add_arguments(parser)`` as well.
 """
 
 _BROKEN_PIPE = 141
@@ -63,14 +63,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        argv: Arguments after the program's name; default: those of the process.
-
-    Returns:
-        The exit code (``avrare.base.errors.ExitCode``).
-    """
+    """Run the command line, by default that of the process, and return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         _escape_unprintable_text()
@@ -103,7 +96,7 @@ def _dispatch(words: list[str]) -> int:
         return int(ExitCode.PASS)
     name = words[place]
     args = command_parser(name).parse_args(words[place + 1 :])
-    return int(_module(name).execute(args))
+    return int(_module(name).execute(args) or ExitCode.PASS)
 
 
 def command_parser(name: str) -> Parser:

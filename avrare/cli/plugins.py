@@ -11,14 +11,18 @@ import time
 from importlib.metadata import entry_points
 from typing import Any
 
-from avrare.base.errors import ExitCode
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
 from avrare.plugin.component import GROUP
 from avrare.plugin.registry import VARIABLE, Row, default_registry
 
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 
 
-def execute(args: argparse.Namespace) -> int:
+def execute(args: argparse.Namespace) -> None:
     """Print one row per component and per plugin that could not be loaded."""
     seconds = _import_seconds() if args.timing else None
     rows = default_registry().rows()
@@ -26,7 +30,6 @@ def execute(args: argparse.Namespace) -> int:
         print(json.dumps([_entry(row, seconds) for row in rows], indent=2))
     else:
         _print_table(rows, seconds)
-    return int(ExitCode.PASS)
 
 
 def _import_seconds() -> dict[str, float]:
@@ -50,11 +53,6 @@ def _entry(row: Row, seconds: dict[str, float] | None) -> dict[str, Any]:
 
 
 def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     headings = ["kind", "name", "from", "status", "summary"]
     if seconds is not None:
         headings.insert(3, "import")
@@ -70,5 +68,9 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
         table.add_row(*texts)
     for column in table.columns:
         column.overflow = "fold"  # names and pip commands must not be truncated
-    # A pipe has no width: wide enough that nothing wraps.
+    print_wide(table)
+
+
+def print_wide(table: Table) -> None:
+    """Print a table; a pipe has no width: wide enough that nothing wraps."""
     Console(width=None if sys.stdout.isatty() else 240).print(table)

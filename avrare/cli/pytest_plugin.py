@@ -7,6 +7,7 @@ an estimate is requested.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -171,6 +172,4 @@ def _estimate(
 
 
 def _silent(label: str, problem: object) -> Any:
-    from contextlib import nullcontext
-
     return nullcontext()

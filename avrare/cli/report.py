@@ -6,12 +6,12 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import UsageError
 from avrare.base.files import explain_file_errors, write_text
 from avrare.report.html.page import render_report
 
 
-def execute(args: argparse.Namespace) -> int:
+def execute(args: argparse.Namespace) -> None:
     """Write the report and print its path."""
     folder = Path(args.folder)
     path = Path(args.out) if args.out is not None else folder / "report.html"
@@ -24,4 +24,3 @@ def execute(args: argparse.Namespace) -> int:
     print(f"report in {path}")
     if args.open:
         webbrowser.open(path.resolve().as_uri())
-    return int(ExitCode.PASS)

@@ -8,19 +8,21 @@ import json
 import sys
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from avrare.base.errors import ExitCode
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from avrare.cli.plugins import print_wide
 from avrare.plugin.registry import default_registry
 from avrare.plugin.rule_catalogue import Catalogue, Offer
-
-if TYPE_CHECKING:
-    from rich.text import Text
 
 _WIDTH = 100
 
 
-def execute(args: argparse.Namespace) -> int:
+def execute(args: argparse.Namespace) -> None:
     """Print a table of all rules, or the named rules in full."""
     catalogue = Catalogue.of(default_registry())
     for line in catalogue.failures:
@@ -33,7 +35,6 @@ def execute(args: argparse.Namespace) -> int:
         _print_cards(offers)
     else:
         _print_table(catalogue.offers)
-    return int(ExitCode.PASS)
 
 
 def _plain(offer: Offer) -> dict[str, object]:
@@ -41,26 +42,17 @@ def _plain(offer: Offer) -> dict[str, object]:
 
 
 def _print_table(offers: Sequence[Offer]) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     if not offers:
         print("no installed plugin offers rules; try: pip install avrare-traffic-rules")
         return
     table = Table("rule", "title", "plugin", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for offer in offers:
         table.add_row(*map(escape, (offer.card.name, offer.card.title, offer.row.name)))
-    # A pipe has no width: wide enough that nothing wraps.
-    console = Console(width=None if sys.stdout.isatty() else 240)
-    console.print(table)
-    console.print("\n'avrare rules NAME' shows a rule in full.", markup=False, highlight=False)
+    print_wide(table)
+    print("\n'avrare rules NAME' shows a rule in full.")
 
 
 def _print_cards(offers: Sequence[Offer]) -> None:
-    from rich.console import Console
-
     console = Console(highlight=False, soft_wrap=True)
     width = min(console.width, _WIDTH)
     for index, offer in enumerate(offers):
@@ -69,8 +61,6 @@ def _print_cards(offers: Sequence[Offer]) -> None:
 
 
 def _card(offer: Offer, width: int) -> list[Text]:
-    from rich.text import Text
-
     def wrapped(words: str, indent: int, hanging: int = 0, style: str = "") -> Text:
         first, others = " " * indent, " " * (indent + hanging)
         filled = textwrap.fill(

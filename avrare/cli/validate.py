@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 
 from avrare.base.errors import AvrareError, ExitCode
@@ -23,8 +22,9 @@ def _check(path: str, args: argparse.Namespace) -> int:
         scenario = load(path, args.set, args.estimator)
         print_warnings(scenario.warnings)
         if args.build:
-            stack = importlib.import_module("avrare.stack.builder")
-            print_warnings(stack.build_and_try(scenario, steps=3))
+            from avrare.stack.builder import build_and_try
+
+            print_warnings(build_and_try(scenario, steps=3))
     except AvrareError as error:
         print("\n".join(error.lines()), file=sys.stderr)
         return int(error.exit_code)
