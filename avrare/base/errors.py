@@ -77,11 +77,7 @@ class ScenarioError(AvrareError):
 
     def lines(self) -> list[str]:
         """Return every problem, each followed by its hint."""
-        return [
-            line
-            for message, hint in self.problems
-            for line in ([message] + ([f"hint: {hint}"] if hint else []))
-        ]
+        return [line for problem in self.problems for line in AvrareError(*problem).lines()]
 
 
 class FormulaError(UsageError):

@@ -179,22 +179,15 @@ def read_index(folder: Path) -> dict[str, Any] | None:
 def differences(before: Any, after: Any, path: str = "") -> list[str]:
     """List the differences of two values of plain data, for example ``simulator.dt 0.1 -> 0.05``."""
     if isinstance(before, dict) and isinstance(after, dict):
-        names = [*before, *(name for name in after if name not in before)]
-        return [
-            line
-            for name in names
-            for line in differences(before.get(name), after.get(name), f"{path}.{name}" if path else name)
-        ]
-    same = json.dumps(before) == json.dumps(after)  # 1 is not 1.0, and NaN is NaN
-    return [] if same else list(_change(before, after, path))
-
-
-def _change(before: Any, after: Any, path: str) -> Iterator[str]:
-    if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
-        for index, (one, two) in enumerate(zip(before, after, strict=True)):
-            yield from differences(one, two, f"{path}.{index}")
+        names = dict.fromkeys([*before, *after])
+        parts = [(name, before.get(name), after.get(name)) for name in names]
+    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        parts = [(str(i), one, two) for i, (one, two) in enumerate(zip(before, after, strict=True))]
     else:
-        yield f"{path} {json.dumps(before)} -> {json.dumps(after)}"
+        old, new = json.dumps(before), json.dumps(after)  # 1 is not 1.0, and NaN is NaN
+        return [f"{path} {old} -> {new}"] if old != new else []
+    prefix = f"{path}." if path else ""
+    return [line for name, one, two in parts for line in differences(one, two, prefix + name)]
 
 
 def digest(chunk: Request) -> str:

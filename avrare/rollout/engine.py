@@ -28,7 +28,7 @@ from avrare.protocols import (
     find_ability,
 )
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts
+from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 
 Sample = tuple[Any, dict[str, Any], Bools]
 """State, signals (N, ...) and a mask (N,) of rows that have broken down."""
@@ -53,7 +53,7 @@ def simulate(
     if request.law is not None:
         system = _draw_under(system, request.law)
     if request.past is not None:
-        request = _restore_carries(system, specifications, noise, request, request.past)
+        request = _restore_carries(system, specifications, noise, request)
     return _Simulation(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
 
 
@@ -307,12 +307,10 @@ class _Retrace(_Simulation):
 
 
 def _restore_carries(
-    system: System,
-    specifications: tuple[Specification, ...],
-    noise: NoiseSource,
-    request: Request,
-    past: Past,
+    system: System, specifications: tuple[Specification, ...], noise: NoiseSource, request: Request
 ) -> Request:
+    past = request.past
+    assert past is not None
     order = np.argsort(past.origin, kind="stable")
     rows = past.rows[order]
     until, run = request.start[rows], request.run[rows]
