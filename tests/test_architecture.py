@@ -34,7 +34,7 @@ def loaded_by(code):
     return set(done.stdout.splitlines()[-1].split())
 
 
-def test_there_is_something_to_look_at():
+def test_files_to_check_exist():
     assert len(CORE) > 40
     assert len(MODULES) > len(CORE)
 
@@ -74,12 +74,12 @@ def test_every_test_file_is_collected(pytestconfig):
         assert not [part for part in folders for pattern in ignored if fnmatch(part, pattern)], path
 
 
-def test_the_core_knows_no_plugin():
+def test_the_core_imports_no_plugin():
     for path in CORE:
         assert not {name for name in imported(path) if name.startswith("avrare_")}, path
 
 
-def test_no_modules_import_each_other_in_a_circle():
+def test_no_modules_import_each_other_circularly():
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("avrare", exclude_type_checking_imports=False)
     for module in graph.modules:
@@ -87,7 +87,7 @@ def test_no_modules_import_each_other_in_a_circle():
             assert not graph.chain_exists(imported_module, module), (module, imported_module)
 
 
-def test_import_avrare_costs_next_to_nothing():
+def test_import_avrare_is_cheap():
     loaded = loaded_by("import avrare")
     assert not loaded & {"numpy", "pydantic", "pluggy", "rich", "lark", "yaml"}
     assert {name for name in loaded if name.startswith("avrare")} == {
@@ -111,7 +111,7 @@ for name in ("mc", "ams"): avrare.estimate(problem, name)
     assert not {name.split(".")[0] for name in loaded_by(code)} & HEAVY
 
 
-def test_plugins_are_described_without_their_weight():
+def test_describing_plugins_imports_nothing_heavy():
     code = """
 from avrare.plugin.registry import default_registry
 for row in default_registry().rows(): row.component.load_config()

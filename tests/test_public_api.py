@@ -77,7 +77,7 @@ def test_json_has_no_nan_and_no_infinity():
     assert entry["relative_error"] is None
 
 
-def test_monte_carlo_is_the_default_and_right():
+def test_monte_carlo_is_the_default_and_correct():
     result = avrare.estimate(walk(), seed=1, rollouts=40_000)
     truth = reference_problem("d_rw_L2.5").probability
     assert result.estimator == "mc"

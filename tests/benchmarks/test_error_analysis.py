@@ -55,7 +55,7 @@ def test_both_bounds_hold(levels, samples, share, factor):
     assert under <= underestimate_bound(factor, levels, samples, share)
 
 
-def test_the_bound_on_underestimates_is_of_use():
+def test_the_bound_on_underestimates_is_useful():
     assert underestimate_bound(2.0, 10, 250) < 0.02
     assert underestimate_bound(2.0, 10, 1000) < 1e-7
     assert underestimate_bound(1.01, 10, 250) == 1.0
@@ -63,7 +63,7 @@ def test_the_bound_on_underestimates_is_of_use():
     assert (found <= 0.5).mean() > 2.0 * (found >= 2.0).mean()  # the unsafe side is the likelier one
 
 
-def test_a_factor_or_a_share_that_makes_no_sense_is_refused():
+def test_an_invalid_factor_or_share_is_refused():
     with pytest.raises(UsageError, match="above 1"):
         overestimate_bound(1.0, 10, 250)
     with pytest.raises(UsageError, match="above 1"):
@@ -105,7 +105,7 @@ def test_effective_sizes_agree_with_arviz_on_long_chains():
     assert effective_samples(hit)[0] == pytest.approx(expected, rel=0.5)
 
 
-def test_a_result_tells_what_its_chains_were_like():
+def test_diagnostics_describe_the_chains():
     result = avrare.estimate(conjunction(-2.0).problem(), "ess", seed=1, runs=2, chains=20)
     told = result.diagnostics
     for shares, sizes, hats in zip(told["shares"], told["effective_sizes"], told["r_hat"], strict=True):

@@ -82,7 +82,7 @@ def test_the_first_run_is_saved_and_the_next_is_compared(drive, check):
     assert len(list(Path("baselines/drive").iterdir())) == 2
 
 
-def test_a_worse_driver_is_caught_and_a_better_one_passes(drive, check):
+def test_a_worse_driver_fails_and_a_better_one_passes(drive, check):
     check(drive())
     code, content = check("drive.yaml", "--seed", "1", "--set", "controller.skill=0.75")
     assert code == 1
@@ -93,14 +93,14 @@ def test_a_worse_driver_is_caught_and_a_better_one_passes(drive, check):
     assert check("drive.yaml", "--seed", "1", "--set", "controller.skill=1.3")[0] == 0
 
 
-def test_tolerance(drive, check):
+def test_a_larger_ratio_tolerates_an_increase(drive, check):
     check(drive())
     words = ["drive.yaml", "--seed", "1", "--set", "controller.skill=0.8"]
     assert check(*words)[0] == 1
     assert check(*words, "--set", "regression.ratio=3")[0] == 0
 
 
-def test_another_question_is_refused_unless_accepted(drive, capsys):
+def test_a_baseline_of_another_problem_is_refused_unless_accepted(drive, capsys):
     assert main(["check", drive()]) == 0
     assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--set", "steps=2"]) == 4
     error = capsys.readouterr().err
@@ -124,7 +124,7 @@ def test_a_threshold_of_a_rule_that_is_not_estimated_does_not_pass(drive, check)
     assert "leaves it out" in content["rows"][0]["reason"]
 
 
-def test_broken_rollouts_are_an_exit_code_of_their_own(drive, check):
+def test_rollout_errors_have_their_own_exit_code(drive, check):
     words = ["--set", "simulator.breaks=1.5", "--junit", "report.xml"]
     code, content = check(drive(BOUND % 0.5), *words)
     assert code == 6
@@ -133,7 +133,7 @@ def test_broken_rollouts_are_an_exit_code_of_their_own(drive, check):
     assert check(drive(BOUND % 0.5), *words, "--set", "max_error_rate=0.2")[0] == 0
 
 
-def test_health_never_passes_silently_and_an_unhealthy_run_is_no_baseline(drive, check):
+def test_a_health_warning_prevents_a_pass_and_a_first_baseline(drive, check):
     words = [drive(), "--set", "estimator.specifications=[on_road]", "--estimator", "ams"]
     words += [
         "--set",
@@ -152,7 +152,7 @@ def test_health_never_passes_silently_and_an_unhealthy_run_is_no_baseline(drive,
     assert Path("baselines/drive/0001.json").exists()
 
 
-def test_spending_goes_on_until_it_is_clear(drive, check):
+def test_spending_continues_until_every_row_is_decided(drive, check):
     clear, content = check(drive(BOUND % 0.2), "--spend", "rollouts=8000")
     assert (clear, content["looks"]) == (0, 1)
     assert content["results"][0]["estimates"][0]["rollouts"] == 1000
@@ -164,14 +164,14 @@ def test_spending_goes_on_until_it_is_clear(drive, check):
     assert narrow[1] - narrow[0] < 0.022
 
 
-def test_what_is_saved_was_not_stopped_early(drive, check):
+def test_a_saved_baseline_takes_every_look(drive, check):
     _, content = check(drive(BOUND % 0.2), "--spend", "rollouts=8000", "--save")
     assert content["looks"] == 4
     saved = json.loads(Path("baselines/drive/0001.json").read_text())
     assert saved["estimates"][0]["rollouts"] == 8000
 
 
-def test_splitting_under_spend_puts_its_runs_together(drive, check):
+def test_splitting_under_spend_pools_its_runs(drive, check):
     words = ["--estimator", "ams", "--set", "estimator.particles=50", "--set", "estimator.discard=5"]
     words += ["--set", "estimator.specifications=[in_lane]", "--spend", "rollouts=20000"]
     code, content = check(drive(BOUND % 0.0505), *words)
@@ -209,7 +209,7 @@ def test_nothing_depends_on_workers(drive, check):
     assert plain(check(*words)[1]) == plain(check(*words, "--workers", "2")[1])
 
 
-def test_the_screen_and_the_files(drive, capsys):
+def test_the_table_and_the_report_files(drive, capsys):
     main(["check", drive()])
     capsys.readouterr()
     words = ["check", drive(BOUND % 0.0505), "--seed", "2", "--junit", "new/report.xml", "--markdown", "s.md"]
@@ -253,14 +253,14 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
         (["drive.yaml"], "two scenarios have the same name"),
     ],
 )
-def test_wrong_words_are_answered_in_words(drive, capsys, words, message):
+def test_wrong_arguments_are_a_clear_error(drive, capsys, words, message):
     assert main(["check", drive(), *words]) == 4
     error = capsys.readouterr().err
     assert message in error
     assert "Traceback" not in error
 
 
-def test_two_thresholds_of_a_rule_have_names_of_their_own(drive, check):
+def test_two_thresholds_of_a_rule_have_distinct_names(drive, check):
     both = "thresholds: [{specification: in_lane, probability: '< 0.1'}, "
     both += "{specification: in_lane, probability: '< 0.1', confidence: 0.99}]\n"
     assert check(drive(both), "--junit", "report.xml")[0] == 0
@@ -276,7 +276,7 @@ def test_a_baseline_that_is_required(drive, check, capsys):
     assert main(["check", "drive.yaml", "--baseline", "keept", "--require-baseline"]) == 4
 
 
-def test_a_run_that_fails_a_threshold_is_no_first_baseline_and_says_why(drive, check):
+def test_a_run_that_fails_a_threshold_does_not_become_the_first_baseline(drive, check):
     code, content = check(drive(BOUND % 0.02), "--baseline", "kept")
     reasons = {row["specification"]: row["reason"] for row in content["rows"] if row["kind"] == "regression"}
     assert code == 1
@@ -304,7 +304,7 @@ def test_a_damaged_baseline(drive, capsys):
     assert "baselines/drive/0003.json: not a baseline" in capsys.readouterr().err
 
 
-def test_quiet_prints_a_line_a_row_and_the_verdict(drive, capsys):
+def test_quiet_prints_one_line_per_row_and_the_verdict(drive, capsys):
     assert main(["check", drive(BOUND % 0.1 + "confidence: 0.9\n"), "--quiet"]) == 0
     found = capsys.readouterr()
     assert found.out.splitlines()[0].startswith("drive in_lane < 0.1: pass, 0.0")
@@ -329,7 +329,7 @@ def test_plain_has_no_control_characters_even_where_colours_are_forced(drive, mo
     assert "\x1b" not in plain.out + plain.err
 
 
-def test_a_former_result_is_not_written_over(drive, capsys):
+def test_an_earlier_result_is_not_overwritten(drive, capsys):
     words = ["check", drive(BOUND % 0.1), "--quiet", "--out", "results"]
     assert main(words) == 0
     before = {path: path.read_bytes() for path in Path("results").iterdir()}
@@ -345,7 +345,7 @@ def test_a_former_result_is_not_written_over(drive, capsys):
     assert Path("results/one/result.json").exists()
 
 
-def test_an_interrupted_run_is_not_written_over(drive, monkeypatch, capsys):
+def test_an_interrupted_run_is_not_overwritten(drive, monkeypatch, capsys):
     from avrare.estimation.checkpoint import Checkpoint
 
     monkeypatch.setattr(Checkpoint, "remove", lambda self: None)  # as if it had been killed at its end

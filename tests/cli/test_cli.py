@@ -95,7 +95,7 @@ def test_validate_prints_one_line_for_each_scenario(capsys):
     assert capsys.readouterr() == (line * 2, "")
 
 
-def test_validate_checks_the_others_after_a_mistake(capsys):
+def test_validate_checks_the_other_files_after_a_mistake(capsys):
     assert main(["validate", "nope.yaml", "good.yaml"]) == 4
     out, err = capsys.readouterr()
     assert out.startswith("good.yaml: ok")
@@ -182,7 +182,7 @@ DOUBTFUL = {
 
 
 @pytest.mark.parametrize("formula", DOUBTFUL)
-def test_validate_warns_of_formulas_and_still_says_ok(capsys, formula):
+def test_validate_warns_of_formulas_and_reports_ok(capsys, formula):
     Path("s.yaml").write_text(GOOD.replace("{plugin: book, rule: R_G1}", f"{{stl: {formula}}}"))
     assert main(["validate", "s.yaml"]) == 0
     out, err = capsys.readouterr()
@@ -223,7 +223,7 @@ def failing(monkeypatch):
     return failing
 
 
-def test_a_command_of_a_plugin_that_is_not_installed_gives_the_pip_line(capsys, monkeypatch):
+def test_a_command_of_a_missing_plugin_gives_the_pip_command(capsys, monkeypatch):
     monkeypatch.setitem(command.PROVIDED, "fly", ("avrare-wings", "flies"))
     assert main(["fly"]) == 5
     first, second = capsys.readouterr().err.splitlines()
@@ -231,7 +231,7 @@ def test_a_command_of_a_plugin_that_is_not_installed_gives_the_pip_line(capsys, 
     assert second == "hint: pip install avrare-wings"
 
 
-def test_a_bug_of_ours_exits_70(capsys, failing, monkeypatch):
+def test_an_internal_error_exits_70(capsys, failing, monkeypatch):
     failing(ZeroDivisionError("one\ntwo"))
     assert main(["fail"]) == 70
     first, second = capsys.readouterr().err.splitlines()
@@ -252,7 +252,7 @@ def test_an_interruption_exits_2(capsys, failing):
     assert capsys.readouterr().err == "interrupted\n"
 
 
-def test_a_reader_that_goes_away_is_no_bug():
+def test_a_closed_pipe_is_not_an_internal_error():
     code = "import sys, os; os.close(0); from avrare.cli.main import main; sys.exit(main(['schema']))"
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugin" / "fake")])
     read, write = os.pipe()
@@ -270,7 +270,7 @@ def test_a_reader_that_goes_away_is_no_bug():
     assert (found.returncode, found.stderr) == (141, "")
 
 
-def test_plugins_lists_components_and_what_is_wrong(capsys):
+def test_plugins_lists_components_and_problems(capsys):
     assert main(["plugins", "--json"]) == 0
     rows = {(row["kind"], row["name"]): row for row in json.loads(capsys.readouterr().out)}
     assert rows["tracker", "straight"]["status"] == "ok"
@@ -301,14 +301,14 @@ def test_schema_holds_the_options_of_every_component(capsys):
     assert "specifications" in schema["properties"]["estimator"]["oneOf"][0]["properties"]
 
 
-def test_plugins_on_a_narrow_terminal_cuts_no_name(monkeypatch, capsys):
+def test_plugins_on_a_narrow_terminal_truncates_no_name(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "60")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     assert main(["plugins"]) == 0
     assert "…" not in capsys.readouterr().out
 
 
-def test_help_says_what_avrare_is_and_not_how_it_is_made(capsys):
+def test_help_describes_avrare_without_internals(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
     assert "how likely is this driving stack" in text

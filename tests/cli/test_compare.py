@@ -82,12 +82,12 @@ def test_a_scenario(tmp_path, capsys):
     assert ams["options"]["particles"] == 3
 
 
-def test_problem_alone_lists_them(capsys):
+def test_problem_without_an_id_lists_reference_problems(capsys):
     assert main(["compare", "problem:"]) == 0
     assert "d_rw_L3.8" in capsys.readouterr().out
 
 
-def test_an_interruption_shows_what_is_done_and_exits_two(monkeypatch, capsys, tmp_path):
+def test_an_interruption_shows_finished_repetitions_and_exits_2(monkeypatch, capsys, tmp_path):
     from avrare.analysis.compare import study
 
     real, calls = study.run, []
@@ -137,14 +137,14 @@ def test_one_repetition_has_no_error(capsys):
         (["no_such.yaml", "--estimators", "mc", *SMALL], 4, "no such file"),
     ],
 )
-def test_wrong_words_are_answered_in_words(capsys, words, code, message):
+def test_wrong_arguments_are_a_clear_error(capsys, words, code, message):
     assert main(["compare", *words]) == code
     error = capsys.readouterr().err
     assert message in error
     assert "Traceback" not in error
 
 
-def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(tmp_path, monkeypatch, capsys):
+def test_a_folder_that_cannot_be_created_is_reported_before_anything_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr("avrare.cli.compare.compare", pytest.fail)
     words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
@@ -156,13 +156,13 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_runs(tmp_path, mon
     assert "cannot write" in capsys.readouterr().err
 
 
-def test_a_reference_problem_that_there_is_not(capsys):
+def test_an_unknown_reference_problem(capsys):
     words = ["--estimators", "mc", "--budget", "steps=1e4"]
     assert main(["compare", "problem:nothing_like_it", *words]) == 4
     assert "hint: avrare compare problem: lists them" in capsys.readouterr().err
 
 
-def test_quiet_prints_a_line_an_estimator(capsys):
+def test_quiet_prints_one_line_per_estimator(capsys):
     few = ["--budget", "steps=2e4", "--repeat", "2", "--quiet"]
     assert main([*WALK, *few]) == 0
     found = capsys.readouterr()

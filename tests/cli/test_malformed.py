@@ -225,7 +225,7 @@ def test_malformed_files_are_refused(first, here, capsys):
 
 
 @pytest.mark.parametrize("number", range(0, FILES, FILES // 10))
-def test_malformed_files_in_a_process_of_their_own(number, here):
+def test_malformed_files_in_a_separate_process(number, here):
     what, content = malformed(number + number // 50)
     Path("itself.yaml").write_bytes(content)
     words = [sys.executable, "-m", "avrare", "validate", "itself.yaml"]
@@ -234,7 +234,7 @@ def test_malformed_files_in_a_process_of_their_own(number, here):
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
-def test_what_was_mutated_was_right(path, here):
+def test_the_unmutated_files_are_valid(path, here):
     """Else the files above would be refused for another reason; these changes leave a scenario as it was."""
     text = dump(merged(path))
     for changed in (text, "\ufeff" + text, text.replace("\n", "\r\n"), "# é\n---\n" + text + "...\n"):
@@ -242,7 +242,7 @@ def test_what_was_mutated_was_right(path, here):
         assert main(["validate", "itself.yaml"]) == 0
 
 
-def test_every_mutation_meets_every_scenario():
+def test_every_mutation_is_tried_on_every_scenario():
     kinds = {malformed(number)[0].split(": ")[1] for number in range(len(MUTATIONS) * len(PATHS))}
     assert len(kinds) == len(set(MUTATIONS)) * len(PATHS) <= FILES
 

@@ -56,7 +56,7 @@ def test_a_signal_that_keeps_a_formula(gaps, monitor):
     assert verdict in " ".join(out.split())
 
 
-def test_a_formula_that_waits(gaps, monitor):
+def test_a_formula_that_is_undecided_at_first(gaps, monitor):
     code, out, _ = monitor(gaps, "--stl", "eventually[1:2s] (gap < 1.5)", "--json")
     found = json.loads(out)
     assert (code, found["verdict"], found["robustness"], found["body"]) == (0, "kept", 0.5, None)
@@ -100,7 +100,7 @@ def test_a_formula_over_vehicles(monitor):
     assert "--set cannot be used with a formula over signals" in err
 
 
-def test_an_odd_formula_is_scored_with_a_warning(gaps, monitor):
+def test_a_doubtful_formula_is_scored_with_a_warning(gaps, monitor):
     code, out, err = monitor(gaps, "--stl", "always gap > 2 and gap > 0")
     assert code == 1
     assert err.startswith("warning: line 1, column 1: ")
@@ -108,7 +108,7 @@ def test_an_odd_formula_is_scored_with_a_warning(gaps, monitor):
 
 
 @pytest.mark.filterwarnings("error")
-def test_an_odd_formula_over_vehicles_is_warned_of_once(monitor):
+def test_a_doubtful_formula_over_vehicles_gives_one_warning(monitor):
     formula = "always distance(ego, truck) > 2 and stands(ego)"
     code, _, err = monitor(DRIVE, "--stl", formula, *LANES)
     assert code == 1
@@ -122,7 +122,7 @@ def said(monitor, *words):
     return " ".join(re.search(r"^\w+ (violated|satisfied).*?(?=\n\n|\Z)", out, re.M | re.S)[0].split())
 
 
-def test_the_time_told_is_that_of_the_value(monitor, tmp_path):
+def test_the_time_named_is_that_of_the_value(monitor, tmp_path):
     (tmp_path / "x.csv").write_text("time,x\n0,-7\n0.1,-1\n0.2,1\n0.3,1\n")
     words = said(monitor, "x.csv", "--stl", "always (x < 5 -> next (x > 0))")
     assert words == "formula violated first and worst at 0.0 s: at 0.1 s x = -1"
@@ -130,14 +130,14 @@ def test_the_time_told_is_that_of_the_value(monitor, tmp_path):
     assert (first["sample"], first["value"], first["value_sample"], first["value_time"]) == (0, -1, 1, 0.1)
 
 
-def test_what_no_sample_alone_can_break_has_no_first_violation(gaps, monitor):
+def test_a_formula_that_no_single_sample_can_violate_has_no_first_violation(gaps, monitor):
     words = said(monitor, gaps, "--stl", "eventually (gap > 9)")
     assert words == "formula violated with robustness -4, decided at 0.0 s: gap > 9 has robustness -4"
     words = said(monitor, gaps, "--stl", "eventually (gap < 1)")
     assert words == "formula satisfied with robustness 0.5, decided at 2.5 s: gap < 1 has robustness 0.5"
 
 
-def test_of_a_vehicle_that_is_looked_for_the_nearest_is_named(monitor):
+def test_exists_names_the_nearest_vehicle(monitor):
     words = said(monitor, DRIVE, "--stl", "always exists o in others: stands(o)", *LANES)
     assert words.startswith("formula violated first and worst at 0.0 s, nearest truck: stands(truck) has")
 
@@ -151,7 +151,7 @@ def test_a_long_formula_is_shown_without_its_definitions(monitor):
     )
 
 
-def test_nobody_to_speak_of(monitor, tmp_path):
+def test_a_rule_without_any_vehicle_it_applies_to(monitor, tmp_path):
     alone, parked = [], []
     for line in Path(DRIVE).read_text().splitlines():
         time, name, *_ = line.split(",")
@@ -193,7 +193,7 @@ def test_the_road_of_a_scenario(monitor):
     assert json.loads(named[1])["specification"] == "safe_distance"
 
 
-def test_an_absent_vehicle_touches_no_rule(monitor, tmp_path):
+def test_an_absent_vehicle_violates_no_rule(monitor, tmp_path):
     lines = Path(DRIVE).read_text().splitlines(keepends=True)
     (tmp_path / "alone.csv").write_text("".join(line for line in lines if ",truck," not in line))
     for rule in ("R_G1", "R_G2", "R_G4", "R_I2"):
@@ -266,13 +266,13 @@ def test_files_of_the_result(gaps, monitor, tmp_path):
         (["."], 4, "no scenario.yaml in it"),
     ],
 )
-def test_wrong_words_are_answered_in_words(gaps, monitor, words, code, message):
+def test_wrong_arguments_are_a_clear_error(gaps, monitor, words, code, message):
     found, out, err = monitor(*words)
     assert (found, out) == (code, "")
     assert message in err
 
 
-def test_a_formula_without_a_value_is_no_verdict(monitor, tmp_path):
+def test_a_formula_without_a_value_gives_no_verdict(monitor, tmp_path):
     (tmp_path / "s.csv").write_text("time,a,b\n0,1,1\n1,inf,inf\n2,1,1\n")
     code, _, err = monitor("s.csv", "--stl", "always (a - b > -1)")
     assert code == 4
@@ -310,7 +310,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_runs_failure_is_driven_again(folder, monitor):
+def test_a_failure_of_a_run_is_replayed(folder, monitor):
     stored = read_failures(folder)["near"]
     code, out, err = monitor(folder, "--json")
     found = json.loads(out)
@@ -324,7 +324,7 @@ def test_a_runs_failure_is_driven_again(folder, monitor):
     assert "no_collision satisfied with robustness" in out
 
 
-def test_a_failure_that_comes_out_differently_is_a_warning(folder, monitor, tmp_path):
+def test_a_failure_that_replays_differently_is_a_warning(folder, monitor, tmp_path):
     (tmp_path / "scenario.yaml").write_bytes((folder / "scenario.yaml").read_bytes())
     with np.load(folder / "failures.npz") as stored:
         arrays = dict(stored)

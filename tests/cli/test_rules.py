@@ -72,7 +72,7 @@ def test_the_table_names_every_rule(offer, capsys):
     assert [line.split() for line in lines[2:4]] == [["R_A", "keep", "away", "book"], ["R_B", "stop", "book"]]
 
 
-def test_a_card_says_everything(offer, capsys):
+def test_a_card_shows_everything(offer, capsys):
     offer(book="cards")
     assert main(["rules", "R_A"]) == 0
     out = capsys.readouterr().out
@@ -144,14 +144,14 @@ def test_a_broken_catalogue_is_a_warning(offer, capsys, function, reason):
     assert err.count("\n") == 1
 
 
-def test_a_reference_that_is_none_is_noticed():
+def test_an_invalid_reference_to_rules_is_reported():
     registry = Registry()
     registry.register(Plugin("odd", "no colon"), "odd", "dist-odd", "1.0")
     [row] = [row for row in registry.rows() if row.name == "odd"]
     assert "rules is 'no colon'" in row.detail
 
 
-def test_a_reference_of_a_check_that_is_none_is_noticed():
+def test_an_invalid_reference_to_a_check_is_reported():
     registry = Registry()
     plugin = Plugin("odd", "")
     plugin.part = Component("specification", "odd", "a:b", "a:b", "for tests", check="no colon")
@@ -160,7 +160,7 @@ def test_a_reference_of_a_check_that_is_none_is_noticed():
     assert "check is 'no colon'" in row.detail
 
 
-def test_the_installed_rules_are_listed_without_weight():
+def test_listing_the_installed_rules_imports_nothing_heavy():
     code = "import sys; from avrare.cli.main import main; main(['rules', '--json']); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     *text, modules = done.stdout.splitlines()

@@ -21,7 +21,7 @@ FIELDS = {
 
 
 @pytest.mark.slow
-def test_run_writes_the_promised_result(tmp_path, capsys):
+def test_run_writes_the_documented_result(tmp_path, capsys):
     assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--seed", "7"]) == 0
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["schema"] == 1
@@ -88,7 +88,7 @@ def test_a_threshold_gives_a_verdict_and_run_still_exits_zero(tmp_path):
 
 
 @pytest.mark.slow
-def test_pictures_of_the_nominal_and_the_worst_drive(tmp_path):
+def test_pictures_of_the_nominal_and_the_worst_rollout(tmp_path):
     words = ["run", LANE_CHANGE, "--set", "steps=6", "--set", "estimator.rollouts=3", "--out", str(tmp_path)]
     assert main([*words, "--set", "estimator.specifications=[no_collision]"]) == 0
     for name in ("nominal.png", "worst_no_collision.png"):
@@ -109,7 +109,7 @@ def test_pictures_of_the_nominal_and_the_worst_drive(tmp_path):
         (["--budget", "steps=3"], 4, "does not pay"),
     ],
 )
-def test_wrong_words_are_answered_in_words(tmp_path, capsys, words, code, message):
+def test_wrong_arguments_are_a_clear_error(tmp_path, capsys, words, code, message):
     assert main(["run", LANE_CHANGE, "--no-pictures", "--out", str(tmp_path), *words]) == code
     error = capsys.readouterr().err
     assert message in error
@@ -133,7 +133,7 @@ estimator: {estimator}
         ("{plugin: mc, rollouts: 5}", [], 0, ""),
     ],
 )
-def test_what_stops_a_later_scenario_is_told_before_the_first_runs(
+def test_a_mistake_in_a_later_scenario_is_reported_before_the_first_runs(
     tmp_path, monkeypatch, capsys, second, words, code, message
 ):
     ran, files = [], {"first": "{plugin: mc, rollouts: 5}", "second": second}
@@ -147,7 +147,7 @@ def test_what_stops_a_later_scenario_is_told_before_the_first_runs(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a file where a folder should be")
-def test_a_folder_that_cannot_be_made(tmp_path, capsys):
+def test_a_folder_that_cannot_be_created(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path / "file" / "run")]) == 4
     assert "cannot make this folder" in capsys.readouterr().err

@@ -11,7 +11,7 @@ LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
 PARKED = "simulator.vehicles=[{name: parked, x: 40.0, y: 1.75}]"
 
 
-def test_the_scenarios_raise_no_doubts(capsys):
+def test_the_scenarios_validate_without_warnings(capsys):
     for path in sorted(Path(LANE_CHANGE).parent.glob("*.yaml")):
         assert main(["validate", str(path)]) == 0
         assert capsys.readouterr().err == ""
@@ -23,7 +23,7 @@ RULE = (
 
 
 @pytest.mark.parametrize(("steps", "doubts"), [(50, 0), (20, 1)])
-def test_build_checks_how_far_a_plugins_rule_looks(capsys, steps, doubts):
+def test_build_checks_the_horizon_of_a_plugins_rule(capsys, steps, doubts):
     words = ["validate", "--build", LANE_CHANGE, "--set", f"steps={steps}", "--set", PARKED, "--set", RULE]
     assert main(words) == 0
     out, err = capsys.readouterr()
@@ -38,7 +38,7 @@ def test_build_checks_how_far_a_plugins_rule_looks(capsys, steps, doubts):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("build", [[], ["--build"]])
-def test_an_odd_formula_of_a_plugin_is_doubted_once(capsys, build):
+def test_a_doubtful_formula_of_a_plugin_gives_one_warning(capsys, build):
     text = "always distance(ego, parked) > -9 and drives_faster(ego, parked) > -99"
     part = f"specifications={{odd: {{plugin: traffic_rules, formula: '{text}'}}}}"
     assert main(["validate", *build, LANE_CHANGE, "--set", PARKED, "--set", part]) == 0
@@ -48,7 +48,7 @@ def test_an_odd_formula_of_a_plugin_is_doubted_once(capsys, build):
     assert (err.count("warning: "), err.count("binds tighter"), err.count("\nhint: ")) == (1, 1, 1)
 
 
-def test_predicates_of_vehicles_in_a_plain_formula_are_sent_to_the_plugin(capsys):
+def test_predicates_of_vehicles_in_a_plain_formula_hint_at_the_plugin(capsys):
     part = "specifications={far: {stl: 'forall o in others: always (distance(o, ego) > 2)'}}"
     assert main(["validate", "--build", LANE_CHANGE, "--set", PARKED, "--set", part]) == 4
     message, hint = capsys.readouterr().err.splitlines()
@@ -56,7 +56,7 @@ def test_predicates_of_vehicles_in_a_plain_formula_are_sent_to_the_plugin(capsys
     assert "{plugin: traffic_rules, formula: ...}" in hint
 
 
-def test_many_formulas_are_checked_in_no_time(capsys):
+def test_many_formulas_are_checked_quickly(capsys):
     formulas = ", ".join(
         f"f{k}: {{stl: 'always[0:3s] (gap > {k} -> once[0:2s] (ego_x > {k}))'}}" for k in range(40)
     )

@@ -87,7 +87,7 @@ def test_known_pairs(other, expected):
     assert signed_distance(other, rectangle(0.0, 0.0))[0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_moving_by_the_depth_parts_the_rectangles():
+def test_moving_by_the_depth_separates_the_rectangles():
     rng = np.random.default_rng(8)
     a, b = (random_rectangles(rng, (200,), 1.0) for _ in range(2))
     depth = -signed_distance(a, b)
@@ -99,7 +99,7 @@ def test_moving_by_the_depth_parts_the_rectangles():
     assert (signed_distance(moved, b)[:, inside] < 0.0).all()  # no shorter way out
 
 
-def test_corners_go_round_from_the_front_left():
+def test_corners_start_at_the_front_left():
     x, y = rectangle(10.0, 5.0, np.pi / 2, 4.0, 2.0).corners()
     np.testing.assert_allclose(x[0], [9.0, 11.0, 11.0, 9.0], atol=1e-12)
     np.testing.assert_allclose(y[0], [7.0, 7.0, 3.0, 3.0], atol=1e-12)
@@ -117,7 +117,7 @@ def vehicles(rng, shape):
     )
 
 
-def test_ego_and_others_broadcast_and_rows_stand_alone():
+def test_ego_and_others_broadcast_and_rows_are_independent():
     rng = np.random.default_rng(3)
     ego, others, place = vehicles(rng, (9,)), vehicles(rng, (9, 3)), scene(3)
     together = signed_distance(ego_rectangle(ego, place), other_rectangles(others, place))

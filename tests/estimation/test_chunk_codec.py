@@ -51,7 +51,7 @@ def test_an_outcome_without_messages_counts_and_scores():
 
 
 @pytest.mark.slow
-def test_whatever_byte_is_wrong_no_wrong_outcome_comes_back():
+def test_a_wrong_byte_never_gives_a_wrong_outcome():
     content = encode(OUTCOME, "key", 1.25)
     refused = 0
     for place in range(len(content)):
@@ -67,7 +67,7 @@ def test_whatever_byte_is_wrong_no_wrong_outcome_comes_back():
 
 
 @pytest.mark.parametrize("many", [0, 1, 100, -1])
-def test_a_part_of_it_is_refused(many):
+def test_a_truncated_chunk_is_refused(many):
     content = encode(OUTCOME, "key", 1.25)
     with pytest.raises(ValueError, match="damaged"):
         decode(content[:many], "key")
@@ -78,7 +78,7 @@ def test_another_key_is_refused():
         decode(encode(OUTCOME, "key", 1.25), "other")
 
 
-def test_the_digest_tells_requests_apart():
+def test_the_digest_distinguishes_requests():
     tape = np.zeros((3, 2, 1))
     others = [
         request(), request(2), request(run=np.ones(3, int)), request(stage=np.ones(3, int)),

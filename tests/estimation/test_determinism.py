@@ -54,7 +54,7 @@ def test_another_seed_is_another_sample(estimator):
 @pytest.mark.parametrize("estimator", SETTINGS)
 @pytest.mark.parametrize("chunk", [7, 64])
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: type(system).__name__)
-def test_chunks_do_not_show(estimator, chunk, system):
+def test_chunks_do_not_change_results(estimator, chunk, system):
     # The search for a row that raises costs what it costs, and that depends on its company.
     assert_same(
         estimate(estimator, system),
@@ -65,7 +65,7 @@ def test_chunks_do_not_show(estimator, chunk, system):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", SETTINGS)
-def test_workers_do_not_show(estimator):
+def test_workers_do_not_change_results(estimator):
     for system in (odd_systems.NestedWalk(), systems.Fragile("raise", 3.0)):
         for score in (None, "margin", odd_systems.height):
             one, two = (

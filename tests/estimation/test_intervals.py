@@ -29,7 +29,7 @@ def test_one_sided_ends_have_a_closed_form():
     assert intervals.clopper_pearson(100, 100, 0.95) == (pytest.approx(0.05**0.01, rel=1e-12), 1.0)
 
 
-def test_errors_raise_the_upper_bound_as_if_they_were_failures():
+def test_errors_raise_the_upper_bound_like_failures():
     for failures, errors in itertools.product((0, 3, 50), (1, 7, 50)):
         low, high = intervals.clopper_pearson(failures, 100, 0.95, errors)
         assert low == intervals.clopper_pearson(failures, 100, 0.95)[0]

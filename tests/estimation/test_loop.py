@@ -59,7 +59,7 @@ def test_an_estimator_of_one_specification_refuses_two():
         run(avrare.Problem(systems.Walk(), formulas, steps=2), estimator, SerialExecutor(), Settings())
 
 
-def test_a_budget_of_seconds_stops_at_a_look_at_the_clock(monkeypatch):
+def test_a_budget_of_seconds_stops_by_the_clock(monkeypatch):
     clock = iter(range(100))
     monkeypatch.setattr(loop.time, "perf_counter", lambda: next(clock))
     (result,) = monte_carlo(problem(), Settings(budget=Budget("seconds", 3.0)))
@@ -135,7 +135,7 @@ class Solving(systems.Walk):
         return {"solves": state["n"], "fallback_solves": state["n"] // 10}
 
 
-def test_a_system_that_is_no_function_of_its_noise_is_found_out():
+def test_a_system_that_is_not_a_function_of_its_noise_is_detected():
     settings = Settings(replay=True)
     (result,) = monte_carlo(problem(system=Forgetful()), settings, rollouts=50)
     assert "not_deterministic" in result.health
@@ -145,7 +145,7 @@ def test_a_system_that_is_no_function_of_its_noise_is_found_out():
     assert list(broken.health) == ["errors"]
 
 
-def test_a_formula_beyond_the_end_and_a_failing_solver_are_told():
+def test_a_formula_beyond_the_end_and_a_failing_solver_give_warnings():
     task = avrare.Problem(Solving(), avrare.stl("always[0:30] (x < 0.5)"), steps=20)
     result = avrare.estimate(task, rollouts=50)
     assert set(result.health) == {"horizon_short", "solver_failures"}
@@ -171,7 +171,7 @@ def test_a_budget_beyond_reason_is_refused(kind, amount):
     assert Budget.parse(f"{kind}=1e15") == Budget(kind, 1e15)
 
 
-def test_the_largest_numbers_of_rollouts_are_numbers_still():
+def test_very_large_numbers_of_rollouts_are_accepted():
     estimator = MonteCarlo(McConfig(rollouts=10**15, runs=10**6))
     _, plan = planned(problem(), estimator, Settings())
     request = estimator.ask(estimator.init(plan)[0])

@@ -85,7 +85,7 @@ def test_counters_are_summed():
     assert avrare.estimate(walk(system=odd_systems.Odometer()), rollouts=30).counts == {"steps": 3000}
 
 
-def test_the_course_of_the_scores_is_not_kept():
+def test_scores_over_time_are_not_kept():
     """A long run must hold a few numbers a rollout, whatever the number of steps."""
     from avrare.estimation.config import McConfig
     from avrare.estimation.loop import Settings, run
@@ -105,7 +105,7 @@ def test_the_course_of_the_scores_is_not_kept():
 
 
 @pytest.mark.parametrize("how", ["nan", "fault", "raise"])
-def test_errors_are_no_failures_and_no_passes(how):
+def test_errors_are_neither_failures_nor_passes(how):
     problem = walk(0.8, system=systems.Fragile(how, beyond=3.0), steps=30)
     result = avrare.estimate(problem, rollouts=1000, seed=4)
     healthy = avrare.estimate(walk(0.8, system=systems.Fragile("never"), steps=30), rollouts=1000, seed=4)
@@ -123,7 +123,7 @@ def test_errors_are_no_failures_and_no_passes(how):
     np.testing.assert_array_equal(problem.robustness(result.failures.noise), result.failures.robustness)
 
 
-def test_few_errors_are_counted_but_no_reason_for_alarm():
+def test_few_errors_are_counted_without_a_warning():
     result = avrare.estimate(walk(system=systems.Fragile("nan", beyond=3.9), steps=100), rollouts=1000)
     assert 0 < result.errors <= 10
     assert not result.health
@@ -167,7 +167,7 @@ def test_the_stop_does_not_depend_on_chunks_or_workers():
     assert results[0].rollouts >= results[0].diagnostics["used_rollouts"]
 
 
-def test_a_rule_that_is_never_broken_stops_at_the_most_rollouts():
+def test_a_rule_that_is_never_broken_stops_at_the_maximum_of_rollouts():
     result = avrare.estimate(walk(99.0), relative_error=0.1, rollouts=300)
     assert (result.rollouts, result.probability) == (300, 0.0)
     assert result.interval == clopper_pearson(0, 300, 0.95)

@@ -57,7 +57,7 @@ def test_killed_again_and_again(tmp_path, name):
     assert not folder.exists()
 
 
-def test_as_often_as_there_are_batches(tmp_path):
+def test_killed_after_every_batch(tmp_path):
     whole = avrare.estimate(problem(steps=3), rollouts=60)
     for lives in range(3 * 3):
         folder = tmp_path / str(lives)
@@ -107,7 +107,7 @@ def test_another_problem_is_refused(tmp_path, change, told):
     assert told in caught.value.message
 
 
-def test_a_proposal_of_ones_own_is_told_by_its_name(tmp_path):
+def test_a_custom_proposal_is_identified_by_its_name(tmp_path):
     class Shifted:
         def sample(self, rng, n):
             return rng.standard_normal((n, 21, 1)) + 0.3
@@ -141,7 +141,7 @@ def test_rows_that_depend_on_their_neighbours_are_run_as_they_were(tmp_path):
     assert plain(result) == plain(avrare.estimate(sociable(10**9), rollouts=200))
 
 
-def test_the_step_that_differs_is_told(tmp_path):
+def test_the_step_that_differs_is_named(tmp_path):
     class Late(systems.Walk):
         def __init__(self, shift):
             super().__init__()
@@ -166,7 +166,7 @@ def test_the_step_that_differs_is_told(tmp_path):
         run(late(1.0), estimator, SerialExecutor(), Settings(), journal=journal)
 
 
-def test_the_clock_goes_on_where_it_stood(tmp_path, monkeypatch):
+def test_the_clock_continues_after_an_interruption(tmp_path, monkeypatch):
     """A budget of seconds counts the time before the interruption, and seconds are those of both parts."""
     now = [0.0]
 

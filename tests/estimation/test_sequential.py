@@ -23,7 +23,7 @@ def none(n):
 
 
 @pytest.mark.parametrize("p", [0.002, 0.02, 0.3])
-def test_the_true_probability_is_hardly_ever_excluded_however_often_one_looks(p):
+def test_the_true_probability_is_rarely_excluded_at_any_look(p):
     rule, rng = AtThreshold(p, confidence=0.9), np.random.default_rng(int(1e4 * p))
     wrong = [bool(rule.at(rng.random(6000) < p, none(6000))) for _ in range(500)]
     assert 0 < np.mean(wrong) < 0.1
@@ -43,7 +43,7 @@ def test_it_stops_on_the_right_side(p, threshold):
     assert right >= 0.95 * 200 - 4 * np.sqrt(200 * 0.05)
 
 
-def test_the_stop_is_the_first_interval_that_leaves_the_threshold_out():
+def test_the_stop_is_the_first_interval_that_excludes_the_threshold():
     failed = np.random.default_rng(1).random(4000) < 0.004
     stop = AtThreshold(0.01, 0.95).at(failed, none(4000))
     bounds = [anytime(int(failed[:n].sum()), n, 0.95, around=0.01) for n in range(1, stop + 1)]
@@ -51,12 +51,12 @@ def test_the_stop_is_the_first_interval_that_leaves_the_threshold_out():
     assert inside == [True] * (stop - 1) + [False]
 
 
-def test_without_failures_it_costs_little_more_than_a_look_that_was_planned():
+def test_without_failures_it_costs_little_more_than_one_planned_look():
     stop = AtThreshold(1e-3, 0.95).at(none(10_000), none(10_000))
     assert 3000 < stop < 5000  # a single planned look needs 2,995
 
 
-def test_rollouts_that_broke_down_may_be_failures_or_not():
+def test_errors_delay_the_decision_as_possible_failures():
     broken = np.arange(6000) % 50 == 0
     assert AtThreshold(1e-2, 0.95).at(none(6000), broken) == 0
     assert AtThreshold(1e-1, 0.95).at(none(6000), broken) > 0
@@ -83,7 +83,7 @@ def test_monte_carlo_stops_there_whatever_the_chunks_and_workers():
     assert results[0].diagnostics["used_rollouts"] <= results[0].rollouts < 1000
 
 
-def test_a_threshold_on_the_probability_itself_ends_at_the_most_rollouts():
+def test_a_threshold_at_the_probability_ends_at_the_maximum_of_rollouts():
     result = avrare.estimate(coin(0.5), threshold=0.5, rollouts=500, seed=1)
     assert result.rollouts == 500
     assert result.interval[0] < 0.5 < result.interval[1]
@@ -97,7 +97,7 @@ def test_two_ways_to_stop_are_refused():
 
 
 @pytest.mark.parametrize("threshold", [1e-9, 1e-15, 1e-17, 1e-300])
-def test_a_tiny_threshold_is_no_certainty(threshold):
+def test_a_tiny_threshold_does_not_give_certainty(threshold):
     """Where the mixture is all near 0, its interval is that of a flat likelihood, -log(0.05) / n."""
     low, high = anytime(0, 100_000, 0.95, around=threshold)
     assert low == 0.0
@@ -108,7 +108,7 @@ def test_a_tiny_threshold_is_no_certainty(threshold):
 
 
 @pytest.mark.slow
-def test_it_does_not_look_at_everything_again_and_again():
+def test_the_number_of_looks_is_limited():
     looks = []
 
     class Counting(AtThreshold):

@@ -111,7 +111,7 @@ def test_nested_quantifiers_reduce_one_axis_each():
     assert np.array_equal(formula.robustness({"pairs": pairs, "gap": gap}), expected)
 
 
-def test_intervals_use_what_is_known_of_terms():
+def test_intervals_use_known_values_of_terms():
     p = {"p": np.array([0.5, 1.0])}
     assert stl("eventually[0,3] (abs(p) < 1.5)").intervals(p).tolist() == [[1.0, 1.5], [1.0, 1.5]]
     assert stl("always[0,3] (min(p, 2) - 1 < 4)").intervals(p).tolist() == [[3.0, 4.5], [3.0, 4.0]]
@@ -167,7 +167,7 @@ def test_a_trace_longer_than_its_length_is_refused():
         stl("p").intervals({"p": GOOD}, length=2)
 
 
-def test_unused_signals_and_other_number_types_are_fine():
+def test_unused_signals_and_other_number_types_are_accepted():
     signals = {"p": np.array([True, False]), "n": np.array([3, -1]), "junk": "ignored"}
     assert list(stl("p and n > 1").robustness(signals)) == [1.0, -2.0]
     assert list(stl("not p").satisfied(signals)) == [False, True]
@@ -187,7 +187,7 @@ def test_the_public_name_is_callable_whatever_was_imported_first(first):
 
 
 @pytest.mark.parametrize("quantifier", ["forall", "exists", "at_least 1", "at_least 2", "not at_least 3"])
-def test_a_term_without_a_value_is_no_member_for_which_it_holds(quantifier):
+def test_a_member_without_a_value_is_an_error(quantifier):
     formula = stl(f"{quantifier} o in others: (sqrt(d(o, ego)) > 1)")
     trace = {"d(others, ego)": np.array([[[-1.0, 4.0, 0.25]]])}
     with pytest.raises(FormulaError, match="no value"), np.errstate(invalid="ignore"):

@@ -78,7 +78,7 @@ def test_closed_until_agrees_with_the_definitions(case):
 
 
 @by_id([case for case in CASES if "rtamt_parse" in case and case["formula"] != CHAINED])
-def test_the_reading_is_that_of_rtamt(case):
+def test_texts_are_parsed_like_rtamt(case):
     period = Fraction(case["period"]) * UNIT[case["period_unit"]]
     words = case["rtamt_parse"].replace("s_previous", "s_prev").replace("previous", "prev")
     for fraction in ("1/10", "2/5"):

@@ -76,7 +76,7 @@ def decided(text, members=None, until="closed", **signals):
     return why.formula, why.chain[-1].sample, why.first
 
 
-def test_each_operator_leads_to_what_decides_it():
+def test_each_operator_leads_to_its_deciding_part():
     p, q = [1, 2, -1, -3], [-2, -1, -4, -1]
     assert decided("always p", p=p) == ("p", 3, 2)
     assert decided("eventually (p > 3)", p=p) == ("p > 3", 1, 1)
@@ -176,7 +176,7 @@ def test_nan_rows_are_never_decided():
 
 
 @pytest.mark.parametrize("make", [FormulaMonitor, lambda formula: formula.interval_monitor(9)])
-def test_monitors_travel_to_other_processes(make):
+def test_monitors_can_be_sent_to_other_processes(make):
     monitor = make(stl("always (x > 0 -> eventually x < 0)"))
     copied = pickle.loads(pickle.dumps(monitor))
     sample = {"x": np.array([1.0, -1.0])}

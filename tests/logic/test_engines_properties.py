@@ -352,7 +352,7 @@ def test_intervals_bracket_what_follows(node, until, seed, length):
 
 @examples(80)
 @given(formulas(), SEEDS)
-def test_endless_intervals_bracket_what_follows(node, seed):
+def test_unbounded_formulas_have_intervals_that_bracket_what_follows(node, seed):
     formula = make(node)
     whole = random_signals(seed, rows=3, steps=STEPS + 14)
     monitor = formula.interval_monitor()

@@ -54,14 +54,14 @@ def test_the_page_s_spellings(row):
 
 
 @pytest.mark.parametrize("row", rows("Refused", "Because"), ids=str)
-def test_what_the_page_says_is_refused(row):
+def test_formulas_that_the_page_calls_refused_are_refused(row):
     with pytest.raises(FormulaError) as caught:
         parse(code(row[0])[0])
     assert row[1] in caught.value.message
 
 
 @pytest.mark.parametrize("row", rows("Warned", "Because"), ids=str)
-def test_what_the_page_says_is_warned_about(row):
+def test_formulas_that_the_page_warns_about_give_warnings(row):
     (warning,) = parse_with_warnings(code(row[0])[0])[1]
     assert row[1] in warning.message
 
@@ -116,7 +116,7 @@ def test_the_page_s_quantifiers_and_order_of_binding():
         ("a.b = p > 0\na.b", "p > 0"),
     ],
 )  # fmt: skip
-def test_definitions_are_filled_in(text, filled_in):
+def test_definitions_are_inserted(text, filled_in):
     assert parse(text, dt=0.5) == parse(filled_in, dt=0.5)
 
 
@@ -136,7 +136,7 @@ def test_a_quantifier_extends_as_far_right_as_possible(text, filled_in):
     assert same == (not text.startswith("("))
 
 
-def test_relations_know_their_axes_wherever_a_definition_is_used():
+def test_relations_keep_their_axes_in_definitions():
     text = "n(a) = exists b in cars: x(b, a, ego)\nforall c in others: (n(c) or not n(c)) and n(car_1)"
     relations = [part for part in f.walk(parse(text)) if isinstance(part, f.Signal)]
     assert {(each.name, each.axes) for each in relations} == {
@@ -226,7 +226,7 @@ def test_errors_point_at_the_place(text, place, message, hint):
 @pytest.mark.parametrize(
     "text", ["next_to(o, ego)", "forall o in others: exits(o)", "speed(car_13) > 3", "rises(ego)", "G > 1"]
 )
-def test_names_like_those_of_operators_are_fine_where_they_are_clear(text):
+def test_names_of_operators_may_be_signals_where_unambiguous(text):
     assert parse_with_warnings(text)[1] == ()
 
 
@@ -361,5 +361,5 @@ def test_a_name_before_a_last_statement_that_is_a_number(text):
 @pytest.mark.parametrize(
     "text", ["always p and always q", "eventually p or next q", "always p -> eventually q"]
 )
-def test_temporal_operators_on_both_sides_are_clear(text):
+def test_temporal_operators_on_both_sides_are_unambiguous(text):
     assert parse_with_warnings(text)[1] == ()

@@ -51,7 +51,7 @@ def table(verdicts):
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_copies_go_their_own_ways(text):
+def test_copies_are_independent(text):
     """Particles copied at a sample and continued equal particles that had that history from the start."""
     signals, steps = random_signals(1, 6, 10), 10
     index = np.array([4, 4, 0, 5])
@@ -248,7 +248,7 @@ def test_infinite_and_huge_samples_cause_no_warnings(text):
     assert not verdict.violated[unknown].any()
 
 
-def test_samples_of_other_kinds_are_read_alike():
+def test_samples_of_other_types_are_accepted():
     """Whole numbers, strided arrays and mappings that are no dict."""
     monitor, whole = FormulaMonitor(stl("always (p < q)")), np.arange(12).reshape(4, 3)
     plain = {"p": whole[:, 0].astype(float), "q": whole[:, 2].astype(float) - 2.0}

@@ -83,7 +83,7 @@ def test_a_plugin_that_is_left_out_is_not_imported(fake, monkeypatch):
         ),
     ],
 )
-def test_a_broken_plugin_is_a_row_and_breaks_nothing(tmp_path, monkeypatch, source, reason):
+def test_a_broken_plugin_is_a_row_and_does_not_disturb_others(tmp_path, monkeypatch, source, reason):
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "avrare_broken.py").write_text(source)
     monkeypatch.delitem(sys.modules, "avrare_broken", raising=False)
@@ -126,7 +126,7 @@ def test_duplicates_name_both_distributions():
     assert registry.get("controller", "one").kind == "controller"
 
 
-def test_missing_dependencies_are_looked_for_not_imported(monkeypatch):
+def test_missing_dependencies_are_found_without_importing(monkeypatch):
     monkeypatch.delitem(sys.modules, "this", raising=False)
     registry = with_plugins(
         a=Plugin(part("one", needs=("pyro.infer", "this", "no_such")), part("two", needs=("this",)))
@@ -175,5 +175,5 @@ def test_our_own_plugins_are_known_where_they_are_not_installed(kind, name):
     ]
 
 
-def test_the_pip_line_knows_packages_by_their_own_name():
+def test_the_pip_command_uses_the_names_of_distributions():
     assert pip_line("pyro.infer", "torch", "pyro") == "pip install pyro-ppl torch"

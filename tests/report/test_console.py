@@ -30,7 +30,7 @@ def problem():
     return avrare.Problem(Still(), avrare.stl("always (x < 2)"), steps=1)
 
 
-def test_the_progress_line_says_where_splitting_stands(problem):
+def test_the_progress_line_shows_the_state_of_splitting(problem):
     info = Info(
         stage=7, level=-0.42, probability=3.1e-5, survivors=34, particles=100, rollouts=520, failures=3,
         errors=1, counts={"solves": 900, "fallback_solves": 2},
@@ -69,7 +69,7 @@ def test_a_narrow_terminal_cuts_no_number_either(problem):
         assert part in text
 
 
-def test_a_warning_shared_by_all_stands_once(problem):
+def test_a_warning_shared_by_all_is_shown_once(problem):
     result = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
     assert "single_run" in result.health
     lines = note_lines([result, result])
@@ -77,7 +77,7 @@ def test_a_warning_shared_by_all_stands_once(problem):
 
 
 @pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])
-def test_a_goal_that_was_not_reached_is_told(problem, goal):
+def test_a_goal_that_was_not_reached_is_reported(problem, goal):
     (line,) = note_lines([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
     assert "give more rollouts" in line
     assert note_lines([avrare.estimate(problem, "mc", threshold=0.9, seed=3)]) == []

@@ -16,10 +16,10 @@ from avrare.base.format import format_amount_in_words, format_typeset
         (1e-12, "1.0 × 10⁻¹²"),
     ],
 )
-def test_numbers_as_people_write_them(value, words):
+def test_numbers_are_formatted_for_people(value, words):
     assert format_typeset(value) == words
 
 
-def test_one_of_so_many():
+def test_amounts_are_written_in_words():
     words = {12.3: "12", 1234.0: "1,200", 3.44e6: "3.4 million", 1.23e8: "120 million", 9.99e8: "1.0 × 10⁹"}
     assert {value: format_amount_in_words(value) for value in words} == words

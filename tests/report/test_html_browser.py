@@ -93,6 +93,6 @@ def _themes(document):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["made", "split", "lane_change"])
-def test_nothing_sticks_out_on_a_phone(which, browse, request):
+def test_nothing_overflows_on_a_phone(which, browse, request):
     wide, _, least = title(browse(render_report(request.getfixturevalue(which)), WIDE, width=500)).split()
     assert int(wide) <= int(least)

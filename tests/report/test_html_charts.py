@@ -7,7 +7,7 @@ from avrare.report.html import charts
 from avrare.results.reader import StoredEstimate
 
 
-def test_the_share_that_survives_is_that_of_the_particles():
+def test_the_surviving_share_is_that_of_the_particles():
     found = charts._list_surviving_shares(
         {"full_rollouts": 100, "roots": [3, 4], "discarded": [[5, 10], [25]]}
     )
@@ -31,7 +31,7 @@ def test_zero_is_an_edge_of_the_histogram():
     assert charts.draw_histogram(np.array([np.nan, np.inf]), False) is None
 
 
-def test_convergence_is_left_out_where_failures_cannot_be_told():
+def test_convergence_is_left_out_where_failures_are_unknown():
     entry = StoredEstimate.model_construct(estimator="mc", failures=5, rollouts=4, confidence=0.95)
     assert charts.draw_convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     found = charts.draw_convergence(entry.model_copy(update={"failures": 1}), np.array([-1.0, 1.0, 1.0, 1.0]))

@@ -64,7 +64,7 @@ def test_predicates_are_those_of_the_formula():
     assert np.array_equal(found["y > -1"], 1.0 - t)
 
 
-def test_a_predicate_speaks_of_the_vehicle_that_decides():
+def test_a_predicate_is_shown_for_the_vehicle_that_decides():
     near = np.array([[5.0, 9.0], [4.0, 9.0], [1.0, 9.0]])
     recording = Recording("r", 1.0, 0.0, {"near(others)": near}, names=("van", "bus"))
     spec = Spec(avrare.stl("forall o in others: always (near(o) > 2)"), ("van", "bus"))
@@ -75,7 +75,7 @@ def test_a_predicate_speaks_of_the_vehicle_that_decides():
     assert np.array_equal(values, near[:, 0] - 2.0)
 
 
-def test_a_vehicle_may_be_called_like_a_variable():
+def test_a_vehicle_may_have_the_name_of_a_variable():
     quantifiers = [SimpleNamespace(variable="a"), SimpleNamespace(variable="b")]
     rows = select_rows(
         "near(a, b) > gap_a", np.zeros((3, 2, 2)), quantifiers, ("b", "c"), {"a": "b", "b": "c"}

@@ -27,7 +27,7 @@ def test_any_values_have_an_axis(values):
     assert 0.0 <= scale.at(scale.low) < scale.at(scale.high) <= 100.0
 
 
-def test_decades_hold_what_they_show_and_pass_no_end():
+def test_a_logarithmic_axis_spans_the_values_up_to_its_limit():
     scale = make_log_scale([3e-5, 0.2], 1.0)
     assert (scale.low, scale.high) == pytest.approx((1e-5, 1.0))
     assert [word for _, word in scale.ticks()] == ["10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "0.1", "1"]

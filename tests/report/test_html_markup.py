@@ -24,5 +24,5 @@ def test_no_text_ends_a_block_of_data():
         json_block(math.nan)
 
 
-def test_hyphens_in_names_are_no_minus():
+def test_hyphens_in_names_are_not_minus_signs():
     assert typeset_minus("a-b cut-in -0.5 (-3) x-1 1e-5") == "a-b cut-in −0.5 (−3) x-1 1e-5"

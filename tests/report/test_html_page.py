@@ -27,7 +27,7 @@ def test_the_report_is_one_file_that_loads_nothing(made):
     assert "default-src &#x27;none&#x27;" in html
 
 
-def test_every_estimate_stands_in_the_table(made):
+def test_every_estimate_is_in_the_table(made):
     html = render_report(made)
     for entry in json.loads((made / "result.json").read_text())["estimates"]:
         row = html[html.index(f'href="#specification-{0 if entry["specification"] == "left" else 1}"') :]
@@ -51,7 +51,7 @@ def test_names_that_look_like_markup_stay_text(plane, tamper):
     assert html.count("&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt;") >= 4
 
 
-def test_the_worst_and_the_most_likely_failure_are_driven_again(made):
+def test_the_worst_and_the_most_likely_failure_are_replayed(made):
     html = render_report(made)
     with np.load(made / "failures.npz") as stored:
         robustness, noise = stored["left.robustness"], stored["left.noise"]
@@ -65,7 +65,7 @@ def test_the_worst_and_the_most_likely_failure_are_driven_again(made):
     assert "Signal x over time" in section
 
 
-def test_a_failure_that_comes_out_otherwise_is_told(plane):
+def test_a_failure_that_replays_differently_is_reported(plane):
     with np.load(plane / "failures.npz") as stored:
         arrays = dict(stored)
     arrays["left.robustness"] = arrays["left.robustness"] - 0.5
@@ -86,7 +86,7 @@ def test_without_its_plugins_the_report_says_so(made, monkeypatch):
     assert not films(html)
 
 
-def test_tapes_that_do_not_fit_are_no_bug(plane):
+def test_tapes_of_the_wrong_shape_are_a_clear_error(plane):
     with np.load(plane / "failures.npz") as stored:
         arrays = dict(stored)
     arrays["left.noise"] = arrays["left.noise"][:, :-3]
@@ -135,7 +135,7 @@ def test_the_file_is_where_it_was_asked_for(made, tmp_path, capsys):
         ("rollouts.npz", "no zip", "cannot be read"),
     ],
 )
-def test_damaged_folders_are_answered_in_words(plane, capsys, name, content, message):
+def test_damaged_folders_are_a_clear_error(plane, capsys, name, content, message):
     (plane / name).unlink() if content is None else (plane / name).write_text(content)
     assert main(["report", str(plane)]) == 4
     assert message in capsys.readouterr().err
@@ -148,7 +148,7 @@ def test_a_folder_of_several_runs_names_them(made, capsys):
     assert "is a folder" in capsys.readouterr().err
 
 
-def test_a_rule_that_the_scenario_does_not_know_is_no_bug(plane):
+def test_a_rule_that_the_scenario_lacks_is_a_clear_error(plane):
     text = (plane / "scenario.yaml").read_text()
     for place in ("  {}:", "- {}", "specification: {}"):
         assert place.format("left") in text

@@ -85,7 +85,7 @@ def test_the_chart_fits_eighty_columns(samples):
     assert lines[-1].split()[:2] == ["0.0", "s"]
 
 
-def test_no_violation_is_too_small_or_short_to_be_seen():
+def test_small_and_short_violations_are_visible():
     body = np.full(10_000, 50.0)
     body[7777] = -1e-9
     below = [str(line) for line in draw_chart(scored(body))][5:8]
@@ -109,7 +109,7 @@ def test_bars_show_the_values():
         ([0.0, 0.0], set()),
     ],
 )
-def test_infinities_have_a_place(body, labels):
+def test_infinities_are_drawn(body, labels):
     lines = [str(line) for line in draw_chart(scored(body))]
     found = {line.split("▏")[0].strip() for line in lines if "▏" in line} - {"", "0"}
     assert found == labels

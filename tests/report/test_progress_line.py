@@ -77,7 +77,7 @@ def test_zero_counters_and_unknown_estimates_are_not_shown(problem):
 
 
 @pytest.mark.parametrize(("mode", "lines"), [("auto", 1), ("plain", 1), ("quiet", 0)])
-def test_without_a_terminal_there_are_plain_lines_now_and_then(problem, capsys, mode, lines):
+def test_without_a_terminal_plain_lines_are_printed_from_time_to_time(problem, capsys, mode, lines):
     with Progress("walk", problem, mode) as progress:
         progress(Info(rollouts=1))
         progress.printed -= 3600.0
@@ -156,7 +156,7 @@ class Terminal:
 
 
 @pytest.mark.slow
-def test_on_a_terminal_it_lives_and_ctrl_c_saves(scenario, tmp_path):
+def test_on_a_terminal_lines_are_live_and_ctrl_c_saves(scenario, tmp_path):
     terminal = Terminal("run", scenario, "--out", str(tmp_path / "torn"), "--no-pictures")
     try:
         terminal.wait(r"[1-9]\d* of 200,000 rollouts")
@@ -175,7 +175,7 @@ def test_on_a_terminal_it_lives_and_ctrl_c_saves(scenario, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("option", "term"), [("--plain", "xterm-256color"), ("--no-pictures", "dumb")])
-def test_a_terminal_that_is_to_be_left_alone(scenario, tmp_path, option, term):
+def test_plain_and_dumb_terminals_get_no_cursor_movements(scenario, tmp_path, option, term):
     few = ("--set", "estimator.rollouts=2000", "--set", "steps=50")
     terminal = Terminal(
         "run", scenario, "--out", str(tmp_path / "out"), option, *few, TERM=term, NO_COLOR="1"

@@ -30,7 +30,7 @@ def test_what_a_run_writes_is_read(tmp_path):
 
 @pytest.mark.parametrize("key", ESTIMATE)
 @pytest.mark.parametrize("value", ["gone", {}, [[]], -1.5, float("nan")])
-def test_an_estimate_without_its_numbers_is_told(tmp_path, key, value):
+def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
     if key in ("relative_error", "seconds") and value == -1.5:
         return
     write(tmp_path, **{key: value})
@@ -44,13 +44,13 @@ def test_a_result_without_estimates(tmp_path):
         read_run_folder(tmp_path)
 
 
-def test_brackets_without_end(tmp_path):
+def test_very_deeply_nested_json_is_refused(tmp_path):
     (tmp_path / "x.json").write_text("[" * 100_000)
     with pytest.raises(UsageError, match="cannot be read"):
         read_json(tmp_path / "x.json")
 
 
-def test_any_damaged_byte_of_an_archive_is_told_or_harmless(tmp_path):
+def test_any_damaged_byte_of_an_archive_is_reported_or_harmless(tmp_path):
     path, rng = tmp_path / "x.npz", np.random.default_rng(0)
     np.savez_compressed(path, a=rng.standard_normal(400), header=np.array("text"))
     whole, told = path.read_bytes(), []
@@ -64,7 +64,7 @@ def test_any_damaged_byte_of_an_archive_is_told_or_harmless(tmp_path):
     assert zlib.error in {type(error.__context__) for error in told}
 
 
-def test_an_array_alone_is_no_archive(tmp_path):
+def test_a_single_array_is_not_an_archive(tmp_path):
     with (tmp_path / "x.npz").open("wb") as file:
         np.save(file, np.zeros(3))
     with pytest.raises(UsageError, match=r"x\.npz: cannot be read"):
@@ -79,7 +79,7 @@ def test_an_array_alone_is_no_archive(tmp_path):
         {"noise": np.zeros((0, 5, 1)), "robustness": np.zeros(0)},
     ],
 )  # fmt: skip
-def test_failures_that_do_not_fit_each_other(tmp_path, changes):
+def test_failures_with_inconsistent_shapes(tmp_path, changes):
     fields = {"noise": np.zeros((2, 5, 1)), "robustness": np.zeros(2), "count": np.array(7)}
     np.savez(tmp_path / "failures.npz", **{f"left.{key}": value for key, value in fields.items()})
     assert read_failures(tmp_path)["left"].count == 7
@@ -94,7 +94,7 @@ def test_failures_that_do_not_fit_each_other(tmp_path, changes):
     "changes",
     [{"robustness": np.zeros((2, 2))}, {"worst": np.zeros(4)}, {"worst_robustness": np.array("low")}],
 )
-def test_rollouts_that_are_none(tmp_path, changes):
+def test_invalid_stored_rollouts(tmp_path, changes):
     fields = {"robustness": np.zeros(2), "worst": np.zeros((5, 1)), "worst_robustness": np.array(0.5)}
     np.savez(tmp_path / "rollouts.npz", **{f"left.{key}": value for key, value in fields.items()})
     assert read_rollouts(tmp_path)["left"].worst.robustness == 0.5
@@ -106,7 +106,7 @@ def test_rollouts_that_are_none(tmp_path, changes):
 
 
 @pytest.mark.parametrize("content", [b"hello", b"(dp0\n.", b"\x80\x04}."])
-def test_nobody_is_advised_to_trust_a_file(tmp_path, content):
+def test_the_message_does_not_suggest_pickles(tmp_path, content):
     (tmp_path / "failures.npz").write_bytes(content)
     with pytest.raises(UsageError, match="it holds something else than arrays") as caught:
         read_failures(tmp_path)

@@ -54,7 +54,7 @@ def test_a_road_of_the_callers_own(sample):
     assert read_commonroad(sample, "13", ROAD).scene.road is ROAD
 
 
-def test_files_that_are_no_scenario(tmp_path):
+def test_files_that_are_not_commonroad_scenarios(tmp_path):
     pytest.importorskip("commonroad.common.file_reader")
     for text in ("", "<a/>", "not xml"):
         (tmp_path / "s.xml").write_text(text)
@@ -91,7 +91,7 @@ def line(y, begin=0.0, end=100.0, count=11, angle=0.0):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, -2.0, np.pi / 2, 3.0])
-def test_lanes_are_found_however_the_road_lies(angle):
+def test_lanes_are_found_at_every_angle_of_the_road(angle):
     ramp = lanelet(2, line(0.0, 0.0, 60.0, angle=angle), kinds=["accessRamp"])
     others = [lanelet(1, line(3.5, angle=angle)), lanelet(3, line(0.01, 60.0, 100.0, angle=angle))]
     road, direction = find_straight_lanes("s.xml", [*others, ramp])
@@ -102,7 +102,7 @@ def test_lanes_are_found_however_the_road_lies(angle):
     assert (road.begin, road.end) == pytest.approx((0.0, 100.0))
 
 
-def test_the_taper_of_a_ramp_is_no_lane():
+def test_the_taper_of_a_ramp_is_not_a_lane():
     taper = [(x, -3.5 + 3.5 * x / 20.0) for x in range(21)]
     road, _ = find_straight_lanes("s.xml", [lanelet(1, line(0.0)), lanelet(2, taper)])
     assert road.lane_centres == (0.0,)

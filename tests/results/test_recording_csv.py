@@ -57,7 +57,7 @@ def test_a_byte_order_mark_and_windows_lines_are_fine(read, begin, end):
     np.testing.assert_array_equal(read(text).signals["speed"], [20.0, 21.0, 22.0])
 
 
-def test_time_may_begin_anywhere_and_carry_rounding(read):
+def test_time_may_start_anywhere_and_contain_rounding_errors(read):
     rows = "".join(f"{1700000000 + k / 30:.3f},{k}\n" for k in range(60))
     found = read("t,x\n" + rows)
     assert found.dt == pytest.approx(1 / 30, rel=1e-3)
@@ -111,7 +111,7 @@ def test_the_ego_sets_the_time(read):
 
 
 @pytest.mark.parametrize("name", ["ego", "others"])
-def test_no_other_vehicle_has_a_name_that_formulas_use_otherwise(read, name):
+def test_another_vehicle_may_not_have_a_reserved_name(read, name):
     text = VEHICLES.replace(",ego", ",me").replace(",parked", f",{name}")
     with pytest.raises(UsageError, match=f"a vehicle other than the ego is called '{name}'"):
         read(text, ego="me")
@@ -176,7 +176,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("text", "message"), BROKEN)
-def test_whatever_is_wrong_is_said_in_one_line(fails, text, message):
+def test_every_mistake_is_one_clear_line(fails, text, message):
     found, _ = fails(text)
     assert found.startswith(message)
     assert "\n" not in found
@@ -188,7 +188,7 @@ def test_hints(fails):
     assert "separate them by commas" in fails("time;x\n0;1\n")[1]
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_a_missing_file(tmp_path):
     with pytest.raises(UsageError, match="no such file"):
         read_csv(str(tmp_path / "none.csv"))
     with pytest.raises(UsageError, match="cannot be read: is a directory"):

@@ -3,7 +3,7 @@
 from avrare.results.run_folder import choose, fresh
 
 
-def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch):
+def test_runs_of_the_same_second_have_separate_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folders = [fresh(["lane_change"]) for _ in range(5)]
     assert len(set(folders)) == 5
@@ -15,6 +15,6 @@ def test_several_scenarios_share_a_folder(tmp_path, monkeypatch):
     assert fresh(["one", "two"]).name.startswith("2-scenarios-")
 
 
-def test_a_folder_that_was_named_is_used_again(tmp_path):
+def test_a_named_folder_is_reused(tmp_path):
     assert choose(tmp_path, "drive", several=False) == choose(tmp_path, "drive", several=False) == tmp_path
     assert choose(tmp_path, "drive", several=True) == tmp_path / "drive"

@@ -51,7 +51,7 @@ def test_the_stored_scenario_is_the_scenario(folder):
     assert fingerprint(load(folder / "scenario.yaml")) == content["fingerprint"]
 
 
-def test_a_failure_is_driven_again_to_the_bit(folder):
+def test_a_failure_is_replayed_bit_for_bit(folder):
     failures = read_failures(folder)["near"]
     found = replay_run_failure(folder, "near", None)
     assert found.changes == ()
@@ -87,14 +87,14 @@ def test_another_robustness_is_named(folder, tmp_path):
         ("near", -1, "near has no failure -1", "numbered from 0"),
     ],
 )
-def test_a_failure_that_is_not_there(folder, specification, index, message, hint):
+def test_a_missing_failure(folder, specification, index, message, hint):
     with pytest.raises(UsageError) as caught:
         replay_run_failure(folder, specification, index)
     assert message in caught.value.message
     assert hint in caught.value.hint
 
 
-def test_a_folder_that_is_no_run(tmp_path):
+def test_a_folder_that_is_not_a_run(tmp_path):
     with pytest.raises(UsageError, match=r"no scenario\.yaml in it"):
         replay_run_failure(tmp_path, None, None)
 

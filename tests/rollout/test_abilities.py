@@ -37,7 +37,7 @@ def test_a_member_is_an_ability():
     assert find_ability(part, CountsEvents) is None
 
 
-def test_none_counts_as_absent():
+def test_a_member_that_is_none_counts_as_absent():
     assert find_ability(Part(), HasScene) is None
     assert find_ability(None, HasScene) is None
 

@@ -45,12 +45,12 @@ def test_every_container():
 
 
 @pytest.mark.parametrize("state", [[X], {"a": {X.size}}, {"a": np.array(1.0)}, object(), odd_systems.Inner])
-def test_what_a_state_may_not_hold(state):
+def test_unsupported_values_in_a_state(state):
     with pytest.raises(UsageError, match="state"):
         batch.take(state, slice(0, 1))
 
 
-def test_one_array_in_two_places_stays_one():
+def test_an_array_in_two_places_stays_shared():
     x = np.arange(4.0)
     shared, apart = {"a": x, "b": x}, {"a": x, "b": x.copy()}
     picked = batch.take(shared, np.array([1, 2]))

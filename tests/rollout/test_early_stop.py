@@ -18,7 +18,7 @@ from avrare.testing import awkward_systems as systems
         ("always (x < 0.4) iff eventually (x < -0.4)", 0.3),
     ],
 )
-def test_the_verdicts_are_those_of_whole_runs_at_less_cost(text, least):
+def test_verdicts_equal_those_of_full_rollouts_at_less_cost(text, least):
     problem = avrare.Problem(systems.Walk(), avrare.stl(text, warn=False), steps=40, chunk=64)
     whole = avrare.estimate(problem, rollouts=400, seed=3)
     short = avrare.estimate(problem, rollouts=400, seed=3, early_stop=True)
@@ -31,7 +31,7 @@ def test_the_verdicts_are_those_of_whole_runs_at_less_cost(text, least):
         assert short.simulated_steps < whole.simulated_steps
 
 
-def test_a_row_goes_on_until_every_specification_is_decided():
+def test_a_row_continues_until_every_specification_is_decided():
     formulas = {"a": avrare.stl("eventually[0:10] (x > 0.1)"), "b": avrare.stl("always[0:20] (x < 0.7)")}
     system = systems.Counting(systems.Walk())
     from avrare.estimation.config import McConfig
@@ -52,7 +52,7 @@ def test_a_row_goes_on_until_every_specification_is_decided():
 
 
 @pytest.mark.slow
-def test_workers_and_chunks_do_not_show():
+def test_workers_and_chunks_do_not_change_results():
     results = [
         avrare.estimate(
             avrare.Problem(systems.Walk(), avrare.stl("eventually (x > 0.5)"), steps=30, chunk=chunk),
@@ -95,7 +95,7 @@ class Blind:
         return self.monitor.update(state, signals)
 
 
-def test_other_specifications():
+def test_specifications_with_and_without_intervals():
     for specification, shorter in ((Reading(), True), (Blind(), False)):
         problem = avrare.Problem(systems.Walk(), specification, steps=30)
         whole, short = (avrare.estimate(problem, rollouts=100, early_stop=stop) for stop in (False, True))

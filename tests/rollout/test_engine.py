@@ -48,7 +48,7 @@ def test_rows_do_not_depend_on_their_neighbours(system):
         assert_same(together, Rollouts.join(parts))
 
 
-def test_noise_blocks_do_not_show(monkeypatch):
+def test_noise_blocks_do_not_change_results(monkeypatch):
     before = problem().simulate(NOISE, fresh(50))
     monkeypatch.setattr(engine, "_BLOCK", 120)
     assert_same(before, problem().simulate(NOISE, fresh(50)))
@@ -117,7 +117,7 @@ def test_every_row_passed_to_step_is_counted():
     assert outcome.simulated_steps == system.rows == 17 * STEPS
 
 
-def test_nominal_is_the_run_without_noise():
+def test_nominal_is_the_rollout_without_noise():
     assert problem().nominal().robustness.tolist() == [[0.5]]
 
 

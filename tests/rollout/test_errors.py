@@ -32,7 +32,7 @@ def healthy():
 
 
 @pytest.mark.parametrize("how", HOWS)
-def test_exactly_the_rows_that_break_down_are_errors(how, healthy):
+def test_only_rows_that_break_down_are_errors(how, healthy):
     noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
     bad = noise[:, :, 1] > 2.5
     bad[:, 0] = False
@@ -76,7 +76,7 @@ def test_all_rows_may_break_down(how):
         assert not outcome.violated.any()
 
 
-def test_only_the_good_rows_are_stepped_on():
+def test_only_rows_without_errors_are_stepped():
     """After the bisection at step 1, the rows that raised are never passed again."""
 
     class Early(systems.Walk):
@@ -151,7 +151,7 @@ def test_faults_of_the_wrong_shape(faults):
         problem(system).robustness(np.zeros((4, STEPS + 1, 2)))
 
 
-def test_errors_of_ours_are_not_swallowed():
+def test_avrare_errors_are_not_swallowed():
     class Wrong(systems.Walk):
         def step(self, state, noise):
             raise UsageError("a wrong argument")

@@ -86,7 +86,7 @@ def test_large_seeds_share_no_streams_with_small_ones():
     assert len(set(drawn)) == 8
 
 
-def test_choices_are_uniform_and_apart_from_the_noise():
+def test_choices_are_uniform_and_independent_of_the_noise():
     noise = NoiseSource(3, 1)
     u = noise.choices(0, 1, np.arange(100_000))
     assert ((u > 0) & (u < 1)).all()

@@ -50,7 +50,7 @@ def course(spec, signals):
 
 
 @pytest.mark.parametrize("text", PENDING)
-def test_the_score_is_one_exactly_where_the_run_fails(text):
+def test_the_score_is_one_exactly_where_the_rollout_fails(text):
     signals = walks(1, 400)
     scores, violated = course(scored(text), signals)
     assert np.array_equal(scores[:, -1] == 1.0, violated[:, -1])
@@ -59,7 +59,7 @@ def test_the_score_is_one_exactly_where_the_run_fails(text):
     assert ((scores >= 0) & (scores <= 1)).all()
 
 
-def test_waiting_in_vain_grows_dangerous_and_the_far_are_worse_off():
+def test_the_score_of_eventually_rises_with_time_and_with_distance():
     signals = {"x": np.array([[0.0] * 12, [0.5] * 12, [0.0] * 5 + [2.0] * 7])}
     scores, _ = course(scored("eventually[0:8] (x > 1)"), {**signals, "y": signals["x"]})
     assert (np.diff(scores[0, :9]) > 0).all()
@@ -68,7 +68,7 @@ def test_waiting_in_vain_grows_dangerous_and_the_far_are_worse_off():
     assert scores[2, 11] == scores[2, 4] < scores[0, 5]
 
 
-def test_a_copied_state_goes_on_alike():
+def test_a_copied_state_continues_identically():
     signals, index = walks(2, 30), np.array([3, 3, 29, 0])
     spec = scored("always[0:8] (x > 0 -> eventually[0:4] (y > 0.5))")
     state = spec.start(30)
@@ -81,7 +81,7 @@ def test_a_copied_state_goes_on_alike():
         assert np.array_equal(verdict.score, whole.score[index])
 
 
-def test_sizes_of_the_noise_free_run_weigh_the_parts():
+def test_parts_are_weighted_by_their_noise_free_sizes():
     signals = {"x": np.full((1, 12), 10.0), "y": np.full((1, 12), 0.1)}
     nominal = [{"x": np.array([10.0]), "y": np.array([0.1])}] * 12
     text = "(always[0:5] x > 0) and (always[0:5] y > 0) and eventually[0:9] (x > 0)"
@@ -101,7 +101,7 @@ def test_sizes_of_the_noise_free_run_weigh_the_parts():
         "always[2:5] (x > 0) iff eventually (x > 1)",
     ],
 )
-def test_what_cannot_come_true_again_keeps_its_own_score(text):
+def test_formulas_that_cannot_come_true_later_have_no_repeated_shape(text):
     shape = shape_of(avrare.stl(text))
     assert shape is None or not shape.repeated
 
@@ -140,7 +140,7 @@ class Pull(Reach):
     ],
     ids=["reach", "response"],
 )
-def test_splitting_on_the_default_score_is_unbiased_and_no_run_dies_out(system, text, steps, probability):
+def test_splitting_on_the_default_score_is_unbiased_without_extinct_runs(system, text, steps, probability):
     problem = Problem(system, avrare.stl(text), steps)
     result = avrare.estimate(problem, "ams", particles=60, discard=6, runs=30, seed=4)
     error = result.run_probabilities.std(ddof=1) / np.sqrt(30)
@@ -148,7 +148,7 @@ def test_splitting_on_the_default_score_is_unbiased_and_no_run_dies_out(system, 
     assert result.diagnostics["extinct_runs"] == 0
 
 
-def test_progress_by_name_needs_a_formula_that_it_fits():
+def test_progress_by_name_needs_a_suitable_formula():
     with pytest.raises(UsageError, match="'progress' does not fit"):
         Problem(Reach(), avrare.stl("always (x < 4)"), 5, "progress").specifications  # noqa: B018
     named = Problem(Reach(), avrare.stl("eventually (x > 4)"), 5, "progress")

@@ -70,7 +70,7 @@ def test_the_same_bits_as_with_the_carries(formula, missing, origins):
 
 @pytest.mark.parametrize("size", [1, 2, 4])
 @pytest.mark.parametrize(("missing", "origins"), CASES)
-def test_in_chunks_as_well(size, missing, origins):
+def test_the_same_bits_in_chunks(size, missing, origins):
     task = problem(FORMULAS[1])
     request = branched(task, list(missing), origins)
     parts = [task.simulate(NOISE, request.slice(at, at + size)) for at in range(0, ROWS, size)]
@@ -79,7 +79,7 @@ def test_in_chunks_as_well(size, missing, origins):
     assert sum(part.simulated_steps for part in parts) == whole.simulated_steps
 
 
-def test_what_does_not_come_there_again_is_told():
+def test_a_replay_that_does_not_repeat_is_reported():
     """A system that breaks down on a way that it has come before depends on more than its noise."""
     task = problem(FORMULAS[0], systems.Walk())
     request = branched(task, [4, 5])

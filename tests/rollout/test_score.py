@@ -60,7 +60,7 @@ class Approach(systems.Walk):
         return {"x": state["x"] + 1.0 + 0.01 * noise[:, 0]}
 
 
-def test_margin_measures_from_the_noise_free_run():
+def test_margin_is_relative_to_the_noise_free_rollout():
     """The robustness itself would be tied: the last sample decides it whatever the noise."""
     outcome = simulate("margin", "always (x < 12.01)", system=Approach(), rows=200)
     failed = outcome.violated[:, 0]
@@ -76,7 +76,7 @@ def test_margin_needs_always_phi():
         simulate("margin", "eventually (x > 0.3)")
 
 
-def test_margin_of_a_rule_that_the_noise_free_run_breaks():
+def test_margin_of_a_rule_that_the_noise_free_rollout_breaks():
     broken, own = (simulate(score, "always (x < -1)") for score in ("margin", "robustness"))
     np.testing.assert_array_equal(broken.scores, own.scores)
 
@@ -88,7 +88,7 @@ class Quiet(systems.Walk):
         return {"x": np.where(noise[:, 0] == 0.0, np.nan, state["x"] + 0.1 * noise[:, 0])}
 
 
-def test_margin_where_the_noise_free_run_breaks_down():
+def test_margin_where_the_noise_free_rollout_ends_with_an_error():
     broken, own = (simulate(score, system=Quiet()) for score in ("margin", "robustness"))
     np.testing.assert_array_equal(broken.scores, own.scores)
 
@@ -107,7 +107,7 @@ def test_a_score_function_that_raises_is_named():
         simulate(lambda signals, t: signals["y"])
 
 
-def test_a_formula_orders_by_how_near_it_has_come_to_failing():
+def test_a_formula_as_score_orders_by_nearness_to_failure():
     guided = simulate(avrare.stl("always (x < 0.5)"), "eventually (x > 9)")
     own = simulate("robustness", "always (x < 0.5)")
     np.testing.assert_array_equal(guided.scores, own.scores)

@@ -180,7 +180,7 @@ class _Noise(BaseModel):
 @pytest.mark.parametrize(
     ("law", "hint"), [("norml", "did you mean 'normal'?"), ("x", "known: normal, uniform")]
 )
-def test_a_kind_that_is_not_known_is_told_in_our_words(law, hint):
+def test_an_unknown_kind_is_a_clear_message(law, hint):
     found, (problem,) = check(_Noise, parse(f"noise: {{law: {law}}}".encode(), "s.yaml"))
     assert found is None
     assert problem.message == f"s.yaml:1:8: noise: law should be one of normal, uniform, found '{law}'"
@@ -195,6 +195,6 @@ def test_a_kind_that_is_not_known_is_told_in_our_words(law, hint):
         (1, "should be below 1.5, found 1"),
     ],
 )
-def test_what_was_found_is_told_unless_the_message_says_it(value, text):
+def test_the_value_found_is_named_unless_the_message_contains_it(value, text):
     mark = Mark("s.yaml")
     assert _reword(text.partition(",")[0], Node(value, mark, mark)) == text

@@ -28,7 +28,7 @@ def scenario(tmp_path, monkeypatch):
     return make
 
 
-def test_the_content_counts_and_names_of_nothing_do_not(scenario):
+def test_the_content_of_named_files_counts(scenario):
     Path("mine.npz").write_bytes(b"one")
     Path("rules.yaml").write_text("a")
     assert digests(scenario(model="shipped", note="mine.npz")) == {}

@@ -25,7 +25,7 @@ def says(monkeypatch):
     return says
 
 
-def test_errors_are_told_at_the_option_or_at_the_block(says, fails, good):
+def test_errors_are_placed_at_the_option_or_at_the_block(says, fails, good):
     calls = says(
         Finding("there is no such thing\n  a b\n    ^", "write c", "rule"),
         Finding("too slow", None, "speed"),
@@ -44,14 +44,14 @@ def test_errors_are_told_at_the_option_or_at_the_block(says, fails, good):
     assert calls == [("R_G1", 0.1), ("R_G2", 0.1)]
 
 
-def test_a_doubt_is_no_error(says, read, good):
+def test_a_finding_that_is_not_an_error_is_a_warning(says, read, good):
     says(Finding("odd", "write c", "rule", is_error=False))
     assert read(good).warnings == (("s.yaml:9:30: specifications.near.rule: odd", "write c"),)
     overridden = read(good, ["specifications.far.rule=R_G1"]).warnings
     assert overridden[-1] == ("--set specifications.far.rule: odd", "write c")
 
 
-def test_the_step_of_the_simulator_is_handed_on(says, read, good):
+def test_the_step_of_the_simulator_is_passed_on(says, read, good):
     calls = says()
     read(good, ["simulator.dt=1"])
     assert calls == [("R_G1", 1.0), ("R_G2", 1.0)]

@@ -26,7 +26,7 @@ def test_an_error_shows_the_place_in_the_file_and_in_the_formula(good, fails):
     assert caret.index("^") == formula.index(")")
 
 
-def test_a_formula_that_scores_is_read_like_the_one_that_is_scored(good, fails):
+def test_a_formula_as_score_is_read_like_a_specification(good, fails):
     lines, code = fails(
         good.replace(FAR, '{stl: "always (gap > 2)", score: {stl: "always[0:0.25s] (gap > )"}}')
     )
@@ -40,13 +40,13 @@ def test_bounds_are_checked_against_the_simulators_step(good, fails, read):
     assert read(text.replace("dt: 0.1", "dt: 0.05")).warnings == ()
 
 
-def test_a_simulator_that_does_not_tell_its_step_gets_the_benefit_of_the_doubt():
+def test_without_the_simulators_step_only_the_syntax_is_checked():
     assert checked("always[0:0.25s] eventually[0:9s] (gap > 2)") == ([], [])
     errors, _ = checked("always[0.25 (gap > 2)")
     assert len(errors) == 1
 
 
-def test_a_look_beyond_the_run_is_a_warning(good, read):
+def test_a_bound_beyond_the_rollout_is_a_warning(good, read):
     text = good.replace(FAR, '{stl: "eventually[0:6s] (gap > 2)"}')
     [(message, hint)] = read(text).warnings
     assert hint is None
@@ -68,7 +68,7 @@ def test_a_look_beyond_the_run_is_a_warning(good, read):
         ("forall o in others: always (p -> next q)", 1),
     ],
 )
-def test_only_bounded_looks_ahead_count(text, span):
+def test_only_bounded_future_operators_count(text, span):
     node = parse(text)
     assert bounded_span(node) == span
     assert reach_warnings(node, span) == []
@@ -77,7 +77,7 @@ def test_only_bounded_looks_ahead_count(text, span):
         assert words.startswith(f"the formula looks {span} samples ahead but a rollout has {steps} step(s): ")
 
 
-def test_what_the_language_warns_of_is_passed_on(good, read):
+def test_warnings_of_the_formula_language_are_passed_on(good, read):
     text = good.replace(FAR, '{stl: "always gap > 2 and speed > 0"}')
     [(message, hint)] = read(text).warnings
     assert message.startswith("s.yaml:10:14: specifications.far.stl: line 1, column 1: ")
@@ -85,7 +85,7 @@ def test_what_the_language_warns_of_is_passed_on(good, read):
     assert read(good.replace(FAR, '{stl: "(always gap > 2) and speed > 0"}')).warnings == ()
 
 
-def test_warnings_are_no_part_of_what_a_scenario_is(good, read):
+def test_warnings_do_not_count_in_equality_of_scenarios(good, read):
     doubtful = read(good.replace(FAR, '{stl: "always gap > 2 and speed > 0"}'))
     assert doubtful.warnings
     assert doubtful == type(doubtful)(**{**vars(doubtful), "warnings": ()})

@@ -99,7 +99,7 @@ def is_clear(error):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_mutated_files_never_raise_anything_else(read, good, seed):
+def test_mutated_files_raise_scenario_errors_only(read, good, seed):
     print(f"seed {seed}")
     choose = random.Random(seed)
     errors = []
@@ -114,7 +114,7 @@ def test_mutated_files_never_raise_anything_else(read, good, seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_mutated_overrides_never_raise_anything_else(read, good, seed):
+def test_mutated_overrides_raise_scenario_errors_only(read, good, seed):
     print(f"seed {seed}")
     choose = random.Random(100 + seed)
     keys = [
@@ -162,7 +162,7 @@ def restructured(data, random):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_restructured_files_never_raise_anything_else(read, good, seed):
+def test_restructured_files_raise_scenario_errors_only(read, good, seed):
     print(f"seed {seed}")
     choose = random.Random(200 + seed)
     data = read(good).resolved

@@ -12,7 +12,7 @@ from avrare.scenario.schema import Formula
 from avrare.scenario.yaml import dump
 
 
-def test_a_good_scenario_has_checked_blocks(read, good):
+def test_a_valid_scenario_has_checked_blocks(read, good):
     scenario = read(good)
     assert (scenario.name, scenario.steps, scenario.seed, scenario.chunk) == ("toy", 40, 0, 25)
     assert (scenario.simulator.config.gap, scenario.simulator.config.lanes) == (20.0, 2)
@@ -49,7 +49,7 @@ def test_a_scenario_can_be_sent_to_a_worker(read, good):
     assert pickle.loads(pickle.dumps(scenario)) == scenario
 
 
-def test_the_fingerprint_sees_everything_but_the_seed(read, good):
+def test_the_fingerprint_covers_everything_but_the_seed(read, good):
     first = fingerprint(read(good))
     assert len(first) == 16
     assert fingerprint(read(good, ["seed=9"])) == first
@@ -58,7 +58,7 @@ def test_the_fingerprint_sees_everything_but_the_seed(read, good):
     assert len({fingerprint(read(good, [change])) for change in changes} | {first}) == 6
 
 
-def test_the_fingerprint_sees_the_versions_of_plugins(read, good, monkeypatch):
+def test_the_fingerprint_covers_the_versions_of_plugins(read, good, monkeypatch):
     scenario = read(good)
     newer = {name: dataclasses.replace(part, version="1.3") for name, part in scenario.specifications.items()}
     updated = dataclasses.replace(scenario, specifications=newer)
@@ -157,7 +157,7 @@ def test_a_mistake_in_the_base_is_placed_in_the_base(tmp_path, monkeypatch, regi
     ]
 
 
-def test_circles_missing_files_and_far_places(tmp_path, monkeypatch, registry):
+def test_circular_missing_and_remote_bases_are_refused(tmp_path, monkeypatch, registry):
     monkeypatch.chdir(tmp_path)
     write(".", a="extends: b.yaml\n", b="extends: ./a.yaml\n", own="x: 1\nextends: own.yaml\n")
     assert "circle: a.yaml -> b.yaml -> a.yaml" in refused("a.yaml", registry)[0]
@@ -177,7 +177,7 @@ def test_circles_missing_files_and_far_places(tmp_path, monkeypatch, registry):
         assert words in line
 
 
-def test_a_missing_file_names_its_neighbour(tmp_path, monkeypatch, registry):
+def test_a_missing_file_suggests_a_similar_one(tmp_path, monkeypatch, registry):
     monkeypatch.chdir(tmp_path)
     os.mkdir("scenarios")
     write("scenarios", lane_change="name: x\n")

@@ -52,7 +52,7 @@ def test_nan_is_a_number():
     assert math.isnan(parse_value(".nan", Mark("x")).plain())
 
 
-def test_every_key_and_value_knows_its_place():
+def test_every_key_and_value_has_its_place():
     tree = parse(b"a: 1\nbb:\n  - {c:   2}\n", "f.yaml")
     inner = tree.entries["bb"].child(0).entries["c"]
     assert (str(tree.entries["bb"].key), str(tree.entries["bb"].mark)) == ("f.yaml:2:1", "f.yaml:3:3")
@@ -99,7 +99,7 @@ BOMB = b"a: &a [x,x,x,x,x,x,x,x,x]\n" + b"".join(
         (b"a: " + b"x" * MAX_BYTES, "f", "too large"),
     ],
 )
-def test_what_cannot_be_read_is_one_clear_line(data, place, words):
+def test_unreadable_yaml_is_one_clear_line(data, place, words):
     with pytest.raises(ScenarioError) as caught:
         parse(data, "f")
     [(message, _)] = caught.value.problems

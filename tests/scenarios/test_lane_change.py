@@ -31,13 +31,13 @@ def nominal(scenario):
 
 
 @pytest.mark.slow
-def test_the_noise_free_drive_keeps_every_rule(nominal):
+def test_the_noise_free_rollout_keeps_every_rule(nominal):
     assert not nominal.error.any()
     assert not nominal.violated.any()
     assert (nominal.robustness > 0).all()
 
 
-def test_the_noise_free_drive_passes_the_parked_car_on_the_left_and_stays_on_the_road(nominal, scenario):
+def test_the_noise_free_rollout_passes_the_parked_car_on_the_left_and_stays_on_the_road(nominal, scenario):
     egos = [carry.system.world.ego for _, _, carry in nominal.carries]
     x, y = (np.array([getattr(ego, name)[0] for ego in egos]) for name in ("x", "y"))
     beside = np.abs(x - 40.0) < 4.0
@@ -102,7 +102,7 @@ def test_a_rule_that_the_start_already_breaks_is_refused_by_rule_and_vehicle():
     assert "hint:" in text
 
 
-def test_a_solver_that_finds_nothing_is_counted_and_driven_on():
+def test_a_failed_solve_is_counted_and_the_rollout_continues():
     blind = LoadedScenario(load(LANE_CHANGE, ["steps=3"]))
     loop = blind.stack.loop
     tracker = loop.tracker

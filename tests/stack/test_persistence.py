@@ -103,7 +103,7 @@ def problem(perception, formula="always (lost < 9)", chunk=1024):
     return avrare.Problem(loop, avrare.stl(formula), STEPS, chunk=chunk)
 
 
-def test_the_memory_starts_with_the_first_row_and_adds_up():
+def test_the_memory_starts_with_the_first_row_and_accumulates():
     task = problem(Wandering())
     tape = np.random.default_rng(0).standard_normal((5, STEPS + 1, 3))
     carries = task.replay(tape, keep_carries=True).carries

@@ -22,7 +22,7 @@ SCENARIOS = Path(__file__).parents[2] / "scenarios"
         ("specifications.left", "{plugin: traffic_rules, rule: no_collision}"),
     ],
 )
-def test_what_drives_on_a_road_needs_one(part, block, capsys):
+def test_parts_that_need_a_road_are_refused_without_one(part, block, capsys):
     words = ["validate", "--build", str(SCENARIOS / "double_integrator.yaml"), "--set", f"{part}={block}"]
     if part == "perception":
         words += ["--set", "tracker={plugin: imm}"]
@@ -42,14 +42,14 @@ def test_a_score_written_as_a_formula_guides_splitting():
     assert levels.max() < -2.0 < others.min()  # x stays below 7
 
 
-def test_a_score_of_signals_that_are_not_there():
+def test_a_score_of_missing_signals_is_refused():
     scored = "specifications.clear.score={stl: 'always (z < 1)'}"
     problem = LoadedScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
     with pytest.raises(FormulaError, match="'z'"):
         estimate(problem, "ams", seed=0, particles=20, discard=2, runs=2)
 
 
-def test_a_start_that_raises_is_told_in_a_line(monkeypatch, capsys):
+def test_a_start_that_raises_is_one_clear_line(monkeypatch, capsys):
     def broken(self, noise):
         raise ValueError("no battery\nat all")
 

@@ -117,7 +117,7 @@ def stretched(problem, entry, rows):
 
 
 @by_id
-def test_systems_and_formulas_do_what_is_published(problem):
+def test_systems_and_formulas_match_the_published_definitions(problem):
     entry = next(entry for entry in ENTRIES if entry["id"] == problem.id)
     noise = stretched(problem, entry, 400)
     expected = published_event(entry, noise)
@@ -176,7 +176,7 @@ def test_a_row_does_not_depend_on_its_neighbours(problem):
 
 
 @by_id
-def test_problems_travel(problem):
+def test_problems_can_be_pickled(problem):
     task = pickle.loads(pickle.dumps(problem.problem()))
     noise = tapes(problem, 5)
     np.testing.assert_array_equal(task.robustness(noise), problem.problem().robustness(noise))
@@ -189,19 +189,19 @@ def test_every_family_names_its_generator(problem):
     assert {problem.family for problem in SMALL} == set(families())
 
 
-def test_generated_and_tabled_problems_are_alike():
+def test_generated_and_tabled_problems_agree():
     assert walk(2.5).probability == pytest.approx(reference_problem("d_rw_L2.5").probability, rel=1e-12)
     assert walk(2.5).known is None
 
 
-def test_a_score_of_ones_own_replaces_the_suggested_one():
+def test_a_custom_score_replaces_the_suggested_one():
     problem = reference_problem("g_eventually_c0.5")
     assert problem.problem().score is problem.score
     assert problem.problem("robustness", chunk=7).score == "robustness"
     assert problem.problem(chunk=7).chunk == 7
 
 
-def test_waiting_scores_rise_to_two_at_the_failure():
+def test_response_scores_rise_to_two_at_the_failure():
     problem = response(3, 8, 1.5)
     x = np.array([[0.5, 1.6, 0.2, 0.1, 0.1, -1, 0, 0, 0], [0.5, 0.9, 1.6, 0.1, -0.1, 1.2, 1.6, 2, 2]])
     scores = [problem.score({"x": x[:, : t + 1]}, t) for t in range(9)]

@@ -117,12 +117,12 @@ def lies():
 
 
 @pytest.mark.parametrize(("test", "suite", "arguments", "message"), lies())
-def test_lies_are_found_out(test, suite, arguments, message):
+def test_false_results_are_detected(test, suite, arguments, message):
     with pytest.raises(AssertionError, match=message):
         getattr(suite, test)(*arguments)
 
 
-def test_seeds_that_do_not_repeat_are_found_out():
+def test_seeds_that_do_not_repeat_are_detected():
     class Restless(Honest):
         calls = 0
 
@@ -135,7 +135,7 @@ def test_seeds_that_do_not_repeat_are_found_out():
 
 
 @pytest.mark.parametrize("test", ["test_unknown_option_is_refused", "test_budget_too_small_is_refused"])
-def test_estimators_that_take_anything_are_found_out(test):
+def test_estimators_that_accept_any_option_are_detected(test):
     class Lenient(Honest):
         def estimate(self, problem, **keywords):
             return super().estimate(problem)

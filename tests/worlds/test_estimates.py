@@ -45,7 +45,7 @@ def test_two_workers_give_the_same_bits(toys, copy):
     assert (one.failures.noise == two.failures.noise).all()
 
 
-def test_little_memory_gives_the_same_estimate(toys):
+def test_less_memory_gives_the_same_estimate(toys):
     system = as_system(toys.Walk)
     few = estimate(system, memory=1e-3, **AMS)
     assert few.probability == estimate(system, **AMS).probability
@@ -56,7 +56,7 @@ def test_other_estimators_take_it_too(toys):
     assert 0.0 < result.probability < 0.2
 
 
-def test_a_careless_world_is_refused_by_splitting_before_anything_runs(toys):
+def test_a_nondeterministic_world_is_refused_by_splitting_before_anything_runs(toys):
     with pytest.raises(
         UsageError, match=r"ams must continue rollouts from others.*signal 'x' differs at step"
     ):
@@ -64,12 +64,12 @@ def test_a_careless_world_is_refused_by_splitting_before_anything_runs(toys):
     assert estimate(as_system(toys.Careless), "mc", rollouts=20).errors == 0
 
 
-def test_one_that_is_careless_later_is_refused_at_the_first_branch(toys):
+def test_a_world_that_is_nondeterministic_later_is_refused_at_the_first_branch(toys):
     with pytest.raises(NotDeterministic, match=r"signal 'x' was .* no rollout can branch"):
         estimate(as_system(toys.LateCareless), **AMS)
 
 
-def test_a_leaky_world_is_refused_unless_it_is_made_anew(toys):
+def test_a_world_whose_reset_leaves_traces_needs_reuse_false(toys):
     with pytest.raises(UsageError, match="continue rollouts from others"):
         estimate(as_system(toys.Leaky), **AMS)
     assert plain(estimate(as_system(toys.Leaky, reuse=False), **AMS)) == plain(
@@ -80,7 +80,7 @@ def test_a_leaky_world_is_refused_unless_it_is_made_anew(toys):
 @pytest.mark.parametrize(
     ("name", "reason"), [("Entangled", "signal 'x' differs"), ("Brittle", "it raises AssertionError")]
 )
-def test_copies_that_are_none(toys, name, reason):
+def test_deep_copies_that_do_not_continue_like_the_world_are_refused(toys, name, reason):
     with pytest.raises(
         UsageError, match=f"copy of the world by deepcopy does not continue like the world.*{reason}"
     ):
@@ -107,7 +107,7 @@ def test_capabilities(toys):
     assert capabilities(toys.BatchWalk()).branches
 
 
-def test_an_estimator_says_what_it_misses_before_anything_runs(toys):
+def test_an_estimator_names_missing_capabilities_before_anything_runs(toys):
     class Sealed(toys.Walk):
         lacks = {"branches": "its maker says so"}  # noqa: RUF012
 

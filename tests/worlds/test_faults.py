@@ -26,7 +26,7 @@ def estimate(world, workers=1, step_timeout=None, estimator="mc", **options):
     return avrare.estimate(problem, estimator, seed=5, workers=workers, **options)
 
 
-def test_some_break_down_and_some_do_not():
+def test_rows_break_down_independently():
     assert 2 <= BROKEN <= 12
     assert abs(BROKEN / ROLLOUTS - (1.0 - norm.cdf(2.0) ** STEPS)) < 0.1
 
@@ -40,7 +40,7 @@ def test_some_break_down_and_some_do_not():
         ("Missing", "NaN signal"), ("Hanging", "StepTimeout: the step did not end within 0.2 s"),
     ],
 )  # fmt: skip
-def test_what_breaks_down_is_counted(toys, name, message, workers):
+def test_rollouts_that_break_down_are_counted(toys, name, message, workers):
     result = estimate(getattr(toys, name), workers, step_timeout=0.2 if name == "Hanging" else None)
     assert result.errors == BROKEN
     assert result.rollouts == ROLLOUTS
@@ -50,20 +50,20 @@ def test_what_breaks_down_is_counted(toys, name, message, workers):
     assert result.interval[1] >= sound.interval[1]
 
 
-def test_a_step_that_raised_is_not_taken_again(toys):
+def test_a_step_that_raised_is_not_retried(toys):
     toys.Raising.tried = 0
     assert estimate(toys.Raising).errors == BROKEN
     assert toys.Raising.tried == BROKEN
 
 
 @pytest.mark.parametrize("name", ["Raising", "Missing"])
-def test_splitting_goes_on_too(toys, name):
+def test_splitting_continues_after_errors(toys, name):
     result = estimate(getattr(toys, name), estimator="ams", particles=30, discard=6, runs=2)
     assert result.errors > 0
     assert result.rollouts > 60
 
 
-def test_a_limit_that_nothing_meets_changes_nothing(toys):
+def test_a_time_limit_that_is_not_reached_changes_nothing(toys):
     one, two = estimate(toys.Walk, step_timeout=30.0), estimate(toys.Walk)
     assert one.to_json().split('"seconds"')[0] == two.to_json().split('"seconds"')[0]
 
@@ -80,7 +80,7 @@ def test_a_world_that_raises_at_the_start(toys):
     assert "OSError: no display" in result.health["errors"]
 
 
-def test_the_clock_is_handed_back():
+def test_the_signal_handler_and_timer_are_restored():
     heard = []
     before = signal.signal(signal.SIGALRM, lambda *_: heard.append(1))
     try:
@@ -93,7 +93,7 @@ def test_the_clock_is_handed_back():
         signal.signal(signal.SIGALRM, before)
 
 
-def test_what_swallows_everything_is_interrupted_all_the_same():
+def test_a_step_that_swallows_exceptions_is_still_interrupted():
     def stubborn():
         while True:
             try:

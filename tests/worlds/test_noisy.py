@@ -38,7 +38,7 @@ def test_a_scale_for_each_number():
         ({"scale": (1.0, float("nan"))}, "a scale of noise must be 0 or a finite"),
     ],
 )
-def test_a_channel_that_means_nothing_is_refused(given, message):
+def test_an_invalid_channel_is_refused(given, message):
     with pytest.raises(UsageError, match=message):
         Channel(2, **given)
 
@@ -85,7 +85,7 @@ def test_it_is_copied_with_its_noise(toys, copy):
     np.testing.assert_array_equal(courses[0], courses[2])
 
 
-def test_what_does_not_fit(toys):
+def test_arguments_that_do_not_fit_are_refused(toys):
     with pytest.raises(UsageError, match="no displace"):
         Noisy(toys.Walk(), initial=Channel(1))
     system = as_system(lambda: Noisy(toys.Walk(), action=Channel(2)), toys.Push())

@@ -30,7 +30,7 @@ def course(system, noise, state=None, since=0):
     return np.stack(found, axis=1), state
 
 
-def test_it_is_the_same_as_a_batched_system(toys):
+def test_a_world_equals_a_batched_system(toys):
     noise = tape(20)
     one, _ = course(as_system(toys.Walk), noise)
     other, _ = course(toys.BatchWalk(), noise)
@@ -60,7 +60,7 @@ def test_a_state_is_a_value(toys, copy):
 
 
 @pytest.mark.parametrize("copy", COPIES)
-def test_rows_are_taken_and_joined(toys, copy):
+def test_rows_are_taken_and_concatenated(toys, copy):
     system, noise = as_system(toys.Hooked, copy=copy), tape(6)
     whole, _ = course(system, noise)
     _, middle = course(system, noise[:, :6])
@@ -71,7 +71,7 @@ def test_rows_are_taken_and_joined(toys, copy):
     np.testing.assert_array_equal(found, whole[rows, 5:])
 
 
-def test_a_state_travels_as_its_inputs(toys):
+def test_a_state_is_pickled_as_its_inputs(toys):
     system, noise = as_system(toys.Hooked, toys.Push(), copy="hook"), tape(4)
     whole, _ = course(system, noise)
     _, middle = course(system, noise[:, :6])
@@ -83,14 +83,14 @@ def test_a_state_travels_as_its_inputs(toys):
     np.testing.assert_array_equal(found, whole[:, 5:])
 
 
-def test_a_state_without_actions_travels_too(toys):
+def test_a_state_without_actions_is_pickled(toys):
     system, noise = as_system(toys.Walk), tape(3)
     _, middle = course(system, noise[:, :6])
     found, _ = course(system, noise, pickle.loads(pickle.dumps(middle)), 5)
     np.testing.assert_array_equal(found, course(system, noise)[0][:, 5:])
 
 
-def test_worlds_are_lent_again(toys):
+def test_worlds_are_reused(toys):
     made = []
 
     def make():
@@ -107,7 +107,7 @@ def test_worlds_are_lent_again(toys):
     assert len(made) == 8
 
 
-def test_new_worlds_for_those_that_do_not_forget(toys):
+def test_without_reuse_every_rollout_has_a_new_world(toys):
     noise = tape(5)
     expected, _ = course(as_system(toys.Walk), noise)
     leaky = as_system(toys.Leaky, reuse=False)
@@ -126,7 +126,7 @@ def test_signals_of_any_shape_and_the_observation(toys):
     np.testing.assert_array_equal(Worlds(toys.Walk).reset(tape(3)[:, 0]).ego, state.seen[:, :1])
 
 
-def test_in_a_closed_loop_it_is_the_same(toys):
+def test_a_world_in_a_closed_loop_equals_a_batched_system(toys):
     noise = tape(4)
     loop = ClosedLoop(Worlds(toys.Walk, dt=0.1), controller=toys.Push())
     np.testing.assert_array_equal(course(loop, noise)[0], course(as_system(toys.Walk, toys.Push()), noise)[0])
@@ -161,7 +161,7 @@ def test_no_world():
         as_system(dict)
 
 
-def test_a_world_is_not_what_makes_worlds(toys):
+def test_a_world_in_place_of_a_factory_is_refused(toys):
     with pytest.raises(UsageError, match="by a class or a function, not by a Walk object") as caught:
         as_system(toys.Walk())
     assert caught.value.hint == "pass the class: Walk, not Walk()"
@@ -176,7 +176,7 @@ def test_signals_that_change(toys):
         course(as_system(Odd), tape(9))
 
 
-def test_an_action_that_is_no_array(toys):
+def test_an_action_that_is_not_an_array_is_refused(toys):
     class Sentence(toys.Push):
         def act(self, memory, seen, prediction):
             return "left", memory
@@ -185,7 +185,7 @@ def test_an_action_that_is_no_array(toys):
         course(as_system(toys.Walk, Sentence()), tape(3))
 
 
-def test_what_a_world_is_handed_stays_what_it_was(toys):
+def test_arrays_given_to_a_world_are_read_only(toys):
     class Scribbling(toys.Walk):
         def step(self, action, noise):
             action[:] = 0.0

@@ -53,7 +53,7 @@ def test_levels_rise_until_failure_is_reached():
     assert 0.2 < result.probability / problem.probability < 5
 
 
-def test_the_estimate_rests_on_a_sample_that_no_stage_has_seen():
+def test_the_estimate_uses_a_sample_that_no_stage_has_seen():
     problem = reference_problem("a_beta_-2")
     result = estimate(problem.problem(), check=0.0)
     used = len(result.diagnostics["stages"][0])
@@ -61,7 +61,7 @@ def test_the_estimate_rests_on_a_sample_that_no_stage_has_seen():
     assert result.diagnostics["rows"] == [500]
 
 
-def test_not_reaching_failure_is_said():
+def test_not_reaching_failure_gives_a_warning():
     problem = reference_problem("b_linear_d100_p1e-9")
     result = estimate(problem.problem(), rollouts=200, stages=2)
     assert len(result.diagnostics["stages"][0]) == 2
@@ -73,7 +73,7 @@ def test_not_reaching_failure_is_said():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["e_ou_L5.0", "e_ou_L6.0"])
-def test_many_design_points_are_no_silent_error(name):
+def test_many_design_points_do_not_fail_silently(name):
     """One Gaussian cannot stand for failures that may come at any time: it must not pretend to."""
     problem = reference_problem(name)
     for seed in range(4):

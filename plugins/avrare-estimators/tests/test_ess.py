@@ -51,7 +51,7 @@ def test_lipschitz_with_a_true_bound(id):
 
 
 @pytest.mark.parametrize("second_pass", [True, False])
-def test_a_false_bound_is_noticed(second_pass):
+def test_a_false_bound_is_detected(second_pass):
     options = {"kernel": "lipschitz", "runs": 3, "second_pass": second_pass, **SMALL}
     assert "lipschitz_exceeded" not in estimate("a_beta_-2", lipschitz=1.0, **options).health
     found = re.match(
@@ -75,7 +75,7 @@ def test_a_narrower_bracket_is_unbiased_and_cheaper():
 
 
 @pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])
-def test_heuristics_say_so(kernel):
+def test_heuristic_kernels_give_a_warning(kernel):
     assert kernel in estimate("a_beta_-2", kernel=kernel, runs=2, **SMALL).health["heuristic_kernel"]
     assert "heuristic_kernel" not in estimate("a_beta_-2", runs=2, **SMALL).health
 
@@ -102,7 +102,7 @@ def steep(signals, t):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("score", [odd_systems.backwards, systems.constant, odd_systems.height, steep])
-def test_any_score_will_do(score):
+def test_any_score_is_unbiased(score):
     """Failures belong to every level, also where a score puts them below it."""
     reference = walk(1.0, 20)
     problem = reference.problem(score=score, chunk=50_000)
@@ -152,7 +152,7 @@ def test_single_run_has_an_interval_and_a_warning():
     assert 0.5 * spread < np.median(errors) < 1.5 * spread
 
 
-def test_diagnostics_tell_of_the_chains():
+def test_diagnostics_describe_the_chains():
     found = estimate("a_beta_-2.5", runs=4).diagnostics
     assert [len(levels) for levels in found["levels"]] == [len(shares) for shares in found["shares"]]
     for levels, shares, sizes in zip(found["levels"], found["shares"], found["effective_sizes"], strict=True):
@@ -217,7 +217,7 @@ class ExactHalfSpace(Kernel):
         return done.accept(np.ones(len(level), dtype=bool), rolled_out(self.problem, tape)).stay()
 
 
-def test_a_kernel_in_closed_form_asks_for_no_rollout():
+def test_a_kernel_in_closed_form_needs_no_rollout():
     reference = linear(3.0, 4)
     problem = reference.problem()
     estimator = NestedLevels(EssConfig(chains=100, runs=100))

@@ -70,12 +70,12 @@ def test_valid_kernels_leave_the_law_as_it_is(region, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("region", REGIONS)
-def test_growing_slope_is_caught(region):
+def test_growing_slope_is_detected(region):
     found = drifted(region, *kernels(2)["growing"])
     assert found.mean > 5.0, found
 
 
-def test_bayesian_is_caught_leaving_the_set():
+def test_bayesian_leaves_the_set():
     found = drifted("four_branch", *kernels(2)["bayesian"], many=1000, steps=4)
     assert found.outside > 0.02, found
 
@@ -102,7 +102,7 @@ class FreshAngles(ShrinkKernel):
 
 
 @pytest.mark.slow
-def test_mutants_are_caught():
+def test_mutants_are_detected():
     assert abs(drifted("half_space", NoRatio(), wrong_surface(20)).mean) > 5.0
     assert abs(drifted("two_corners", FreshAngles(), ()).mean) > 3.5
 
@@ -134,7 +134,7 @@ def test_no_chain_depends_on_its_neighbours(region, name):
                 np.testing.assert_array_equal(getattr(alone.work.slopes, field), values)
 
 
-def test_slopes_are_those_between_a_chain_and_its_proposals():
+def test_slopes_are_between_a_chain_and_its_proposals():
     """Of the score u -> 3 x: no two tapes are farther apart than 3 per unit of length, some nearly so."""
     tape = np.random.default_rng(1).normal(size=(500, 1, 1))
     state = replace(rolled_out(linear(1.5, 1).problem(), tape), score=3.0 * tape[:, 0, 0])
@@ -184,7 +184,7 @@ def test_pcn_adapts_run_by_run():
     assert new[0] > 1.0 == new[1] > new[2]
 
 
-def test_free_angle_is_uniform_on_what_the_arcs_leave():
+def test_free_angle_is_uniform_outside_the_arcs():
     rng = np.random.default_rng(3)
     many, circle = 20_000, 2.0 * np.pi
     center, half = rng.uniform(0.0, circle, size=(1, 5)), rng.uniform(0.0, 0.7, size=(1, 5))
@@ -219,7 +219,7 @@ def test_largest_singular_value_bounds_how_fast_the_tape_moves():
     np.testing.assert_allclose(_largest_singular_value(a, b), speed, rtol=1e-4)
 
 
-def test_surrogate_learns_what_there_is_to_learn():
+def test_surrogate_learns_a_linear_score():
     problem = REGIONS["half_space"].problem()
     rng = np.random.default_rng(5)
     points = rolled_out(problem, rng.normal(size=(2 * 300, 1, 20)))

@@ -8,7 +8,7 @@ def _next(values, survivors):
     return float(level[0]), bool(more[0])
 
 
-def test_level_is_the_largest_that_shall_not_survive():
+def test_level_is_the_largest_score_that_does_not_survive():
     assert _next([3, 1, 4, 2, 5], 2) == (3.0, True)
 
 
@@ -16,7 +16,7 @@ def test_ties_with_the_last_survivor_survive_too():
     assert _next([1, 2, 3, 3, 3], 1) == (2.0, True)
 
 
-def test_where_the_lowest_would_survive_all_of_them_are_left_behind():
+def test_a_level_at_the_lowest_score_discards_all_of_its_ties():
     assert _next([1, 1, 1, 1, 2], 2) == (1.0, True)
 
 
@@ -32,7 +32,7 @@ def test_broken_rollouts_are_below_every_level():
     assert not _next([-np.inf, -np.inf], 1)[1]
 
 
-def test_seeds_are_survivors_and_equally_many_in_the_mean():
+def test_seeds_are_survivors_chosen_equally_often_on_average():
     rng = np.random.default_rng(0)
     alive = np.tile([True, False, True, True, False, True, True], (4000, 1))
     chosen = choose_seeds(alive, 3, rng.uniform(size=4000))
@@ -47,7 +47,7 @@ def test_seeds_repeat_evenly_where_survivors_are_few():
     assert np.bincount(chosen[0]).tolist() == [0, 3, 3]
 
 
-def test_effective_size_tells_chains_that_stand_still():
+def test_effective_size_detects_chains_that_stand_still():
     rng = np.random.default_rng(1)
     independent = rng.uniform(size=(50, 10, 200)) < 0.3
     still = np.repeat(rng.uniform(size=(50, 1, 200)) < 0.3, 10, axis=1)

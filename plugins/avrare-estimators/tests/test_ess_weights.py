@@ -52,7 +52,7 @@ def estimate(system, **options):
 
 @pytest.mark.parametrize("spread", [0.9, 1.2])
 @pytest.mark.parametrize("second_pass", [True, False])
-def test_weights_give_the_law_that_is_meant(spread, second_pass):
+def test_weights_give_the_intended_law(spread, second_pass):
     found = estimate(Wide(spread), second_pass=second_pass)
     error = found.relative_error * found.probability
     assert abs(found.probability - TRUTH) < 3.5 * error
@@ -65,12 +65,12 @@ def test_weights_give_the_law_that_is_meant(spread, second_pass):
     assert all(0.0 < share < 0.3 for run in largest for share in run)
 
 
-def test_a_constant_of_the_weights_does_not_count():
+def test_a_constant_factor_of_the_weights_cancels():
     plain, shifted = estimate(Wide(1.2), runs=3), estimate(Wide(1.2, constant=700.0), runs=3)
     assert shifted.run_probabilities == pytest.approx(plain.run_probabilities, rel=1e-9)
 
 
-def test_a_single_run_feels_the_scatter_of_weights():
+def test_the_interval_of_a_single_run_includes_the_scatter_of_weights():
     narrow, wide = (estimate(Wide(spread), runs=1) for spread in (1.2, 2.5))
     assert narrow.relative_error < wide.relative_error
     assert "weight_degenerate" in estimate(Wide(0.5), runs=4).health

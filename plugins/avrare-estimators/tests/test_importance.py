@@ -60,7 +60,7 @@ def test_unbiased_over_two_hundred_seeds(defensive):
 
 
 @pytest.mark.slow
-def test_good_proposals_raise_no_alarm():
+def test_good_proposals_give_no_warning():
     task = LINE.problem()
     results = [estimate(task, exact_shift(), seed) for seed in range(60)]
     assert np.mean([bool(result.health) for result in results]) <= 0.1
@@ -160,7 +160,7 @@ def test_a_missed_mode_is_found_by_the_cross_check():
     assert not [result for result in narrow if result.health]
 
 
-def test_tiny_estimates_are_no_accident():
+def test_tiny_weights_give_a_warning():
     """Weights far below the square root of the smallest number."""
     result = estimate(LINE.problem(), exact_shift(60.0), defensive=0.0, check=0.0)
     assert 0.0 <= result.probability < 1e-150
@@ -168,7 +168,7 @@ def test_tiny_estimates_are_no_accident():
     assert result.interval[0] <= result.probability <= result.interval[1] == 1.0
 
 
-def test_wrong_weights_are_noticed():
+def test_wrong_weights_are_detected():
     class Twice(Shift):
         def log_ratio(self, noise):
             return super().log_ratio(noise) + np.log(2.0)
@@ -242,7 +242,7 @@ def test_perception_same_bits_for_two_workers():
     assert one.to_dict() | {"seconds": 0} == two.to_dict() | {"seconds": 0}
 
 
-def test_a_dissonant_model_is_told_from_a_near_one():
+def test_an_unsuitable_model_gives_a_warning():
     result = estimate(toy.final_only(LIMIT), toy.Pem(toy.scene(), 0.5, 3.0, 3.0), rollouts=300)
     assert result.health
     low, high = result.interval
@@ -252,7 +252,7 @@ def test_a_dissonant_model_is_told_from_a_near_one():
 # Misuse
 
 
-def test_misuse_is_explained():
+def test_misuse_is_a_clear_error():
     task = LINE.problem()
     for wrong in (3, "naive", {}, {"gaussian": {"sigma": 1}}, {"gaussian": {"mean": "x"}}):
         with pytest.raises(avrare.UsageError):

@@ -106,7 +106,7 @@ def test_a_target_without_law_is_refused():
 
 
 @pytest.mark.slow
-def test_without_torch_there_is_a_pip_line(monkeypatch):
+def test_without_torch_there_is_a_pip_command(monkeypatch):
     import importlib.util
 
     find = importlib.util.find_spec

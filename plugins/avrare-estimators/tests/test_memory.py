@@ -105,7 +105,7 @@ def test_chunks_do_not_matter(limited, steps, formula, system):
 
 @pytest.mark.parametrize("steps", [99, 6, 2])
 @pytest.mark.parametrize("system", [odd_systems.Odometer(), systems.Fragile.with_chance(0.01)])
-def test_interrupted_it_comes_to_the_same(limited, tmp_path, steps, system):
+def test_an_interrupted_run_gives_the_same_result(limited, tmp_path, steps, system):
     limited(steps)
     whole, paid = estimate(system=system)
     assert whole.simulated_steps == paid
@@ -120,7 +120,7 @@ def test_interrupted_it_comes_to_the_same(limited, tmp_path, steps, system):
     assert plain(result) == plain(whole)
 
 
-def test_a_stage_that_is_lost_in_the_midst_is_run_again(limited, tmp_path):
+def test_a_stage_lost_in_the_middle_is_run_again(limited, tmp_path):
     """Then some particles have carries, and what comes after is told from the files again."""
     limited(6)
     whole, _ = estimate()

@@ -116,7 +116,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("kind", "problem", "options", "runs"), CASES)
-def test_a_mutant_is_found_out(kind, problem, options, runs):
+def test_a_mutant_is_detected(kind, problem, options, runs):
     tests = suite(kind, **options)
     with pytest.raises(AssertionError, match=r"standard errors|every run counts"):
         tests.test_unbiased(Study(problem, runs))
@@ -125,5 +125,5 @@ def test_a_mutant_is_found_out(kind, problem, options, runs):
 
 
 @pytest.mark.parametrize(("problem", "options"), [(LATTICE, FEW), (WALK, HALF), (MEMORYLESS, MANY)])
-def test_the_original_is_not(problem, options):
+def test_the_original_passes(problem, options):
     suite(Splitting, **options).test_unbiased(Study(problem, 500))

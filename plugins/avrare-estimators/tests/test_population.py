@@ -15,7 +15,7 @@ def carry(x, score):
 
 @pytest.mark.parametrize("first_shared", [True, False])
 @pytest.mark.parametrize("then_shared", [True, False])
-def test_history_holds_what_it_was_given_whichever_leaves_are_one_array(first_shared, then_shared):
+def test_carries_are_stored_correctly_when_leaves_share_an_array(first_shared, then_shared):
     def given(values, shared):
         x = np.asarray(values, dtype=np.float64)
         return carry(x, x if shared else 10.0 * x)

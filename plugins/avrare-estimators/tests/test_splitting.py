@@ -86,7 +86,7 @@ def test_interval_is_t_delta_log():
     assert result.relative_error == pytest.approx(relative)
 
 
-def test_interval_of_a_single_run_rests_on_its_genealogy():
+def test_interval_of_a_single_run_uses_its_genealogy():
     result = estimate(walk(), runs=1)
     relative = math.sqrt(result.diagnostics["genealogical_variance"][0]) / result.probability
     factor = 1.959963984540054 * math.sqrt(math.log1p(relative**2))
@@ -218,7 +218,7 @@ def test_errors_enter_the_upper_bound_even_when_they_are_discarded():
     assert share < result.interval[1] < share + 0.1
 
 
-def test_few_errors_raise_no_alarm():
+def test_few_errors_give_no_warning():
     result = estimate(walk(system=systems.Fragile.with_chance(3e-5)), runs=10, particles=100, discard=10)
     assert 0 < result.errors < 0.01 * result.rollouts
     assert "errors" not in result.health
@@ -279,7 +279,7 @@ def test_progress_shows_levels():
 
 
 @pytest.mark.slow
-def test_equal_runs_are_no_certainty_and_no_alarm():
+def test_equal_runs_give_neither_certainty_nor_a_warning():
     tries = (estimate(walk(steps=100), seed, particles=20, discard=2, runs=2) for seed in range(100, 150))
     result = next(r for r in tries if r.run_probabilities[0] == r.run_probabilities[1])
     low, high = result.interval
@@ -322,7 +322,7 @@ def test_the_published_variant_loses_failures_where_robustness_recovers():
 
 
 @pytest.mark.slow
-def test_ties_are_told():
+def test_ties_give_a_warning():
     result = avrare.estimate(count_down(4, 9, "1/5").problem(), "ams", particles=50, discard=2, runs=10)
     assert "ties" in result.health
     smooth = avrare.estimate(reference_problem("d_rw_L2.5").problem(), "ams", particles=100, discard=10)

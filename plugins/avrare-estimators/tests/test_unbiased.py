@@ -84,7 +84,7 @@ def test_ties_are_discarded_together_and_counted(ties):
     assert ties.diagnostics["stages"] == [len(run) for run in levels]
 
 
-def test_the_weight_of_the_nominal_count_would_be_found_out(ties):
+def test_the_weight_of_the_nominal_count_would_be_detected(ties):
     """The regression that matters most: weights must use the number discarded, not K."""
     values, truth = ties.run_probabilities, FEW_LEVELS.probability
     actual = np.array([np.prod([1 - k / 10 for k in run]) for run in ties.diagnostics["discarded"]])
@@ -93,7 +93,7 @@ def test_the_weight_of_the_nominal_count_would_be_found_out(ties):
     assert deviation(values / actual * nominal, truth) > 20
 
 
-def test_dropping_extinct_runs_would_be_found_out(ties):
+def test_dropping_extinct_runs_would_be_detected(ties):
     values, truth = ties.run_probabilities, FEW_LEVELS.probability
     extinct = values == 0.0
     assert 0.1 < extinct.mean() < 0.9
@@ -124,7 +124,7 @@ def test_interval_of_ten_runs_covers():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at_start", [False, True])
-def test_errors_that_strike_at_random(at_start):
+def test_random_errors(at_start):
     """Truth: the row fails and no step of it breaks down. Breakdowns are rows like others, never redrawn."""
     steps, chance = 20, 0.01
     system = systems.Fragile.with_chance(0.2 if at_start else chance, at_start)

@@ -29,7 +29,7 @@ def test_defensive_rows_bound_the_weights(share):
     assert weights.max() <= 1 / share * (1 + 1e-12)
 
 
-def test_without_defence_weights_are_the_ratio():
+def test_without_defensive_rows_weights_are_the_ratio():
     np.testing.assert_array_equal(mixture_log_weights(LOGS, 0.0), LOGS)
 
 
@@ -106,7 +106,7 @@ def test_fit_finds_what_matters_and_leaves_the_rest():
     assert fit_mixture(tapes, np.full(400, 1 / 400), None, 1, 0.8).std.min() == 0.8
 
 
-def test_a_law_is_held_back_to_what_its_level_needs():
+def test_the_divergence_of_a_learnt_law_is_limited():
     rng = np.random.default_rng(6)
     law = GaussianMixture(np.ones(1), rng.normal(0, 0.3, (1, 40, 12)), rng.uniform(0.8, 1.1, (1, 40, 12)))
     tapes = limit_divergence(law, 3.0).sample(rng, 4000)
@@ -128,7 +128,7 @@ def test_mixture_finds_two_modes():
 
 
 @pytest.mark.parametrize("wrong", [3, "x", {}, {"gaussian": 1}, {"gaussian": {"sigma": 1}}, object()])
-def test_what_is_no_proposal(wrong):
+def test_invalid_proposals_are_refused(wrong):
     from avrare import UsageError
 
     with pytest.raises(UsageError):

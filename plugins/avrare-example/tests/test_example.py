@@ -31,7 +31,7 @@ def test_water_is_neither_made_nor_lost():
     assert (world.level <= 1.05).all()
 
 
-def test_the_sum_counts():
+def test_spillage_is_the_sum_over_time():
     spillage = build_spillage(SpillageConfig(limit=0.5))
     state = spillage.start(2)
     for spilled in ([0.2, 0.0], [0.3, 0.4], [0.1, 0.0]):
@@ -40,7 +40,7 @@ def test_the_sum_counts():
     np.testing.assert_allclose(verdict.robustness, [-0.1, 0.1])
 
 
-def test_mistakes_are_told():
+def test_mistakes_are_reported():
     with pytest.raises(UsageError, match="above the rim"):
         build_tank(TankConfig(start=3.0))
     spillage = build_spillage(SpillageConfig())

@@ -78,7 +78,7 @@ def test_a_file_holds_all_of_a_flow(kind, size, tmp_path):
     assert "fitted to 7 samples" in again.note
 
 
-def test_what_is_no_flow_is_refused(tmp_path):
+def test_an_invalid_flow_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", format=1, kind="other")
     (tmp_path / "text.npz").write_text("no zip")
     rough("affine_coupling", 2)[1].save(tmp_path / "flow.npz")
@@ -180,7 +180,7 @@ def test_one_number_is_not_several(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("text", ["", "a,b\n"])
-def test_a_file_without_rows_is_told_so(text, tmp_path, capsys):
+def test_a_file_without_rows_is_a_clear_error(text, tmp_path, capsys):
     path = tmp_path / "samples.csv"
     path.write_text(text)
     assert main(["flow", "fit", str(path), "--out", str(tmp_path / "f.npz")]) == 4
@@ -188,7 +188,7 @@ def test_a_file_without_rows_is_told_so(text, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("text", [None, "a,b\n1,x\n", ""])
-def test_the_command_refuses_what_is_no_table(text, tmp_path, capsys):
+def test_the_command_refuses_files_that_are_not_tables(text, tmp_path, capsys):
     path = tmp_path / "samples.csv"
     if text is not None:
         path.write_text(text)
@@ -197,7 +197,7 @@ def test_the_command_refuses_what_is_no_table(text, tmp_path, capsys):
     assert not (tmp_path / "f.npz").exists()
 
 
-def test_a_mark_of_byte_order_costs_no_row(tmp_path):
+def test_a_byte_order_mark_loses_no_row(tmp_path):
     path = tmp_path / "samples.csv"
     path.write_text("1,2\n3,4\n", encoding="utf-8-sig")
     assert read_samples(path).tolist() == [[1.0, 2.0], [3.0, 4.0]]
@@ -209,16 +209,16 @@ def test_complex_samples_are_refused(tmp_path):
         read_samples(tmp_path / "samples.npy")
 
 
-def test_a_descent_that_diverges_is_told():
+def test_a_diverging_fit_is_reported():
     with pytest.raises(UsageError, match="not reached a finite density"):
         train.fit(np.random.default_rng(0).normal(size=(100, 2)), steps=3, rate=1e300)
 
 
-def test_a_seed_that_is_none_is_refused():
+def test_an_invalid_seed_is_refused():
     with pytest.raises(UsageError, match="seed"):
         train.fit(np.random.default_rng(0).normal(size=(100, 2)), steps=1, seed=-1)
 
 
-def test_the_command_looks_for_its_folder_first(tmp_path, capsys):
+def test_the_command_checks_its_folder_first(tmp_path, capsys):
     assert main(["flow", "fit", "samples.csv", "--out", str(tmp_path / "nowhere" / "f.npz")]) == 4
     assert "there is no folder" in capsys.readouterr().err

@@ -45,7 +45,7 @@ class Walk:
         return state.x > 1e6
 
 
-def test_a_copula_keeps_the_laws_and_joins_the_ranks():
+def test_a_copula_keeps_the_laws_and_correlates_the_ranks():
     x = JOINT.physical(np.random.default_rng(0).standard_normal((50_000, 3)))
     for column, law in zip(x.T, (stats.expon(), stats.norm(1.0, 2.0), stats.gamma(2.0)), strict=True):
         assert stats.kstest(column, law.cdf).pvalue > 1e-3
@@ -79,7 +79,7 @@ def test_rows_of_a_law_do_not_depend_on_their_neighbours():
 @pytest.mark.parametrize(
     "correlation", [[[1.0, 0.5], [0.4, 1.0]], [[1.0, 2.0], [2.0, 1.0]], [[2.0, 0.0], [0.0, 1.0]], np.eye(3)]
 )
-def test_what_is_no_correlation_is_refused(correlation):
+def test_an_invalid_correlation_is_refused(correlation):
     with pytest.raises(UsageError, match="correlation"):
         Joint([Normal(), Normal()], correlation)
 

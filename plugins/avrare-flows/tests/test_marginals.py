@@ -63,7 +63,7 @@ def test_a_truncated_normal_is_scipys_even_in_a_tail(low, high):
 
 
 @pytest.mark.parametrize("freedom", [0.5, 1.0, 2.5, 3.0, 10.0, 300.0])
-def test_the_far_tails_of_students_law_go_on(freedom):
+def test_the_far_tails_of_students_law_are_exact(freedom):
     law = m.StudentT(freedom)
     z = np.linspace(5.0, {0.5: 18.0, 1.0: 26.0}.get(freedom, 36.0), 500)
     x = m.from_normal(law, z)
@@ -74,7 +74,7 @@ def test_the_far_tails_of_students_law_go_on(freedom):
     np.testing.assert_allclose(cauchy, -1.0 / (np.pi * special.ndtr(-37.0)), rtol=1e-11)
 
 
-def test_nothing_is_left_between_ends_that_hold_nothing():
+def test_a_truncation_without_probability_is_refused():
     with pytest.raises(UsageError, match="Weibull has no probability"):
         Truncated(m.Exponential(), -3.0, -1.0)
     with pytest.raises(UsageError, match="Normal has no probability"):
@@ -95,7 +95,7 @@ def test_a_mixture_needs_a_weight_for_each_law():
             Mixture(weights, (m.Normal(), m.Normal()))
 
 
-def test_the_beam_model_reads_what_thrun_says():
+def test_the_beam_model_is_that_of_thrun():
     law = beam(4.0, 10.0, std=0.1, decay=2.0, hit=0.7, short=0.2, nothing=0.06, anything=0.04)
     z = np.random.default_rng(0).standard_normal(200_000)
     x = m.from_normal(law, z)
@@ -127,7 +127,7 @@ def test_an_atom_has_no_density():
         Point(3.0).log_density(Z)
 
 
-def test_any_distribution_of_scipy_will_do():
+def test_any_distribution_of_scipy_works():
     law, peer = Scipy(stats.skewnorm(4.0)), stats.skewnorm(4.0)
     z = np.array([-3.0, 0.0, 2.0, 6.0])
     x = m.from_normal(law, z)
@@ -147,6 +147,6 @@ def test_a_number_does_not_depend_on_its_neighbours(law):
     "make",
     [lambda: m.Normal(0.0, 0.0), lambda: m.Gamma(-1.0), lambda: m.StudentT(0.0), lambda: m.Uniform(1, 1)],
 )
-def test_parameters_that_make_no_law_are_refused(make):
+def test_invalid_parameters_of_a_law_are_refused(make):
     with pytest.raises(UsageError, match="must"):
         make()

@@ -50,14 +50,14 @@ def test_a_scenario_runs_on_physical_noise(tmp_path):
     assert result.relative_error < 0.15
 
 
-def test_a_correlation_joins_the_numbers(tmp_path):
+def test_a_correlation_correlates_the_numbers(tmp_path):
     loaded = scenario(tmp_path, SUM.format(extra="correlation: [[1, 0.9], [0.9, 1]]"))
     z = np.random.default_rng(0).standard_normal((1000, 2))
     signals = loaded.stack.loop.signals(loaded.stack.loop.initial(z))
     assert np.corrcoef(signals["x"], signals["y"])[0, 1] > 0.8
 
 
-def test_a_flow_of_a_file_leaves_a_warning(tmp_path):
+def test_a_flow_from_a_file_gives_a_warning(tmp_path):
     Flow("affine_coupling", (), np.zeros(2), np.ones(2), samples=500).save(tmp_path / "flow.npz")
     text = SUM.replace("noise: {{law: exponential}}", f"flow: {tmp_path / 'flow.npz'}")
     problem = scenario(tmp_path, text.format(extra="").replace("< 10", "< 3")).problem("low")
@@ -92,14 +92,14 @@ def test_the_wrapped_simulator_gives_dt_and_all_laws_are_known():
         ({"law": "mixture", "weights": [1], "laws": [{"law": "gamma", "shape": 2}]}, stats.gamma(2)),
     ],
 )
-def test_a_law_is_what_its_name_says(written, peer):
+def test_a_law_is_that_of_scipy(written, peer):
     law = law_of(TypeAdapter(LawConfig).validate_python(written))
     z = np.array([-3.0, -0.5, 0.7, 4.0])
     expected = np.where(z <= 0, peer.ppf(stats.norm.cdf(z)), peer.isf(stats.norm.sf(z)))
     np.testing.assert_allclose(m.from_normal(law, z), expected, rtol=1e-8, atol=1e-12)
 
 
-def test_a_beam_is_written_as_it_is_called():
+def test_the_options_of_a_beam_are_its_arguments():
     written = {"law": "beam", "distance": 4, "most": 10, "std": 0.1, "decay": 2, "hit": 0.9, "nothing": 0.1}
     law = law_of(TypeAdapter(LawConfig).validate_python(written))
     assert m.from_normal(law, np.array([3.0]))[0] == 10.0
@@ -115,7 +115,7 @@ def test_a_beam_is_written_as_it_is_called():
         ("initial: {law: normal, low: 60}", "Normal has no probability"),
     ],
 )
-def test_mistakes_are_told_without_a_traceback(extra, text, tmp_path):
+def test_mistakes_are_reported_without_a_traceback(extra, text, tmp_path):
     with pytest.raises(AvrareError, match=text):
         _ = scenario(tmp_path, SUM.format(extra=extra)).stack
 

@@ -81,13 +81,13 @@ def test_with_the_density_known_a_flawed_flow_gives_the_truth():
     assert wrong.health == {"model_error": "stretched"}
 
 
-def test_a_density_up_to_a_constant_will_do():
+def test_a_density_up_to_a_constant_suffices():
     known = estimate(weighted(Total(3), Stretched(THREE), THREE.log_density), runs=3)
     scaled = estimate(weighted(Total(3), Stretched(THREE), lambda x: THREE.log_density(x) + 40.0), runs=3)
     assert scaled.probability == pytest.approx(known.probability, rel=1e-9)
 
 
-def test_the_papers_weights_lead_an_exact_flow_astray_and_say_so():
+def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
     """Lognormal, sigma = 1/2: E[|det|, failure] / E[|det|] moves the normal number by sigma."""
     law, far = Joint([LogNormal(0.0, 0.5)]), 3.0
     problem = avrare.Problem(
@@ -139,7 +139,7 @@ def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
     assert walk.log_weights(alone)[0] == walk.log_weights(state)[2]
 
 
-def test_a_weight_that_is_no_number_is_a_fault():
+def test_a_weight_that_is_not_a_number_is_a_fault():
     system = weighted(
         Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)
     ).with_weights()
@@ -147,7 +147,7 @@ def test_a_weight_that_is_no_number_is_a_fault():
 
 
 @pytest.mark.parametrize("estimator", ["mc", "ams", "is", "ce"])
-def test_estimators_that_know_no_weights_are_refused(estimator):
+def test_estimators_without_weights_are_refused(estimator):
     options = {"proposal": {"gaussian": {"std": 2.0}}} if estimator == "is" else {}
     problem = avrare.Problem(weighted(Total(3), THREE, THREE.log_density), FORMULA, 0)
     with pytest.raises(UsageError, match="noise has weights"):

@@ -137,14 +137,14 @@ def test_without_noise_it_flies_the_nominal_flight():
     np.testing.assert_allclose(flown, nominal().states, atol=1e-12)
 
 
-def test_feedback_brings_it_back():
+def test_feedback_corrects_deviations():
     tape = RNG.standard_normal((50, 67, 2))
     ends = [drive(glider(noise=NOISY, **more), tape)[-1].motion for more in ({}, {"feedback": None})]
     near, far = (np.abs(motion[1]).mean() for motion in ends)
     assert near < 0.2 * far
 
 
-def test_noise_means_what_the_readme_says():
+def test_noise_is_as_the_readme_describes():
     simulator = glider(noise=NOISY, feedback=None)
     tape = np.zeros((3, 2, 2))
     tape[0, 0], tape[1, 1, 0], tape[2, 1, 1] = (1.5, -2.0), 1.0, 9.0
@@ -171,7 +171,7 @@ def test_after_the_end_the_servo_rests():
     assert worlds[-1].motion[0][0] > worlds[66].motion[0][0]
 
 
-def test_rows_do_not_know_their_neighbours():
+def test_rows_do_not_depend_on_their_neighbours():
     simulator, tape = glider(noise=NOISY), RNG.standard_normal((37, 67, 2))
     together = drive(simulator, tape)
     for i in (0, 5, 36):

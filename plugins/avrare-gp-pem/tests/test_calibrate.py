@@ -67,7 +67,7 @@ def test_a_true_student_law_is_found_with_its_scale_and_detection():
     assert found.line[1] == pytest.approx(np.log(0.7 / 0.3), abs=0.1)
 
 
-def test_of_laws_as_likely_the_one_with_the_tails_seen_is_taken():
+def test_among_equally_likely_laws_the_observed_tails_decide():
     from avrare_gp_pem.training.calibration import _degrees, _error_loss, calibrate
 
     # Nine rows of ten have light tails and the tenth very heavy ones: no Student-t law is right.

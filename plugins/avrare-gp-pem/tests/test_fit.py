@@ -68,7 +68,7 @@ def test_the_true_law_is_recovered(drive, model):
 
 
 @pytest.mark.slow
-def test_the_artefact_is_kept_apart(drive):
+def test_the_artefact_is_modelled_separately(drive):
     from avrare_gp_pem.training.cleaning import clean
     from avrare_gp_pem.training.pipeline import fit_model
     from avrare_gp_pem.training.scores import evaluate, yaw_scores
@@ -87,7 +87,7 @@ def test_the_artefact_is_kept_apart(drive):
     assert yaw["yaw_flips"] == pytest.approx(yaw["yaw_flips_own"], abs=0.03)
 
 
-def test_own_tails_are_those_of_draws(drive):
+def test_tails_of_the_law_are_those_of_draws(drive):
     """Shares beyond z and beyond standard deviations, against a sample of the law itself."""
     from avrare_gp_pem.runtime.student_t import student
     from avrare_gp_pem.training.scores import ErrorFit
@@ -171,7 +171,7 @@ def test_convert_then_too_few_rows(tmp_path, capsys):
         ([], "required"),
     ],
 )
-def test_wrong_words_are_no_traceback(words, message, capsys, tmp_path, monkeypatch):
+def test_wrong_arguments_give_no_traceback(words, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("pem", *words) == 4
     error = capsys.readouterr().err
@@ -179,7 +179,7 @@ def test_wrong_words_are_no_traceback(words, message, capsys, tmp_path, monkeypa
     assert "Traceback" not in error
 
 
-def test_the_command_starts_light():
+def test_the_command_imports_nothing_heavy_at_first():
     import subprocess
     import sys
 

@@ -116,7 +116,7 @@ def test_rows_are_the_same_in_any_batch_and_place(model, name):
             assert np.roll(rolled, -shift, axis=0).tobytes() == all_rows.tobytes()
 
 
-def test_no_row_no_prediction():
+def test_no_rows_give_no_predictions():
     assert SparseGp(**small()).predict(np.empty((0, 3)))[0].shape == (0, 2)
 
 
@@ -131,7 +131,7 @@ def test_file_survives_a_round_trip(pointpillars, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["pointpillars", "paper", "best"])
-def test_shipped_file_is_small_and_says_where_it_comes_from(name):
+def test_shipped_file_is_small_and_has_its_provenance(name):
     model = load(locate(name))
     assert (FOLDER / f"{name}.npz").stat().st_size < 1_000_000
     assert "CC BY-NC-SA 4.0" in model.provenance["licence"]

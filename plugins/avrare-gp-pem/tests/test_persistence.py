@@ -39,14 +39,14 @@ def course(model, world, steps, seed=0):
 
 
 @pytest.mark.parametrize("persistence", [{}, {"detection": 0.0, "position": 0.0, "speed": 0.0}])
-def test_off_is_the_model_itself(build, make, persistence):
+def test_without_persistence_it_is_the_model_itself(build, make, persistence):
     model = build(make.scene(2), persistence=persistence)
     assert type(model) is type(build(make.scene(2)))
     assert hasattr(model, "log_prob")
     assert not isinstance(model, PersistentPerceptionErrorModel)
 
 
-def test_on_is_told_by_its_protocol_and_has_no_density(build, make):
+def test_with_persistence_it_has_the_protocol_and_no_density(build, make):
     model = build(make.scene(2), persistence=ALL)
     assert isinstance(model, PersistentPerceptionErrorModel)
     assert not hasattr(model, "log_prob")
@@ -137,7 +137,7 @@ def test_runs_of_misses_grow_and_their_share_does_not(make):
     np.testing.assert_allclose(shares, 0.5, atol=0.02)
 
 
-def test_what_lasts_for_ever_does_not_change(make):
+def test_an_infinite_time_constant_keeps_the_first_numbers(make):
     model = naive(make.scene(1), position=1e30)
     noise, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=5), 3)
     np.testing.assert_allclose(latents[-1][:, 1:3], noise[0][:, 1:3], rtol=1e-12)
@@ -149,7 +149,7 @@ def test_time_constants_are_checked(value):
         Persistence(detection=value)
 
 
-def test_a_scenario_says_it_and_the_report_of_a_mistake_has_its_place():
+def test_a_scenario_sets_persistence_and_mistakes_have_a_place():
     scenario = load(LANE_CHANGE, ["perception.persistence.detection=0.3"])
     assert scenario.perception.config.persistence == Persistence(detection=0.3)
     with pytest.raises(ScenarioError, match=r"perception\.persistence\.detecton") as caught:

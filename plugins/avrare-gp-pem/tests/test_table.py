@@ -159,7 +159,7 @@ def test_broken_pairs_say_where(tmp_path, inputs, labels, message):
     assert message in caught.value.message
 
 
-def test_duplicates_go_and_none_is_on_both_sides(drive):
+def test_duplicates_are_dropped_within_and_across_the_split(drive):
     rows = drive(1000)
     index = np.concatenate([np.arange(900), np.arange(20), [950], np.arange(900, 1000)])
     twice = rows.take(index)
@@ -183,7 +183,7 @@ def test_the_artefact_is_found_where_it_is(drive):
     assert not clean(drive(4000, artefact=True), artefact=False).has_artefact
 
 
-def test_a_good_detector_is_no_reason_to_refuse(drive):
+def test_a_good_detector_is_accepted(drive):
     rows = drive(1500, artefact=True)
     angle = np.abs((np.degrees(rows.yaw) + 45) % 90 - 45)
     sharp = (angle >= 10) & (np.arange(len(rows)) % 100 > 0)  # off the axes hardly anything is missed
@@ -192,7 +192,7 @@ def test_a_good_detector_is_no_reason_to_refuse(drive):
     assert 1 <= (~data.train.detected[data.oblique]).sum() < 25
 
 
-def test_without_rows_off_the_axes_there_is_a_way_out(drive):
+def test_without_rows_off_the_axes_the_error_has_a_hint(drive):
     rows = drive(1500, artefact=True)
     with pytest.raises(UsageError) as caught:
         clean(replace(rows, yaw=0 * rows.yaw), artefact=True)
@@ -201,7 +201,7 @@ def test_without_rows_off_the_axes_there_is_a_way_out(drive):
 
 
 @pytest.mark.parametrize("rate", [0.0, 1.0])
-def test_all_or_none_detected_is_no_data(drive, rate):
+def test_all_or_none_detected_is_refused(drive, rate):
     with pytest.raises(UsageError, match=r"(all|none) of the"):
         clean(drive(2000, rate=rate))
     with pytest.raises(UsageError, match="too few rows"):

@@ -18,7 +18,7 @@ def test_behind_another_of_the_same_size_is_hidden(make):
     np.testing.assert_array_equal(visibility(world, make.scene(2)), [[1.0, 0.0]])
 
 
-def test_behind_the_ego_works_across_the_cut_of_the_angle(make):
+def test_visibility_behind_the_ego_crosses_the_cut_of_the_angle(make):
     world = make.world([[-10.0, 0.0, np.pi], [-30.0, 0.0, 0.0], [-30.0, 20.0, 0.0]])
     np.testing.assert_array_equal(visibility(world, make.scene(3)), [[1.0, 0.0, 1.0]])
 

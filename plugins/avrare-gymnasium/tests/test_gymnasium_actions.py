@@ -19,7 +19,7 @@ def noise(**options):
     return ActionNoiseConfig(**options)
 
 
-def test_two_actions():
+def test_two_actions_from_one_number_or_an_index():
     found = actions(TWO, None)
     np.testing.assert_array_equal(found(np.array([[-0.1], [0.0], [0.1]]), NONE), [0, 0, 1])
     np.testing.assert_array_equal(found(np.array([1, 0, 1]), NONE), [1, 0, 1])
@@ -36,7 +36,7 @@ def test_the_greatest_score_wins():
     np.testing.assert_array_equal(moved(scores, numbers), [3, 3, 3])
 
 
-def test_a_random_action_takes_the_place():
+def test_a_random_action_replaces_the_command():
     found = actions(FOUR, noise(law="random", probability=0.25))
     numbers = np.random.default_rng(0).normal(size=(8000, 2))
     chosen = found(np.full(8000, 2), numbers)
@@ -46,7 +46,7 @@ def test_a_random_action_takes_the_place():
     assert set(always(None, numbers)) == {1, 2, 3, 4}
 
 
-def test_a_box_is_kept():
+def test_commands_are_clipped_to_the_box():
     commands = np.array([[0.5, -1.0], [3.0, -3.0], [0.0, 0.0]])
     found = actions(BOX, None)(commands, NONE)
     assert found.dtype == np.float32
@@ -71,7 +71,7 @@ def test_a_box_is_kept():
         (TWO, {"scale": 1.0}, np.array([1, 0, 1]), "does not apply to integer actions"),
     ],
 )
-def test_what_does_not_fit(space, options, commands, message):
+def test_arguments_that_do_not_fit_are_refused(space, options, commands, message):
     built = actions(space, noise(**options) if options else None)
     with pytest.raises(UsageError, match=message):
         built(commands, np.zeros((3, built.noise_size)))
@@ -117,13 +117,13 @@ def test_shapes_of_a_feedback(options):
 @pytest.mark.parametrize(
     "options", [{"law": "random"}, {"law": "random", "probability": 0.1, "scale": 1.0}, {}]
 )
-def test_noise_on_actions_is_one_of_both(options):
+def test_noise_on_actions_is_added_or_random(options):
     with pytest.raises(ValueError, match="law random requires probability"):
         noise(**options)
 
 
 @pytest.mark.parametrize(("space", "width"), [(TWO, 1), (FOUR, 4), (BOX, 2)])
-def test_a_command_that_is_no_number_is_an_error_of_its_rollout(space, width):
+def test_a_command_that_is_nan_is_an_error_of_its_rollout(space, width):
     commands = np.zeros((3, width))
     commands[1, -1] = np.nan
     act = actions(space, None)

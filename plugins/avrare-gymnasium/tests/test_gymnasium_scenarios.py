@@ -35,7 +35,7 @@ def test_both_estimators_run(name):
     assert max(brute.interval[0], split.interval[0]) < min(brute.interval[1], split.interval[1])
 
 
-def test_a_failure_comes_out_again():
+def test_a_failure_is_reproduced():
     problem = scenario("cartpole", "simulator.noise.action.scale=2")
     result = avrare.estimate(problem, "ams", particles=20, discard=5, runs=1)
     again = problem.robustness(result.failures.noise[:5])
@@ -69,7 +69,7 @@ def test_two_workers_give_the_same_bits(tmp_path, capsys):
         ("controller.gain=[[1, 2]]", 4, "the gain has 2 columns, but the observation has 4 numbers"),
     ],
 )
-def test_mistakes_are_said_in_a_sentence(change, code, message, capsys):
+def test_mistakes_are_one_clear_sentence(change, code, message, capsys):
     assert main(["validate", "--build", str(FOLDER / "cartpole.yaml"), "--set", change]) == code
     error = capsys.readouterr().err
     assert message in error

@@ -19,7 +19,7 @@ def tape():
     return generator
 
 
-def test_it_gives_the_numbers_of_the_tape_in_order(tape):
+def test_the_stream_gives_the_numbers_of_the_tape_in_order(tape):
     assert tape.normal(1.0, 2.0) == 1.0 + 2.0 * 0.3
     np.testing.assert_allclose(tape.uniform(-1.0, 1.0, size=(2,)), 2 * stats.norm.cdf(NORMALS[1:3]) - 1)
     assert tape.integers(10) == int(10 * stats.norm.cdf(0.01))
@@ -33,7 +33,7 @@ def test_bounds_may_be_arrays(tape):
     assert tape.normal([0.0, 10.0], 1.0).tolist() == [2.0, 10.01]
 
 
-def test_what_lies_beyond_is_seeded_by_the_tape():
+def test_draws_beyond_the_tape_are_seeded_by_it():
     found = []
     for first in (0.3, 0.3, 0.4):
         generator = TapeGenerator()
@@ -61,7 +61,7 @@ def test_every_law_is_kept():
         assert stats.kstest(column, stats.uniform(2.0, 3.0).cdf).pvalue > 1e-3
 
 
-def test_copies_go_on_alike_and_apart(tape):
+def test_copies_continue_identically_and_independently(tape):
     tape.random()
     holder = {"one": tape, "other": tape}
     other = copy.deepcopy(holder)
@@ -70,7 +70,7 @@ def test_copies_go_on_alike_and_apart(tape):
     np.testing.assert_array_equal(other["one"].random(20), ahead)
 
 
-def test_bits_tell_numbers_apart():
+def test_the_key_depends_on_every_bit():
     assert bits(NORMALS) == bits(NORMALS.copy()) != bits(NORMALS + 1e-16)
     generator = np.random.Generator(np.random.PCG64(1))
     reseed(generator, bits(NORMALS))
@@ -88,7 +88,7 @@ def test_a_row_decides_what_is_drawn(by):
     assert np.array_equal(first, elsewhere) == (by == "none")
 
 
-def test_steps_reseed_in_place_what_others_hold_too():
+def test_steps_reseed_a_shared_generator_in_place():
     env, stream = gymnasium.make("Pendulum-v1"), Stream("seed")
     stream.reset(env, np.array([0.1]), None)
     held = env.unwrapped.np_random
@@ -105,7 +105,7 @@ def test_steps_reseed_in_place_what_others_hold_too():
     )
 
 
-def test_only_at_the_reset():
+def test_a_stream_at_the_reset_does_not_reseed_steps():
     env, stream = gymnasium.make("Pendulum-v1"), Stream("seed", at_steps=False)
     stream.reset(env, np.array([0.1]), None)
     before = env.unwrapped.np_random.bit_generator.state

@@ -97,7 +97,7 @@ def course(system, noise, state=None, since=0):
     return {name: np.stack([one[name] for one in found], axis=1) for name in found[0]}, state
 
 
-def test_it_is_the_bare_environment():
+def test_the_simulator_equals_the_bare_environment():
     system = loop(Constant(1), env="CartPole-v1", noise={"stream": {"by": "none"}})
     found, _ = course(system, np.zeros((1, STEPS + 1, 0)))
     env = gymnasium.make("CartPole-v1")
@@ -111,7 +111,7 @@ def test_it_is_the_bare_environment():
     assert (reward, found["terminated"][0, t + 1]) == (1.0, 1.0)
 
 
-def test_it_stands_still_once_it_has_ended():
+def test_an_ended_environment_stands_still():
     system = loop(Constant(1), env="CartPole-v1")
     found, _ = course(system, tape(system, 5, 30))
     for row in range(5):
@@ -139,7 +139,7 @@ def test_a_row_does_not_depend_on_its_neighbours():
 
 @pytest.mark.parametrize("copy", ["replay", "deepcopy"])
 @pytest.mark.parametrize("stream", [{"by": "seed"}, {"by": "tape", "numbers": 4}])
-def test_run_on_restore_run_again(copy, stream):
+def test_a_restored_environment_continues_identically(copy, stream):
     system = loop(
         Feedback([[0.0, 12.0, 3.0]]), env="Pendulum-v1", copy=copy,
         noise={"stream": stream, "observation": {"scale": 0.01}, "action": {"scale": 0.5}},
@@ -200,7 +200,7 @@ def test_noise_on_the_start():
 
 
 @pytest.mark.parametrize("kind", ["raising", "missing", "hanging"])
-def test_what_breaks_down_is_counted(kind):
+def test_rollouts_that_break_down_are_counted(kind):
     def estimate(system):
         problem = avrare.Problem(system, avrare.stl("always (x > -2)"), STEPS, chunk=10)
         return avrare.estimate(problem, "mc", rollouts=60, seed=2)
@@ -214,14 +214,14 @@ def test_what_breaks_down_is_counted(kind):
     assert message in result.health["errors"]
 
 
-def test_one_that_is_not_deterministic():
+def test_an_environment_that_is_not_deterministic():
     problem = avrare.Problem(odd("careless"), avrare.stl("always (x < 3)"), 6, chunk=10)
     assert "differs" in capabilities(problem.system).reason
     with pytest.raises(avrare.UsageError, match="ams must continue rollouts from others"):
         avrare.estimate(problem, "ams", particles=20, discard=4, runs=1)
 
 
-def test_one_that_is_its_own_master():
+def test_a_free_stream_has_no_capabilities():
     can = capabilities(odd(noise={"stream": {"by": "free"}}))
     assert (can.branches, can.noise) == (False, False)
     assert "by: free" in can.reason
@@ -241,7 +241,7 @@ def test_one_that_is_its_own_master():
         ),
     ],
 )
-def test_what_cannot_be_built(options, message):
+def test_environments_that_cannot_be_built(options, message):
     with pytest.raises(UsageError, match=message):
         build(GymnasiumConfig(**options))
 
@@ -250,7 +250,7 @@ def test_what_cannot_be_built(options, message):
     ("kind", "message"),
     [("stillborn", "start raised OSError: no display"), ("longer", "observation has 1 number.s., .* 2")],
 )
-def test_a_start_that_cannot_be_is_told_before_anything_runs(kind, message, tmp_path):
+def test_a_failing_reset_is_reported_before_anything_runs(kind, message, tmp_path):
     path = tmp_path / "odd.yaml"
     path.write_text(
         f"name: odd\nsteps: 2\nsimulator: {{plugin: gymnasium, env: Odd-v0, options: {{kind: {kind}}}, "
@@ -283,7 +283,7 @@ def test_a_missing_package(monkeypatch):
         ({"env": "CartPole-v1", "noise": {"observation": {"scale": [0.1, -1.0]}}}, "or equal to 0"),
     ],
 )
-def test_what_a_scenario_may_not_say(options, message):
+def test_invalid_options_of_a_scenario(options, message):
     with pytest.raises(ValueError, match=message):
         GymnasiumConfig(**options)
 

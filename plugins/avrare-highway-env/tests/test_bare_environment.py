@@ -31,7 +31,7 @@ def vehicles(environment):
 
 @pytest.mark.parametrize("seed", [3, 11])
 @pytest.mark.parametrize("scene", SCENES)
-def test_the_same_drive_bit_for_bit(scene, seed):
+def test_the_same_rollout_as_highway_env_bit_for_bit(scene, seed):
     sim = simulator(scene=scene, start_seed=seed, lidar={"cells": 8}, **SCENES[scene])
     environment = bare(sim, seed)
     assert sim.noise_size == 0
@@ -54,7 +54,7 @@ def test_the_same_drive_bit_for_bit(scene, seed):
     assert t > 15
 
 
-def test_the_class_of_the_other_scenes_is_left_alone():
+def test_the_class_of_the_other_scenes_is_unchanged():
     """The intersection writes the model's parameters onto its drivers' class."""
     from avrare_highway_env.drivers import IntersectionDriver, MoodyDriver
 

@@ -35,7 +35,7 @@ def same(a, b):
     return all(np.array_equal(p, q) for p, q in zip(numbers(a.world), numbers(b.world), strict=True))
 
 
-def test_run_on_go_back_and_run_again(loop):
+def test_a_restored_state_continues_identically(loop):
     noise = tape(loop, 2, 40)
     states = drive(loop, noise)
     again = drive(loop, noise, states[15], 15)
@@ -98,7 +98,7 @@ def test_the_roundabout_is_over_only_on_a_road_that_leaves():
         assert sim.environment.has_arrived(sim.environment.vehicle)
 
 
-def test_the_light_ego_foresees_what_highway_env_does():
+def test_the_light_ego_predicts_the_trajectory_of_highway_env():
     sim = simulator(scene="intersection", start_seed=2)
     sim.step(sim.reset(np.zeros((1, 6))), np.array([[0.4, 0.2]]), np.zeros((1, 6)))
     ego = sim.environment.vehicle

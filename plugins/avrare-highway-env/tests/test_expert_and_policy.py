@@ -42,7 +42,7 @@ def test_the_expert_overtakes_where_there_is_room():
     assert expert([slow, (60, 0, 20)])[1] > 0.0
 
 
-def test_the_shipped_policy_is_small_and_says_where_it_comes_from():
+def test_the_shipped_policy_is_small_and_has_its_provenance():
     path = locate("merge_lidar")
     assert path.stat().st_size < 500_000
     network = load(path)

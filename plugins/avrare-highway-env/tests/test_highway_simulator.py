@@ -26,7 +26,7 @@ def test_a_row_does_not_depend_on_its_neighbours(sim):
         assert same(take(whole, np.array(rows)), alone)
 
 
-def test_run_on_go_back_and_run_again(sim):
+def test_a_restored_state_continues_identically(sim):
     noise = tape(sim, 3, 40)
     worlds = run(sim, noise)
     before = [leaf.copy() for leaf in numbers(worlds[15])]
@@ -35,7 +35,7 @@ def test_run_on_go_back_and_run_again(sim):
     assert all(same(a, b) for a, b in zip(worlds[15:], again, strict=True))
 
 
-def test_a_world_goes_on_in_another_process(sim):
+def test_a_world_continues_in_another_process(sim):
     """A simulator that never saw the run, and a world that has been through a pickle."""
     noise = tape(sim, 2, 30)
     worlds = run(sim, noise)
@@ -53,7 +53,7 @@ def test_copies_diverge_only_by_their_noise(sim):
     assert same(take(late, slice(0, 1)), worlds[-1])
 
 
-def test_other_noise_is_another_run(sim):
+def test_other_noise_gives_another_rollout(sim):
     one, other = (run(sim, tape(sim, 1, 20, seed))[-1] for seed in (1, 2))
     assert not same(one, other)
 
@@ -92,7 +92,7 @@ def test_a_crash():
     assert signals[-1]["x"] == signals[first]["x"]
 
 
-def test_left_is_left():
+def test_positive_steering_is_to_the_left():
     sim = simulator(scene="merge", start_seed=1)
     left = run(sim, tape(sim, 1, 3), lambda t, n: np.array([[0.0, 0.05]]))[-1]
     assert left.ego.y[0] > -4.0
@@ -116,7 +116,7 @@ def test_signals(sim):
     assert absent.any() == (sim.config.scene == "intersection")
 
 
-def test_acceleration_is_what_the_speed_has_changed_by(sim):
+def test_acceleration_is_the_change_of_speed(sim):
     one, other = run(sim, tape(sim, 3, 6))[-2:]
     moving = ~other.over
     np.testing.assert_allclose(
@@ -128,13 +128,13 @@ def test_acceleration_is_what_the_speed_has_changed_by(sim):
 
 
 @pytest.mark.parametrize("action", [None, np.zeros((2, 3)), np.zeros(2), "left"])
-def test_actions_that_are_none(action):
+def test_invalid_actions_are_refused(action):
     sim = simulator(scene="merge", start_seed=1)
     with pytest.raises(UsageError, match="controller"):
         sim.step(sim.reset(np.zeros((2, 0))), action, np.zeros((2, 0)))
 
 
-def test_an_action_that_is_no_number_is_an_error_of_its_rollout():
+def test_an_action_that_is_nan_is_an_error_of_its_rollout():
     sim = simulator(scene="merge", start_seed=1)
     for action in (np.full((1, 2), np.nan), Action(np.array([np.nan]), np.zeros(1))):
         with pytest.raises(ValueError, match="action is NaN"):

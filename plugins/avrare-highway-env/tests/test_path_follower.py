@@ -56,7 +56,7 @@ def test_places_on_a_path():
         ([[0, 0], [1, float("nan")]], "finite"),
     ],
 )  # fmt: skip
-def test_what_is_no_path(waypoints, message):
+def test_invalid_paths_are_refused(waypoints, message):
     with pytest.raises(ValidationError, match=message):
         PathFollowerConfig(waypoints=waypoints)
 
@@ -86,7 +86,7 @@ def test_the_gap_is_that_of_the_model():
     assert wanted(here, [leader], cruise_speed=10.0)[0] == pytest.approx(acceleration / 5.0)
 
 
-def test_who_crosses_is_on_the_path_where_it_reaches_into_the_corridor():
+def test_a_crossing_vehicle_counts_where_it_reaches_into_the_corridor():
     here = (2.0, 0.0, np.pi / 2, 8.0)
     inside, outside = (2.0 + 1.5 + 2.4, 12.0, np.pi, 6.0), (2.0 + 1.5 + 2.6, 12.0, np.pi, 6.0)
     assert wanted(here, [inside])[0] < -0.5

@@ -88,7 +88,7 @@ def test_the_noise_of_the_rays():
     assert (true[rays] < 1.0).any()
 
 
-def test_the_noise_changes_what_is_seen_and_not_what_is():
+def test_the_noise_changes_observations_and_not_the_world():
     sim = simulator(scene="merge", start_seed=1, lidar={"noise_variance": 0.004})
     one, other = (run(sim, tape(sim, 1, 10, seed), idle)[-1] for seed in (1, 2))
     assert np.array_equal(one.others.x, other.others.x)
@@ -108,6 +108,6 @@ def test_the_noise_changes_what_is_seen_and_not_what_is():
         {"traffic": {"speed": 1.0}},
     ],
 )
-def test_options_that_make_no_sense(options):
+def test_invalid_options_are_refused(options):
     with pytest.raises(ValidationError):
         HighwayEnvConfig.model_validate(options)

@@ -21,7 +21,7 @@ def test_every_draw_uses_the_next_number():
     assert tape.used == 6
 
 
-def test_the_laws():
+def test_draws_have_the_laws_of_their_names():
     tape = TapeRandom(numbers(20_000))
     uniform = np.array([tape.uniform(2.0, 4.0) for _ in range(10_000)])
     assert uniform.mean() == pytest.approx(3.0, abs=0.02)
@@ -30,7 +30,7 @@ def test_the_laws():
     assert np.abs(counts - 2500).max() < 200
 
 
-def test_choices():
+def test_choices_with_and_without_replacement():
     tape = TapeRandom(numbers(4000))
     names = [tape.choice(["a", "b", "c"]) for _ in range(900)]
     assert all(200 < names.count(name) < 400 for name in "abc")
@@ -42,7 +42,7 @@ def test_choices():
     assert any(a == b for a, b in doubles)
 
 
-def test_beyond_its_end_the_tape_still_decides():
+def test_beyond_its_end_the_tape_seeds_the_draws():
     def draws(tape):
         return [tape.normal() for _ in range(10)]
 

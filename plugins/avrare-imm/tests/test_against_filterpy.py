@@ -71,7 +71,7 @@ def test_equals_filterpy(models, prior):
                     np.testing.assert_allclose(ours.covariance[i, j, k], one.P, rtol=0, atol=1e-9)
 
 
-def test_far_outlier_keeps_the_evidence_that_a_floored_likelihood_loses():
+def test_a_far_outlier_does_not_underflow_the_likelihood():
     prior = np.array([1, 9, 1] * 3) / 33
     state = np.array([1.75, 0.0])
     ours = track(LATERAL, state[None, None], prior)

@@ -175,7 +175,7 @@ def test_process_noise_is_one_random_acceleration_a_step():
     np.testing.assert_allclose(LATERAL.noise[4], 0.1 * np.outer(g[:2], g[:2]))
 
 
-def test_lateral_models_rest_in_their_lane():
+def test_lateral_models_converge_to_their_lane():
     for k, lane in enumerate((-1.75, 1.75, 5.25) * 3):
         rest = np.array([lane, 0.0])
         np.testing.assert_allclose(LATERAL.dynamics[k] @ rest + LATERAL.offset[k], rest, atol=1e-12)

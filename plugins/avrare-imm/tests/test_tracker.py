@@ -188,7 +188,7 @@ def test_wrong_options(options):
         ImmConfig(**options)
 
 
-def test_component_resolves_and_is_light():
+def test_component_resolves_and_imports_nothing_heavy():
     (component,) = avrare_components()
     assert (component.kind, component.name) == ("tracker", "imm")
     assert component.load_config() is ImmConfig

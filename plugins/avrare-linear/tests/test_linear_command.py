@@ -50,7 +50,7 @@ def loop(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_four_squares_come_to_the_origin(tmp_path, capsys):
+def test_the_four_squares_descend_to_the_origin(tmp_path, capsys):
     out = tmp_path / "better.yaml"
     arguments = ["synthesize", str(SQUARES), "--parameter", "mean", "--rate", "0.1", "--out", str(out)]
     assert main([*arguments, *QUICK]) == 0
@@ -119,7 +119,7 @@ def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
 @pytest.mark.parametrize(
     "options", [["--steps", "1"], ["--target", "0.5"], ["--rate", "1e9", "--steps", "2"]]
 )
-def test_a_scenario_that_has_not_changed_is_not_said_to_be(options, tmp_path, capsys):
+def test_an_unchanged_scenario_is_reported_as_unchanged(options, tmp_path, capsys):
     out = tmp_path / "same.yaml"
     arguments = ["synthesize", str(SQUARES), "--parameter", "mean", "--out", str(out)]
     assert main([*arguments, *QUICK, *options]) == 0
@@ -147,7 +147,7 @@ def test_a_scenario_that_has_not_changed_is_not_said_to_be(options, tmp_path, ca
         (["--parameter", "mean", "--moves", "-1"], "negative number of moves"),
     ],
 )
-def test_mistakes_are_told(arguments, text, capsys):
+def test_mistakes_are_reported(arguments, text, capsys):
     assert main(["synthesize", str(SQUARES), *QUICK, *arguments]) == 4
     told = capsys.readouterr()
     assert text in told.err

@@ -63,7 +63,7 @@ def config(**changes):
         ({"colour": "red"}, "Extra inputs"),
     ],
 )
-def test_refused(changes, message):
+def test_wrong_options_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         config(**changes)
 
@@ -98,7 +98,7 @@ def test_a_matrix_that_is_no_covariance_is_refused_when_it_is_built():
         from_config(config(process_noise=[[1.0, 2.0], [2.0, 1.0]]))
 
 
-def test_an_input_that_reaches_nothing_has_no_optimal_gain():
+def test_an_input_without_effect_has_no_optimal_gain():
     costs = {"state_cost": [1, 1], "input_cost": [1]}
     with pytest.raises(avrare.UsageError, match="feedback: there is no optimal gain"):
         from_config(config(A=[[2, 0], [0, 2]], B=[[0], [0]], feedback=costs))

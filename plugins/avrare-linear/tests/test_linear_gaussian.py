@@ -88,7 +88,7 @@ def test_a_row_does_not_depend_on_its_neighbours():
         assert apply_map(matrix, tape[row : row + 1])[0].tolist() == together[row].tolist()
 
 
-def test_what_is_not_affine_is_refused_by_name():
+def test_terms_that_are_not_affine_are_refused_by_name():
     with pytest.raises(avrare.UsageError, match="'energy' is not affine"):
         TrajectoryGaussian.of(Squared(), 5)
     with pytest.raises(avrare.UsageError, match="'total' is not affine"):
@@ -108,7 +108,7 @@ class Offset(Walk):
         return {"x": 5e9 + state["x"]}
 
 
-def test_a_large_mean_hides_no_bend():
+def test_a_large_mean_does_not_hide_nonlinearity():
     with pytest.raises(avrare.UsageError, match="'x' is not affine"):
         TrajectoryGaussian.of(Bent(), 3)
     assert TrajectoryGaussian.of(Offset(), 50).steps == 50

@@ -78,7 +78,7 @@ def step(kernel, problem, state, level, stage, seed=6):
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_the_target_stays(name):
+def test_the_kernel_leaves_the_target_invariant(name):
     problem, level = PROBLEMS[name]
     kernel = ExactKernel.of(problem, moves=2)
     before = start(problem, level, 100_000 if problem.steps == 0 else 12_000)
@@ -96,7 +96,7 @@ def test_the_target_stays(name):
         assert abs(change.mean()) < 3.5 * change.std() / np.sqrt(len(change))
 
 
-def test_chains_forget_their_start_where_regions_are_apart():
+def test_chains_mix_between_separate_regions():
     problem, level = conjunction(-2.0).problem(), -1.0
     state = start(problem, level, 20_000)
     side = np.sign(state.tape[:, 0, 0])
@@ -107,7 +107,7 @@ def test_chains_forget_their_start_where_regions_are_apart():
 
 
 @pytest.mark.parametrize("name", ["a, level", "g, whole trace", "margin"])
-def test_segments_are_the_set_that_the_engine_sees(name):
+def test_segments_agree_with_the_engine(name):
     problem, level = PROBLEMS[name]
     kernel = ExactKernel.of(problem)
     chains = np.arange(8)[:, None]
@@ -180,7 +180,7 @@ def test_workers_change_nothing():
     assert one.run_probabilities.tolist() == two.run_probabilities.tolist()
 
 
-def test_what_is_not_affine_is_refused_before_anything_runs():
+def test_terms_that_are_not_affine_are_refused_before_anything_runs():
     with pytest.raises(avrare.UsageError, match=r"pow\(u0 - u1, 2\)"):
         avrare.estimate(four_branch(7.0).problem(), "ess_linear")
     with pytest.raises(avrare.UsageError, match="kernel"):

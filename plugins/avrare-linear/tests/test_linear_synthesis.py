@@ -146,7 +146,7 @@ def test_the_four_squares_drive_the_mean_to_the_origin():
     assert four_squares((1.0, 1.0)) > 50 * four_squares((0.0, 0.0))
 
 
-def test_failing_tapes_fail_and_are_a_sample():
+def test_failing_tapes_fail_and_have_the_right_law():
     problem = avrare.Problem(plane([0.0, 0.0]), avrare.stl("x < 2.5"), 0)
     failing = sample_failures(problem, Effort(chains=50, runs=4, moves=30), seed=3)
     tapes, weight = failing.tape, failing.weight
@@ -159,7 +159,7 @@ def test_failing_tapes_fail_and_are_a_sample():
     assert weight @ tapes[:, 0, 1] ** 2 == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_parameter_that_moves_what_has_no_noise_is_refused():
+def test_a_parameter_that_moves_a_direction_without_noise_is_refused():
     system = replace(observed(), spread=np.zeros((1, 2, 2)))
     with pytest.raises(avrare.UsageError, match="direction without noise"):
         estimate_parameter_gradient(
@@ -175,7 +175,7 @@ def test_unknown_parameters_are_refused():
         estimate_parameter_gradient(plane([0.0, 0.0]), avrare.stl("x < 2"), 0, "observer", Effort())
 
 
-def test_descent_stops_where_it_is_told_to():
+def test_descent_stops_at_its_target():
     def bowl(value, iteration):
         return DescentStep(value, float(value[0] ** 2), 2.0 * value)
 

@@ -122,7 +122,7 @@ def test_the_regulator_is_the_cheapest_gain():
         assert cost(best) < cost(best + 0.05 * RNG.standard_normal(best.shape))
 
 
-def test_over_many_steps_the_gains_come_to_the_stationary_ones():
+def test_over_many_steps_the_gains_converge_to_the_stationary_ones():
     Q, R = np.eye(4), np.eye(2)
     many = np.stack([A] * 300)
     stationary = regulator(A[None], B[None], Q, R)
@@ -149,6 +149,6 @@ def test_the_first_kalman_gain_is_that_of_the_start():
         ({"measurement_noise": np.zeros((2, 2)), "process_noise": None, "C": 0 * C}, "no optimal gain"),
     ],
 )
-def test_refused(changes, message):
+def test_wrong_options_are_refused(changes, message):
     with pytest.raises(avrare.UsageError, match=message):
         system(**changes)

@@ -133,14 +133,14 @@ def test_the_expert_is_what_its_authors_compute(tmp_path, weights):
     assert network.provenance["license"] == "Apache-2.0"
 
 
-def test_the_expert_knows_one_row_at_a_time(tmp_path):
+def test_rows_of_the_expert_are_independent(tmp_path):
     np.savez(tmp_path / "w.npz", **made_up(275, 256))
     network, seen = expert.read(tmp_path / "w.npz"), np.random.default_rng(2).uniform(size=(9, 275))
     together = network(seen)
     assert all(np.array_equal(together[row], network(seen[row : row + 1])[0]) for row in range(9))
 
 
-def test_weights_that_are_none(tmp_path, weights):
+def test_invalid_weights_are_refused(tmp_path, weights):
     np.savez(tmp_path / "pickled.npz", **{name: np.array([{}], dtype=object) for name in weights})
     weights.pop("default_policy/fc_2/bias")
     np.savez(tmp_path / "short.npz", **weights)

@@ -22,7 +22,7 @@ def counter(helpers):
     return RootProcess("metadrive_counter")
 
 
-def test_a_copy_goes_on_from_where_the_first_stood(counter):
+def test_a_copy_continues_from_the_state_of_the_original(counter):
     assert counter.call("add", 3) == 3
     copy = counter.fork()
     assert counter.call("add", 10) == 13
@@ -32,7 +32,7 @@ def test_a_copy_goes_on_from_where_the_first_stood(counter):
     assert len({one.call("own") for one in (counter, copy, twin)}) == 3
 
 
-def test_what_is_raised_over_there_is_raised_here(counter):
+def test_an_exception_in_the_process_is_raised_in_the_caller(counter):
     with pytest.raises(RuntimeError, match="TypeError"):
         counter.call("add", "three")
     assert counter.call("add", 1) == 1
@@ -48,7 +48,7 @@ def test_a_process_that_dies_is_an_error(counter):
     assert counter.call("add", 1) == 1
 
 
-def test_an_answer_that_nobody_waited_for_is_not_taken_for_another(counter, monkeypatch):
+def test_an_interrupted_call_closes_the_connection(counter, monkeypatch):
     def interrupted():
         raise KeyboardInterrupt
 
@@ -110,7 +110,7 @@ def _run(worlds, tape, state=None, start=0, throttle=None):
 
 
 @pytest.mark.parametrize("copy", ["hook", "replay"])
-def test_rows_and_branches_know_only_themselves(make, copy):
+def test_rows_and_branches_are_independent(make, copy):
     worlds, tape = Worlds(make, copy=copy), _tape(4)
     states = _run(worlds, tape)
     alone = _run(Worlds(make, copy=copy), tape[2:3])
@@ -146,7 +146,7 @@ def test_a_world_that_is_over_stands_still(make):
     assert np.array_equal(one.numbers(), before)
 
 
-def test_what_goes_wrong_in_a_world(make):
+def test_errors_in_a_world(make):
     one, tape = make(), _tape(1)[0]
     one.reset(tape[0])
     with pytest.raises(RuntimeError, match="the steering wheel comes off"):
@@ -158,7 +158,7 @@ def test_what_goes_wrong_in_a_world(make):
         make().snapshot()
 
 
-def test_a_start_that_has_died_is_made_again(make):
+def test_a_dead_start_process_is_started_again(make):
     one, tape = make(), _tape(1)[0]
     one.reset(tape[0])
     before = one.numbers().copy()
@@ -170,7 +170,7 @@ def test_a_start_that_has_died_is_made_again(make):
     assert not next(iter(world._roots.values()))[0].closed
 
 
-def test_a_picture_is_not_noticed(make):
+def test_a_picture_does_not_change_the_world(make):
     one, tape = make(), _tape(1)[0]
     one.reset(tape[0])
     one.step(np.array([0.0, 0.0]), tape[1])

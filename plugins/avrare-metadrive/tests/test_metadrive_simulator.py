@@ -59,7 +59,7 @@ def test_the_same_noise_gives_the_same_run_in_two_processes_and_after_a_reset(dr
 
 
 @pytest.mark.parametrize("copy", ["fork", "replay"])
-def test_rows_know_only_themselves_and_branch(driver, copy):
+def test_rows_are_independent_and_branch(driver, copy):
     simulator = build(MetaDriveConfig(start_seed=4, noise=NOISE, copy=copy))
     noise = np.stack([tape(30, seed) for seed in range(3)])
 
@@ -118,7 +118,7 @@ def test_signals_and_a_picture(driver):
     assert picture.std() > 1.0
 
 
-def test_full_throttle_ends_badly_and_stands_still(driver):
+def test_full_throttle_ends_off_the_road_or_in_a_crash_and_stands_still(driver):
     world = MetaDriveWorld(MetaDriveConfig(start_seed=4))
     world.reset(np.zeros(0))
     for _ in range(60):

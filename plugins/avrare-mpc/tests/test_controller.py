@@ -18,7 +18,7 @@ def noise_of(n, samples, seed=5):
     return np.array([0.3, 0.15, 0.3]) * np.random.default_rng(seed).standard_normal((n, samples - 1, 3, 3))
 
 
-def test_the_quiet_drive_changes_lane_between_the_others(lane_change, quiet):
+def test_the_noise_free_rollout_changes_lane_between_the_others(lane_change, quiet):
     controller, drive = quiet
     states = drive.states[0]
     assert states[-1, 1] > 5.0
@@ -49,7 +49,7 @@ def test_rows_do_not_depend_on_their_neighbours(lane_change):
         assert np.array_equal(together.memory.plan_states[row], alone.memory.plan_states[0])
 
 
-def test_a_copied_particle_drives_on_alike(lane_change):
+def test_a_copied_particle_continues_identically(lane_change):
     controller = build(MpcConfig(), lane_change.scene)
     memory, ego, prediction = lane_change.drive(controller, noise_of(3, 6), samples=6).inputs[-1]
     index = np.array([2, 0, 2])
@@ -59,7 +59,7 @@ def test_a_copied_particle_drives_on_alike(lane_change):
     assert np.array_equal(copied_later.plan_inputs, later.plan_inputs[index])
 
 
-def test_noisy_drives_are_finite_and_inside_the_bounds(lane_change):
+def test_noisy_rollouts_are_finite_and_inside_the_bounds(lane_change):
     controller = build(MpcConfig(), lane_change.scene)
     drive = lane_change.drive(controller, noise_of(3, 25), samples=25)
     assert np.isfinite(drive.states).all()
@@ -150,7 +150,7 @@ def test_an_empty_road_is_driven_straight(lane_change, quiet):
     assert action.yaw_rate[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_start_drives_reach_their_lanes():
+def test_initial_guesses_reach_their_lanes():
     states, inputs = initial_guesses(np.array([[17.0, 1.75, 21.6, 0.0]]), (1.75, 5.25), 20, 0.1)
     assert states.shape == (1, 4, 21, 4)
     np.testing.assert_allclose(states[0, :, -1, 1], [1.75, 1.75, 5.25, 5.25])
@@ -168,7 +168,7 @@ def test_predictions_must_be_there_and_long_enough(quiet):
         controller.act(memory, ego, Prediction(x=prediction.x[..., :20], y=prediction.y[..., :20]))
 
 
-def test_a_lane_counts_once():
+def test_a_lane_may_be_named_only_once():
     with pytest.raises(ValueError, match="a lane is named twice"):
         MpcConfig(lanes=(1, 2, 1))
 

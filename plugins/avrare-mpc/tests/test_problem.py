@@ -89,7 +89,7 @@ def test_lateral_bounds_are_those_of_the_reference(lane_change):
     assert lateral_bounds(MpcConfig(), lane_change.scene) == pytest.approx((1.237, 5.763))
 
 
-def test_plans_survive_the_way_through_the_variables():
+def test_plans_survive_the_conversion_to_variables():
     rng = np.random.default_rng(0)
     states, inputs = rng.standard_normal((5, 21, 4)), rng.standard_normal((5, 20, 2))
     back = from_variables(to_variables(states, inputs))
@@ -127,7 +127,7 @@ def test_fatrop_finds_the_minimum_of_tight_ipopt(lane_change, quiet):
 
 
 @pytest.mark.parametrize("name", ["fatrop", "ipopt"])
-def test_a_solver_remembers_nothing(lane_change, quiet, name):
+def test_a_solver_has_no_memory(lane_change, quiet, name):
     solver = NlpSolver(build_problem(MpcConfig(), lane_change.scene), name)
     cases = list(programmes(lane_change, quiet[1]))[::4]
     forwards = [solver.solve(*case) for case in cases]

@@ -85,7 +85,7 @@ def test_rows_do_not_depend_on_their_neighbours(fast, situations):
 
 
 @needs_numba
-def test_the_quiet_drive_changes_lane_like_that_of_casadi(lane_change, fast, quiet):
+def test_the_noise_free_rollout_changes_lane_like_that_of_casadi(lane_change, fast, quiet):
     controller, drive = quiet
     ours = lane_change.drive(fast, np.zeros((1, 39, 3, 3)))
     np.testing.assert_allclose(ours.states[:, :6], drive.states[:, :6], atol=1e-5)
@@ -99,7 +99,7 @@ def blind(prediction):
 
 
 @needs_numba
-def test_failures_are_counted_and_driven_out(fast, quiet):
+def test_failures_are_counted_and_the_old_plan_is_followed(fast, quiet):
     memory, ego, prediction = quiet[1].inputs[10]
     plan = memory.plan_inputs[0]
     for step in range(1, fast.horizon):
@@ -115,7 +115,7 @@ def test_failures_are_counted_and_driven_out(fast, quiet):
 @pytest.mark.slow
 @needs_numba
 @pytest.mark.parametrize("speed", [300.0, 1e8, 1e200, np.nan, np.inf])
-def test_absurd_rows_fail_alone(fast, quiet, speed):
+def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
     memory, ego, prediction = (concatenate([part, part]) for part in quiet[1].inputs[7])
     absurd = dataclasses.replace(ego, speed=np.array([ego.speed[0], speed]))
     action, later = fast.act(memory, absurd, prediction)
@@ -140,7 +140,7 @@ def test_absurd_rows_fail_alone(fast, quiet, speed):
         {"acceleration_max": 2.0, "turn_rate_max": 0.1, "braking_weight": 0.0, "y_margin": 0.0},
     ],
 )
-def test_every_option_means_the_same(lane_change, options):
+def test_every_option_has_the_same_meaning(lane_change, options):
     """First plans, where both backends keep the cheapest of several searches."""
     slow, quick = (
         build(MpcConfig.model_validate({**options, **more}), lane_change.scene) for more in ({}, RICCATI)
@@ -203,7 +203,7 @@ def test_an_empty_road_and_an_empty_batch(lane_change, fast, quiet):
     assert action.acceleration.shape == (0,)
 
 
-def test_without_numba_it_says_so_and_works(lane_change, plain, quiet):
+def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
     memory, ego, prediction = quiet[1].inputs[5]
     with pytest.warns(UserWarning, match="numba is not installed"):
         search = plain.solver.RiccatiSearch(MpcConfig(**RICCATI), lane_change.scene)
@@ -244,7 +244,7 @@ def test_the_list_of_plugins_says_whether_it_is_compiled(monkeypatch):
 
 
 @needs_numba
-def test_with_numba_it_says_nothing(lane_change):
+def test_with_numba_it_does_not_warn(lane_change):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         RiccatiSolver(MpcConfig(), lane_change.scene)
@@ -260,7 +260,7 @@ def test_cheapest_keeps_the_first_of_equals():
 @needs_numba
 @pytest.mark.parametrize("damage", [b"", b"\0" * 100])
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
-def test_machine_code_that_was_cut_short_is_made_anew(tmp_path, monkeypatch, damage, ending):
+def test_truncated_machine_code_is_compiled_again(tmp_path, monkeypatch, damage, ending):
     monkeypatch.setattr(jit.numba.config, "CACHE_DIR", str(tmp_path))
 
     def double(x):

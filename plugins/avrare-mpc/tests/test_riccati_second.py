@@ -71,7 +71,7 @@ def test_its_iterations_are_counted(both, programmes, lane_change):
     assert (spent[cheaper] > rough.iterations[cheaper]).all()
 
 
-def test_it_helps_out_where_the_first_search_fails(lane_change, programmes):
+def test_the_second_search_helps_where_the_first_fails(lane_change, programmes):
     """The first attempt failed all the same, and is counted."""
     hasty = RiccatiSolver(MpcConfig(), lane_change.scene, quick=HASTY, patient=HASTY).solve(*programmes)
     alone = RiccatiSolver(MpcConfig(), lane_change.scene, HASTY, HASTY, near=None).solve(*programmes)
@@ -96,7 +96,7 @@ def with_rough(monkeypatch, change):
     return spent
 
 
-def test_a_rough_result_without_a_value_is_left(monkeypatch, lane_change, programmes, both):
+def test_a_rough_plan_that_is_nan_is_ignored(monkeypatch, lane_change, programmes, both):
     def lose(answer):
         answer.inputs[:], answer.cost[:] = np.nan, -1.0  # it looks promising
 
@@ -107,7 +107,7 @@ def test_a_rough_result_without_a_value_is_left(monkeypatch, lane_change, progra
     assert np.array_equal(found.iterations, both[1].iterations + spent[0])
 
 
-def test_a_promise_that_is_not_kept_changes_nothing(monkeypatch, lane_change, programmes, both):
+def test_a_rough_plan_that_turns_out_costlier_is_ignored(monkeypatch, lane_change, programmes, both):
     with_rough(monkeypatch, lambda answer: answer.cost.fill(-1.0))
     found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(*programmes)
     assert (found.cost <= both[1].cost).all()
@@ -124,7 +124,7 @@ def test_rows_are_the_same_bits_in_any_batch(lane_change, programmes, both):
             assert np.array_equal(getattr(part, name), getattr(both[0], name)[index])
 
 
-def test_other_memory_layouts_are_not_compiled_anew(lane_change, programmes, both):
+def test_other_memory_layouts_are_not_compiled_again(lane_change, programmes, both):
     start, x, y, rows, guesses = programmes
     known = len(solve_without_bounds.compiled.signatures)
     apart = np.asfortranarray(x)

@@ -55,7 +55,7 @@ def test_an_interrupted_solve_is_finished_before_the_interruption(lane_change, q
     assert child.exitcode == 0
 
 
-def test_signals_are_given_out_at_the_end_in_their_order():
+def test_signals_are_delivered_at_the_end_in_order():
     seen, ctrl_c = [], signal.getsignal(signal.SIGINT)
 
     def asked_twice():
@@ -74,7 +74,7 @@ def test_signals_are_given_out_at_the_end_in_their_order():
     assert signal.getsignal(signal.SIGINT) is ctrl_c
 
 
-def test_what_nobody_handles_is_left_alone():
+def test_unhandled_signals_are_left_alone():
     with defer_signals():
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 

@@ -25,7 +25,7 @@ def test_recorded_cars_are_regenerated(lane_change, name, number):
     np.testing.assert_allclose(found.acceleration[1:n], rows["acc"][1:], atol=1e-3)
 
 
-def test_fixed_lanes_of_the_two_recipes(lane_change):
+def test_fixed_lanes_of_the_two_scripted_cars(lane_change):
     assert set(lane_change.cut_in_plan.fixed_lanes()) == set(range(80))
     assert set(lane_change.merging_plan.fixed_lanes()) == set(range(80)) - {11, 12}
 

@@ -51,7 +51,7 @@ def test_an_empty_batch():
     assert network()(np.zeros((0, 7))).shape == (0, 2)
 
 
-def test_what_is_saved_is_loaded(tmp_path):
+def test_a_saved_network_is_loaded(tmp_path):
     net, path = network(), tmp_path / "net.npz"
     save(path, net)
     again = load(path)
@@ -91,7 +91,7 @@ NAMES = ["no bias", "shape", "not finite", "activation", "scale", "range", "form
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_file_that_is_none_is_refused(tmp_path, name):
+def test_an_invalid_file_is_refused(tmp_path, name):
     path = tmp_path / "net.npz"
     save(path, network())
     with np.load(path) as file:
@@ -102,7 +102,7 @@ def test_a_file_that_is_none_is_refused(tmp_path, name):
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04"])
-def test_no_archive(tmp_path, content):
+def test_a_file_that_is_not_an_archive(tmp_path, content):
     path = tmp_path / "net.npz"
     path.write_bytes(content)
     with pytest.raises(UsageError, match="not a policy"):

@@ -91,7 +91,7 @@ def test_a_chunk_that_kills_every_actor_is_named(monkeypatch):
 
 
 @pytest.mark.usefixtures("cluster")
-def test_an_error_of_ours_arrives_with_its_hint(monkeypatch):
+def test_an_avrare_error_arrives_with_its_hint(monkeypatch):
     monkeypatch.syspath_prepend(HERE)
     from ray_systems import Nameless
 
@@ -106,7 +106,7 @@ def test_a_cluster_of_others_is_left_running():
     assert ray.is_initialized()
 
 
-def test_a_cluster_that_is_not_there():
+def test_a_missing_cluster():
     if ray.is_initialized():
         ray.shutdown()
     with pytest.raises(
@@ -115,7 +115,7 @@ def test_a_cluster_that_is_not_there():
         estimate(build(RayConfig(address="auto")))
 
 
-def test_a_cluster_of_its_own_leaves_no_trace():
+def test_a_local_cluster_leaves_no_trace():
     """Nor does it keep the handler of a signal."""
     if ray.is_initialized():
         ray.shutdown()

@@ -33,7 +33,7 @@ def config(ego=EGO, road=None, vehicles=()):
         ({"ego": {**EGO, "width": 0.0}}, "greater than 0"),
     ],
 )
-def test_refused(wrong, message):
+def test_wrong_options_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         config(**wrong)
 

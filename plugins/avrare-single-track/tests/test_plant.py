@@ -48,7 +48,7 @@ def test_straight_line():
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(20.0, 0.3), (20.0, -0.3), (5.0, 1.0), (40.0, 0.05)])
-def test_steady_state_is_the_circle_that_was_asked_for(speed, yaw_rate):
+def test_steady_state_is_the_requested_circle(speed, yaw_rate):
     states, angles = drive(ego(speed=speed), np.zeros(1), action(0.0, yaw_rate), 60)
     steady = slice(30, None)
     angle = angles[-1, 0]
@@ -135,7 +135,7 @@ def turn(parts):
     return np.array([getattr(states[-1], name)[0] for name in ("x", "y", "heading", "speed")])
 
 
-def test_one_step_is_as_good_as_many_and_of_fourth_order():
+def test_one_step_is_nearly_as_accurate_as_many_and_of_fourth_order():
     exact = turn(4000)
     error = {parts: np.abs(turn(parts) - exact).max() for parts in (1, 2, 4)}
     assert error[4] < 2e-5  # m, rad, m/s; the step of 0.1 s that scenarios use
@@ -143,7 +143,7 @@ def test_one_step_is_as_good_as_many_and_of_fourth_order():
     assert error[2] / error[4] > 11.0
 
 
-def test_rows_stand_alone():
+def test_rows_are_independent():
     rng = np.random.default_rng(2)
     n = 37
     state = ego(n, *rng.normal(0.0, 5.0, (2, n)), rng.uniform(-1.0, 1.0, n), rng.uniform(0.0, 40.0, n))

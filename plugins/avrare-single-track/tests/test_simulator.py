@@ -99,7 +99,7 @@ def test_a_step_moves_everyone_once(sim):
         world = after
 
 
-def test_rows_stand_alone_bit_for_bit(sim):
+def test_rows_are_independent_bit_for_bit(sim):
     rng = np.random.default_rng(2)
     n, noise = 11, np.zeros((11, 0))
     script = [actions(rng, n) for _ in range(12)]
@@ -115,7 +115,7 @@ def test_rows_stand_alone_bit_for_bit(sim):
             assert np.array_equal(values[0], signals[name][i]), name
 
 
-def test_taken_particles_go_on_as_they_would_have(sim):
+def test_taken_particles_continue_identically(sim):
     rng = np.random.default_rng(3)
     world = start(sim, 6)
     for _ in range(4):

@@ -108,6 +108,6 @@ def test_particles_may_be_at_different_steps():
         assert np.array_equal(getattr(mixed, name), getattr(in_order, name)[order])
 
 
-def test_nobody_there():
+def test_no_scripted_vehicles():
     found = traffic().at(steps(4))
     assert found.x.shape == found.acceleration.shape == (4, 0)

@@ -94,7 +94,7 @@ def test_the_page_lists_every_predicate_and_situation():
 
 
 @pytest.mark.skipif(not PAGE.exists(), reason="the docs are not beside the package")
-def test_the_page_tells_the_limits():
+def test_the_page_lists_the_limits():
     bounds = {"minimum": set(), "exclusiveMaximum": set(), "exclusiveMinimum": set()}
     least = {}
     for name, schema in TrafficRuleConfig.model_json_schema()["properties"].items():

@@ -48,7 +48,7 @@ def told(dt=0.1, **options):
 @pytest.mark.parametrize("dt", [0.1, None])
 @pytest.mark.parametrize("definitions", ["recommended", "published"])
 @pytest.mark.parametrize("rule", shipped().rules)
-def test_the_shipped_rules_are_without_fault(rule, definitions, dt):
+def test_the_shipped_rules_have_no_findings(rule, definitions, dt):
     assert check(TrafficRuleConfig(rule=rule, definitions=definitions), dt) == []
 
 
@@ -97,7 +97,7 @@ def test_mistakes_in_a_formula(lab, formula, message, hint):
     assert (error.value.message, error.value.hint) == (finding.message, finding.hint)
 
 
-def test_several_mistakes_are_told_together(lab):
+def test_several_mistakes_are_reported_together(lab):
     formula = "always (in_frontof(ego, ego) and speed(ego, ego) > 1 and in_frontof(ego, ego))"
     assert len(check(TrafficRuleConfig(formula=formula), 0.1)) == 2
     with pytest.raises(FormulaError, match=r"no predicate 'in_frontof'\nhint: .*\nspeed takes 1 vehicle"):
@@ -117,12 +117,12 @@ class TestBounds:
             lab.rule(rule, **{option: value})
         assert error.value.message == wanted
 
-    def test_not_where_the_step_is_unknown_or_divides_it(self):
+    def test_no_finding_where_the_step_is_unknown_or_divides_the_option(self):
         config = TrafficRuleConfig(rule="R_G1", cut_in_time=0.25)
         assert check(config, None) == []
         assert check(config, 0.05) == []
 
-    def test_an_option_is_told_from_a_number_that_is_equal(self):
+    def test_an_option_is_distinguished_from_an_equal_number(self):
         formula = "always[0,0.25s] (once[0,{cut_in_time}s] speed(ego) > 1)"
         assert told(formula=formula, cut_in_time=0.25).option == "formula"
         assert told(formula=formula.replace("0.25", "0.2"), cut_in_time=0.25).option == "cut_in_time"
@@ -137,13 +137,13 @@ class TestBounds:
 class TestWarnings:
     FORMULA = "forall o in others: always ahead(o, ego) and speed(ego) > 1"
 
-    def test_are_findings_but_no_errors(self):
+    def test_warnings_are_findings_but_not_errors(self):
         finding = told(formula=self.FORMULA)
         assert finding.message.startswith("line 1, column 21: always binds tighter than and")
         assert not finding.is_error
         raise_errors([finding])
 
-    def test_come_with_the_rule_and_not_as_python_warnings(self, lab):
+    def test_warnings_come_with_the_rule_and_not_as_python_warnings(self, lab):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             rule = lab.rule(None, 1, formula=self.FORMULA)
@@ -152,10 +152,10 @@ class TestWarnings:
 
 
 class TestRulesFiles:
-    def test_a_good_one(self, mine):
+    def test_a_good_rules_file_has_no_findings(self, mine):
         assert check(TrafficRuleConfig(rule="push", rules_file=mine()), 0.1) == []
 
-    def test_an_unknown_rule_is_still_an_error_of_the_choice(self, mine):
+    def test_an_unknown_rule_error_still_lists_the_choices(self, mine):
         with pytest.raises(ValueError, match="'push', 'bent', 'unread'"):
             TrafficRuleConfig(rule="pushh", rules_file=mine())
 
@@ -236,7 +236,7 @@ class TestRulesFiles:
         ],
     )
     @pytest.mark.parametrize("asked", [{"rule": "push"}, {"formula": "always speed(ego) > 1"}])
-    def test_wrong_ones(self, lab, mine, asked, text, message, hint):
+    def test_mistakes_in_a_rules_file(self, lab, mine, asked, text, message, hint):
         path = mine(text)
         finding = told(**asked, rules_file=path)
         assert message in finding.message
@@ -251,12 +251,12 @@ class TestRulesFiles:
         assert error.value.message == finding.message
 
     @pytest.mark.parametrize(("name", "reason"), [("no.yaml", "No such file"), ("", "Is a directory")])
-    def test_no_file(self, tmp_path, name, reason):
+    def test_a_rules_file_that_cannot_be_read(self, tmp_path, name, reason):
         finding = told(rule="push", rules_file=tmp_path / name)
         assert finding.message.startswith(f"{tmp_path / name}: {reason}")
         assert finding.option == "rules_file"
 
-    def test_a_parameter_that_is_no_option(self, mine):
+    def test_a_parameter_that_is_not_an_option(self, mine):
         path = mine('rules: {push: {formula: "always stands(ego)", parameters: [cut_in_tim, reaction_time]}}')
         finding = told(rule="push", rules_file=path)
         assert (
@@ -265,12 +265,12 @@ class TestRulesFiles:
         )
         assert finding.hint == "did you mean 'cut_in_time'?"
 
-    def test_no_text(self, mine):
+    def test_a_rules_file_that_is_not_text(self, mine):
         path = mine("")
         path.write_bytes(b"\xff\xfe\x00")
         assert told(rule="push", rules_file=path).message == f"{path}:1:1: not UTF-8 text"
 
-    def test_a_rule_that_has_gone_since(self, mine):
+    def test_a_rule_that_was_removed_since(self, mine):
         config = TrafficRuleConfig(rule="push", rules_file=mine())
         path = mine("rules: {pull: {formula: always speed(ego) > 1}}")
         finding = Finding(f"{path} has no rule 'push'", "known: pull", "rule")

@@ -77,7 +77,7 @@ def test_rss_longitudinal(value):
 
 @pytest.mark.parametrize("onward", [{"speed": 10.0}, {"speed": -10.0, "heading": np.pi}])
 @pytest.mark.parametrize("against", [{"speed": -10.0}, {"speed": 10.0, "heading": np.pi}, {"speed": 0.0}])
-def test_who_moves_against_the_road_is_credited_with_no_braking_distance(value, onward, against):
+def test_a_vehicle_against_the_road_has_no_braking_distance(value, onward, against):
     room = {"x": 24.0}  # 20 m
     safe = 20.0 - 20.0**2 / 20.0 - 0.4 * 20.0
     assert value("keeps_safe_distance", {**room, **onward}) == near((safe + 10.0**2 / 21.0) / 10.0)

@@ -72,7 +72,7 @@ def test_online_equals_offline_on_any_predicates(lab, name, vehicles):
 
 @EVERY
 @DEFINITIONS
-def test_rows_stand_alone_bit_for_bit(lab, name, definitions, traffic):
+def test_rows_are_independent_bit_for_bit(lab, name, definitions, traffic):
     rule = lab.rule(name, V, definitions=definitions)
     robustness, violated, margin, _ = follow(rule, traffic, N)
     for n in range(N):
@@ -100,7 +100,7 @@ def test_margin_is_of_the_newest_sample(lab):
 
 
 @EVERY
-def test_signals_are_left_alone(lab, name, traffic):
+def test_signals_are_not_modified(lab, name, traffic):
     before = {key: values.copy() for key, values in traffic[0].items()}
     rule = lab.rule(name, V)
     rule.update(rule.start(N), traffic[0])

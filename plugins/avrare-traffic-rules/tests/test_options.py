@@ -19,7 +19,7 @@ class TestOptionsAndTheRoad:
             lab.rule(rule, shoulder=shoulder)
         assert error.value.hint == "its lanes are 0 to 2, counted from the right"
 
-    def test_one_that_it_has(self, lab):
+    def test_a_shoulder_that_the_road_has(self, lab):
         rule = lab.rule("R_I4", 0, shoulder=[2])
         assert not lab.judge(rule)[0]
 
@@ -35,7 +35,7 @@ class TestWhoIsLeftOut:
         assert (rule.names, rule.excluded) == (("a",), ("b", "c"))
         assert lab.rule("R_G1", 3, moving=[True, False, False], vehicles="all").excluded == ()
 
-    def test_not_one_that_the_formula_names(self, lab):
+    def test_a_vehicle_that_the_formula_names_is_not_excluded(self, lab):
         formula = "forall o in others: always (distance(o, b) > 1)"
         rule = lab.rule(None, 3, moving=[True, False, False], vehicles="moving", formula=formula)
         assert (rule.names, rule.excluded) == (("a",), ("c",))
@@ -49,17 +49,17 @@ class TestNamesThatAreNumbers:
         )
         return build(TrafficRuleConfig(formula=formula), scene)
 
-    def test_v_stands_before_them(self, lab):
+    def test_numbers_are_prefixed_with_v(self, lab):
         rule = self.rule("always (gap(ego, v7) > 5)", "12", "7")
         assert lab.judge(rule, {"x": 5.0}, {"x": 10.0}) == (False, pytest.approx(1.0))
         assert rule.names == ("12", "7")
 
-    def test_a_vehicle_of_that_name_goes_first(self, lab):
+    def test_a_vehicle_with_the_prefixed_name_has_precedence(self, lab):
         for names, gap in [(("7", "v7"), 10.0), (("v7", "7"), 5.0)]:
             rule = self.rule("always (gap(ego, v7) > 0)", *names)
             assert lab.judge(rule, {"x": 9.0}, {"x": 14.0})[1] == pytest.approx(gap)
 
-    def test_messages_offer_them(self):
+    def test_messages_suggest_prefixed_names(self):
         with pytest.raises(UsageError, match="no vehicle 'v71'") as error:
             self.rule("always (gap(ego, v71) > 5)", "17", "car-1")
         assert error.value.hint == "did you mean 'v17'?"
@@ -101,6 +101,6 @@ def test_wrong_options(wrong):
         TrafficRuleConfig.model_validate({"rule": "R_G1", **wrong})
 
 
-def test_an_unknown_rule_is_an_error_of_the_choice():
+def test_an_unknown_rule_error_lists_the_choices():
     with pytest.raises(ValueError, match="'R_G1', 'R_G2'"):
         TrafficRuleConfig(rule="R_G5")

@@ -149,7 +149,7 @@ def test_in_slow_traffic_needs_three_others_ahead(value):
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
-def test_too_few_vehicles_are_no_queue(value, count):
+def test_too_few_vehicles_are_not_a_queue(value, count):
     found = np.atleast_1d(value("in_slow_traffic", *[{"x": 10.0 * k, "speed": 1.0} for k in range(count)]))
     assert found.shape == (count,)
     assert (found == -np.inf).all()  # a vehicle is not ahead of itself
@@ -173,7 +173,7 @@ def test_each_kind_of_slow_traffic_has_its_own_speed_and_size(value):
     assert value("in_slow_traffic(a)", *row, options=options) == near((2.78 - 2.0) / 5.0)
 
 
-def test_the_ego_counts_in_nobodys_queue(value):
+def test_the_ego_counts_in_no_queue(value):
     pair = [{"x": 20.0 * k, "speed": 1.0} for k in range(3)]
     assert value("in_queue(a)", *pair, x=10.0, speed=1.0) == -np.inf
 
@@ -257,7 +257,7 @@ MEET_BOTH = sorted(
 
 
 @pytest.mark.parametrize("name", MEET_BOTH)
-def test_random_crowds_meet_both_signs(lab, name):
+def test_random_traffic_has_both_signs(lab, name):
     signals = lab.random(np.random.default_rng(7), 400, 8)
     signals["ego_speed"] = np.linspace(-1.0, 60.0, 400)
     signals["ego_speed"][::20] = 0.0

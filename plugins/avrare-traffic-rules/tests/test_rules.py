@@ -47,7 +47,7 @@ class TestSafeDistance:
         )
         assert lab.judge(lab.rule("R_G1", 2, moving=[True, False], vehicles="all"), FAR, parked)[0]
 
-    def test_cutting_in_exempts_for_three_seconds_and_no_longer(self, lab):
+    def test_a_cut_in_exempts_for_three_seconds_and_no_longer(self, lab):
         in_front = {"x": 9.0, "speed": 20.0}
         beside, over = {**in_front, "y": 5.25}, {**in_front, "y": 3.5, "heading": -0.05}
         samples = [lab.signals(o) for o in [beside] * 5 + [over] * 8 + [in_front] * 50]
@@ -56,19 +56,19 @@ class TestSafeDistance:
         assert violations(lab, lab.rule("R_G1", cut_in_time=0.3), samples) == list(range(9, 63))
         assert violations(lab, lab.rule("R_G1", cut_in_time=0.0), samples) == list(range(6, 63))
 
-    def test_a_long_cut_in_excuses_only_from_its_begin(self, lab):
+    def test_a_long_cut_in_exempts_only_from_its_beginning(self, lab):
         over = {"x": 9.0, "speed": 20.0, "y": 3.5, "heading": -0.05}
         samples = [lab.signals({**over, "y": 5.25})] + [lab.signals(over)] * 60
         assert violations(lab, lab.rule("R_G1"), samples) == list(range(32, 61))
 
-    def test_a_second_cut_in_excuses_again(self, lab):
+    def test_a_second_cut_in_exempts_again(self, lab):
         in_front = {"x": 9.0, "speed": 20.0}
         over = {**in_front, "y": 3.5, "heading": -0.05}
         cars = [over] * 2 + [in_front] * 8 + [over] * 2 + [in_front] * 8
         rule = lab.rule("R_G1", cut_in_time=0.5)
         assert violations(lab, rule, [lab.signals(o) for o in cars]) == [6, 7, 8, 9, 16, 17, 18, 19]
 
-    def test_before_the_start_nobody_was_cutting_in(self, lab):
+    def test_a_cut_in_at_the_start_begins_there(self, lab):
         """The weak previous: a cut-in that is under way at sample 0 begins there."""
         over = {"x": 9.0, "speed": 20.0, "y": 3.5, "heading": -0.05}
         samples = [lab.signals(over)] * 40
@@ -82,24 +82,24 @@ class TestSafeDistance:
 
 
 class TestBraking:
-    def test_without_anybody_ahead(self, lab):
+    def test_without_a_vehicle_ahead(self, lab):
         for count, others in [(0, []), (1, [{"x": -10.0}]), (1, [{"x": 20.0, "y": 5.25}])]:
             rule = lab.rule("R_G2", count)
             assert lab.judge(rule, *others, acceleration=-3.0)[0]
             assert not lab.judge(rule, *others, acceleration=-1.9)[0]
         assert lab.judge(lab.rule("R_G2", 0), acceleration=-3.0) == (True, pytest.approx(-0.5))
 
-    def test_behind_somebody_too_near(self, lab):
+    def test_behind_a_vehicle_that_is_too_near(self, lab):
         assert not lab.judge(lab.rule("R_G2"), CLOSE, acceleration=-8.0)[0]
 
-    def test_behind_somebody_far_who_brakes_too(self, lab):
+    def test_behind_a_far_vehicle_that_brakes_too(self, lab):
         rule = lab.rule("R_G2")
         assert lab.judge(rule, FAR, acceleration=-3.0)[0]
         assert not lab.judge(rule, {**FAR, "acceleration": -1.5}, acceleration=-3.0)[0]
         assert lab.judge(rule, {**FAR, "acceleration": -0.5}, acceleration=-3.0)[0]
         assert lab.judge(rule, {**FAR, "acceleration": 5.0}, acceleration=-3.0)[0]
 
-    def test_only_the_nearest_ahead_excuses(self, lab):
+    def test_only_the_nearest_ahead_exempts(self, lab):
         rule = lab.rule("R_G2", 2)
         near_one, standing = {"x": 20.0, "speed": 20.0}, {"x": 26.0, "speed": 0.0}  # 22 m: the ego needs 28
         assert lab.judge(rule, near_one, standing, acceleration=-3.0)[0]
@@ -157,7 +157,7 @@ class TestLeftTraffic:
         no_ramp = lab.rule("R_I2", road=Road(lab.road.lane_centres, 3.5))
         assert lab.judge(no_ramp, carriageway, y=-1.75, speed=35.0)[0]
 
-    def test_the_ramp_does_not_excuse_past_a_queue(self, lab):
+    def test_the_ramp_does_not_exempt_past_a_queue(self, lab):
         rule = lab.rule("R_I2", 4)
         queue = [{**LEFT, "x": 10.0 * k, "y": 1.75} for k in range(4)]
         assert lab.judge(rule, *queue, y=-1.75, speed=35.0)[0]
@@ -165,7 +165,7 @@ class TestLeftTraffic:
 
 
 class TestCollision:
-    def test_sign_and_metres(self, lab):
+    def test_robustness_has_its_sign_and_is_in_metres(self, lab):
         rule = lab.rule("no_collision", 2)
         for x, violated in [(4.3, False), (4.0, True), (3.8, True)]:
             found, robustness = lab.judge(rule, {"x": 50.0}, {"x": x})
@@ -176,7 +176,7 @@ class TestCollision:
         assert lab.judge(lab.rule("no_collision", moving=[False]), {"x": 3.0})[0]
         assert not lab.judge(lab.rule("no_collision", moving=[False], vehicles="moving"), {"x": 3.0})[0]
 
-    def test_is_the_distance_of_the_rectangles(self, lab):
+    def test_robustness_is_the_distance_of_the_rectangles(self, lab):
         signals = lab.random(np.random.default_rng(2), 50, 3)
         found = lab.rule("no_collision", 3).sample(signals)["distance(ego, others)"]
         body = ("x", "y", "heading")
@@ -186,7 +186,7 @@ class TestCollision:
 
 
 class TestSpeedLimits:
-    def test_of_every_lane_touched(self, lab):
+    def test_the_limits_of_every_lane_touched_apply(self, lab):
         limits = {"lane_limit": (10.0, 25.0, None)}
         for y, speed, broken in [
             (1.75, 24.0, False),
@@ -200,7 +200,7 @@ class TestSpeedLimits:
         with pytest.raises(UsageError, match="lane_limit has 2 entries, the road 3 lanes"):
             lab.rule("R_G3", 0, lane_limit=(10.0, 20.0))
 
-    def test_speeds_in_sight_and_braking_are_the_published_ones_by_default(self, lab):
+    def test_view_and_braking_limits_are_the_published_speeds_by_default(self, lab):
         for options, limit in [({"braking_distance": 1e6}, 50.0), ({"field_of_view": 1e6}, 43.0)]:
             rule = lab.rule("R_G3", 0, **options)
             assert lab.judge(rule, speed=20.0)[1] == pytest.approx((limit - 20.0) / 5.0, abs=1e-12)
@@ -214,14 +214,14 @@ class TestSpeedLimits:
 
 
 class TestFormulas:
-    def test_of_the_users_own(self, lab):
+    def test_a_formula_of_the_users_own(self, lab):
         formula = "forall o in others: always (time_to_collision(ego, o) > 1.5)"
         rule = lab.rule(None, 1, formula=formula)
         assert lab.judge(rule, {"x": 24.0, "speed": 10.0}) == (False, pytest.approx(0.5))
         assert lab.judge(rule, {"x": 14.0, "speed": 10.0}) == (True, pytest.approx(-0.5))
         assert rule.names == ("a",)
 
-    def test_may_name_vehicles_and_use_our_definitions_and_parameters(self, lab):
+    def test_a_formula_may_name_vehicles_and_use_definitions_and_parameters(self, lab):
         rule = lab.rule(
             None, 2, formula="always (ahead(b, ego) -> gap(ego, b) > {cut_in_time})", cut_in_time=7.0
         )
@@ -285,7 +285,7 @@ rules:
     ("name", "robustness"),
     [("R_G1", np.inf), ("R_G2", None), ("R_G4", None), ("R_I2", np.inf), ("no_collision", np.inf)],
 )
-def test_nobody_else_on_a_road_without_a_ramp(lab, definitions, name, robustness):
+def test_a_road_without_a_ramp_and_other_vehicles(lab, definitions, name, robustness):
     rule = lab.rule(name, 0, road=Road((1.75,), 3.5), definitions=definitions)
     verdict = lab.run(rule, [lab.signals(speed=30.0, acceleration=1.0)] * 4)
     expected = {"recommended": {"R_G2": 1.5, "R_G4": 8.89 / 5.0}, "published": {"R_G2": 3.0, "R_G4": 8.89}}
@@ -307,7 +307,7 @@ def test_explain_reads_the_first_row(lab):
     assert rule.explain(both) == "R_I2 with vehicle 'b' (robustness -0.4)"
 
 
-def test_explain_blames_the_ego_where_others_only_excuse(lab):
+def test_explain_names_the_ego_where_others_only_exempt(lab):
     behind, aside = {"x": -30.0}, {"x": 30.0, "y": 5.25}
     braking = lab.signals(behind, aside, acceleration=-3.0)
     assert lab.rule("R_G2", 2).explain(braking) == "R_G2 by the ego (robustness -0.5)"

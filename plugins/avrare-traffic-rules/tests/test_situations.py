@@ -20,7 +20,7 @@ def test_robustness(situation):
 
 
 @pytest.mark.parametrize("situation", BOUNDARIES, ids=[situation.rule for situation in BOUNDARIES])
-def test_a_micrometre_decides_at_the_boundary(situation):
+def test_a_micrometre_across_the_boundary_changes_the_verdict(situation):
     assert abs(situation.evaluate()[0]) < 1e-9
     for amount in (1e-6, -1e-6):
         value, violated = situation.nudged(amount).evaluate()
@@ -35,5 +35,5 @@ def test_every_rule_has_all_kinds(rule):
     assert found == {"pass", "fail", "boundary", "exempt"}
 
 
-def test_titles_tell_situations_apart():
+def test_titles_of_situations_are_unique():
     assert len(set(IDS)) == len(IDS)

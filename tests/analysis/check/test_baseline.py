@@ -104,7 +104,7 @@ def test_the_world_the_length_the_perception_and_the_rules_may_not():
     ]
 
 
-def test_a_score_and_rules_that_only_one_has_are_no_difference():
+def test_a_score_and_rules_of_one_side_only_are_not_a_difference():
     rule = {**OLD["specifications"]["near"], "score": "margin"}
     assert changed(specifications={"near": rule, "new": {"stl": "x"}}) == []
     assert changed(specifications={}) == []

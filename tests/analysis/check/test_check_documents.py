@@ -24,7 +24,7 @@ def outcome(estimate):
     return CheckResult(rows, {"one": (estimate(),), "two": (broken,)}, notes=("note " + NASTY,))
 
 
-def test_junit_has_a_case_a_row(outcome):
+def test_junit_has_one_case_per_row(outcome):
     top = ElementTree.fromstring(junit(outcome).encode())
     assert [suite.get("name") for suite in top] == ["one", "two"]
     counts = [{key: suite.get(key) for key in ("tests", "failures", "errors", "skipped")} for suite in top]

@@ -64,7 +64,7 @@ def test_p_values_are_monotone_between_0_and_1(law):
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
-def test_a_table_is_never_surer_than_the_law_it_was_made_from(law):
+def test_a_table_is_never_less_conservative_than_its_law(law):
     table = Tabulated.from_intervals(law.interval_at)
     for value in [1e-5, 5e-5, 2e-4, 1e-3, 0.01, 0.03, 0.06, 0.2, 0.8]:
         assert table.p_value_at_most(value) >= law.p_value_at_most(value) * (1 - 1e-9)
@@ -72,7 +72,7 @@ def test_a_table_is_never_surer_than_the_law_it_was_made_from(law):
     assert table.interval_at(0.95) == pytest.approx(law.interval_at(0.95))
 
 
-def test_a_table_is_not_much_less_sure_either():
+def test_a_table_is_only_slightly_more_conservative_than_its_law():
     law = LogNormal(1e-3, 0.04, 9)
     table = Tabulated.from_intervals(law.interval_at)
     for value in (4e-4, 6e-4, 1.6e-3, 2.5e-3):
@@ -81,7 +81,7 @@ def test_a_table_is_not_much_less_sure_either():
         )
 
 
-def test_nothing_seen_says_nothing():
+def test_an_unknown_interval_has_p_values_of_one():
     table = Tabulated.from_intervals(intervals.unknown)
     assert (table.p_value_at_most(0.5), table.p_value_at_least(0.5)) == (1.0, 1.0)
     assert table.interval_at(0.95) == (0.0, 1.0)
@@ -100,7 +100,7 @@ def test_the_core_laws_are_known_by_their_intervals(estimate):
 @pytest.mark.parametrize(
     "law", [*LAWS, Tabulated.from_intervals(Binomial(3, 90).interval_at)], ids=lambda law: type(law).__name__
 )
-def test_it_survives_a_file(law):
+def test_a_law_survives_encoding(law):
     assert decode_distribution(json.loads(json.dumps(encode_distribution(law)))) == law
 
 
@@ -116,6 +116,6 @@ def test_it_survives_a_file(law):
         {"law": "tabulated", "tails": [0.05], "lower": [0.1, 0.05], "upper": [0.2]},
     ],
 )
-def test_other_data_is_refused_in_words(plain):
+def test_other_data_are_a_clear_error(plain):
     with pytest.raises(UsageError, match="not an estimate"):
         decode_distribution(plain)

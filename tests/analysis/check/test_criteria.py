@@ -75,7 +75,7 @@ def test_zero_counts(decide, against):
     assert decide(against(Binomial(1, 4000)), Binomial(0, 4000)) == "inconclusive"
 
 
-def test_what_says_nothing_never_passes(decide, estimate, against):
+def test_an_uninformative_estimate_never_passes(decide, estimate, against):
     unknown = {"interval_at": lambda confidence: (0.0, 1.0), "probability": 0.0}
     entry = BaselineEntry.from_result(estimate(**unknown))
     criterion = Criterion("s", "rule", Regression(), entry)
@@ -95,7 +95,7 @@ def test_an_unhealthy_estimate_may_fail_but_not_pass(decide, against, estimate):
     ]
 
 
-def test_another_notion_of_failure_is_not_compared(decide, against, estimate):
+def test_another_definition_of_failure_is_not_compared(decide, against, estimate):
     criterion, other = against(Binomial(40, 4000)), {"relation": "robustness <= 0"}
     for failures in (0, 40, 4000):
         assert decide(criterion, Binomial(failures, 4000), **other) == "inconclusive"
@@ -103,7 +103,7 @@ def test_another_notion_of_failure_is_not_compared(decide, against, estimate):
     assert doubt == "failure is robustness <= 0 here, violated in the baseline"
 
 
-def test_with_several_claims_one_must_be_clearer_to_fail(estimate):
+def test_with_several_criteria_a_failure_needs_more_evidence(estimate):
     criteria = [threshold("< 5e-3", name=name) for name in "abc"]
     results = {name: estimate(Binomial(60, 9000)) for name in "abc"}
     alone = decide_criteria(criteria[:1], lambda criterion: results[criterion.specification], 1.0, {})
@@ -139,7 +139,7 @@ def test_holm_never_fails_less_than_bonferroni_and_keeps_the_family_wise_rate(es
     assert steps > 0
 
 
-def test_verdicts_stay(estimate):
+def test_decided_verdicts_stay(estimate):
     criteria = [threshold("< 5e-3", name="a"), threshold("< 5e-3", name="b")]
     bad, good = estimate(Binomial(200, 9000)), estimate(Binomial(2, 9000))
     first = decide_criteria(
@@ -154,7 +154,7 @@ def test_verdicts_stay(estimate):
     )
 
 
-def test_a_claim_without_an_estimate_stays_open():
+def test_a_criterion_without_an_estimate_stays_undecided():
     assert decide_criteria([threshold("< 0.1")], lambda _: None, 1.0, {}) == {}
 
 
@@ -171,7 +171,7 @@ def test_looks_share_budget_and_error_rate():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("probability", [0.05, 0.12])
-def test_looking_again_keeps_the_error_rate_and_finds_what_is_there(estimate, probability):
+def test_several_looks_keep_the_error_rate_and_the_power(estimate, probability):
     rng = np.random.default_rng(2)
     criterion, failed, looks = threshold("< 0.05"), 0, 0
     for _ in range(200):

@@ -48,13 +48,13 @@ def test_a_binomial_against_a_log_normal_is_nearly_two_log_normals():
     )
 
 
-def test_few_runs_are_trusted_less():
+def test_few_degrees_of_freedom_give_larger_p_values():
     sure, unsure = LogNormal(2e-3, 0.03, 0), LogNormal(2e-3, 0.03, 3)
     old = LogNormal(1e-3, 0.03, 0)
     assert p_value_ratio_at_most(1.0, unsure, old) > 1.3 * p_value_ratio_at_most(1.0, sure, old)
 
 
-def test_a_table_is_more_careful_than_the_law_it_was_made_from():
+def test_a_table_is_more_conservative_than_its_law():
     new, old = Binomial(30, 4000), Binomial(10, 4000)
     exact = p_value_ratio_at_most(1.0, new, old)
     careful = p_value_ratio_at_most(
@@ -64,7 +64,7 @@ def test_a_table_is_more_careful_than_the_law_it_was_made_from():
 
 
 @pytest.mark.parametrize("other", [Binomial(3, 100), LogNormal(1e-3, 0.1, 9)], ids=str)
-def test_an_estimate_that_says_nothing_decides_nothing(other):
+def test_an_uninformative_estimate_decides_nothing(other):
     nothing = Tabulated.from_intervals(intervals.unknown)
     for one, two in ((nothing, other), (other, nothing)):
         assert p_value_ratio_at_most(1.0, one, two) == pytest.approx(1.0)
@@ -72,7 +72,7 @@ def test_an_estimate_that_says_nothing_decides_nothing(other):
     assert ratio_interval(0.95, nothing, other) == (0.0, math.inf)
 
 
-def test_errors_count_against_every_claim():
+def test_errors_count_against_every_hypothesis():
     new, old = Binomial(60, 4000), Binomial(30, 4000)
     assert p_value_ratio_at_most(1.0, new, Binomial(30, 4000, 10)) > p_value_ratio_at_most(1.0, new, old)
     assert p_value_ratio_at_least(4.0, Binomial(60, 4000, 10), old) > p_value_ratio_at_least(4.0, new, old)
@@ -86,7 +86,7 @@ def test_the_interval_of_the_ratio_ends_where_the_tests_reach_its_tails():
     assert p_value_ratio_at_least(high, new, old) == pytest.approx(0.025, rel=0.03)
 
 
-def test_zero_counts_have_ratios_without_ends():
+def test_zero_counts_have_unbounded_ratios():
     assert ratio_interval(0.95, Binomial(0, 4000), Binomial(45, 4000))[0] == 0.0
     assert ratio_interval(0.95, Binomial(9, 4000), Binomial(0, 4000))[1] == math.inf
     assert ratio_interval(0.95, Binomial(0, 4000), Binomial(0, 4000)) == (0.0, math.inf)

@@ -30,7 +30,7 @@ def test_counts_add_up(estimate):
     )
 
 
-def test_runs_are_put_together_and_dead_ones_count(estimate):
+def test_runs_are_pooled_and_extinct_ones_count(estimate):
     first, second = [1e-4, 2e-4, 0.0], [3e-4, 2e-4]
     whole = pool([runs(estimate, first), runs(estimate, second)], 0.01)
     assert whole.probability == pytest.approx(1.6e-4)
@@ -40,7 +40,7 @@ def test_runs_are_put_together_and_dead_ones_count(estimate):
     assert dead.interval == pytest.approx(runs(estimate, [0.0, 0.0, *second]).interval)
 
 
-def test_runs_that_all_died_out_say_nothing(estimate):
+def test_runs_that_are_all_extinct_give_no_information(estimate):
     whole = pool([runs(estimate, [0.0, 0.0]), runs(estimate, [0.0, 0.0])], 0.01)
     assert whole.interval_at(0.95) == (0.0, 1.0)
 
@@ -55,7 +55,7 @@ def test_single_runs_are_weighted_by_their_rollouts(estimate):
     assert law.freedom == 50
 
 
-def test_what_cannot_be_put_together_is_left_to_the_newest(estimate):
+def test_estimates_that_cannot_be_pooled_leave_the_newest(estimate):
     one, two = estimate(LogNormal(1e-3, 0.04, 20)), estimate(interval_at=lambda c: (1e-4, 1e-2))
     whole = pool([one, two], 0.01)
     assert isinstance(derive_distribution(whole), Tabulated)
@@ -63,7 +63,7 @@ def test_what_cannot_be_put_together_is_left_to_the_newest(estimate):
     assert whole.rollouts == 2000
 
 
-def test_health_is_the_newest_but_errors_count_over_all(estimate):
+def test_health_is_that_of_the_newest_but_errors_add_up(estimate):
     ill = estimate(Binomial(1, 100), health={"all_failed": "x", "errors": "20 of 1000"}, errors=20)
     well = estimate(Binomial(1, 100), errors=0)
     assert pool([ill, well], 0.01).health == {}

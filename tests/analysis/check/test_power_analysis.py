@@ -103,6 +103,6 @@ def test_other_estimators_are_planned_by_their_own_variance(estimate):
     assert precision.rollouts == pytest.approx(0.02 * 20_000 * (1.959964 / math.log(1.2)) ** 2, rel=0.05)
 
 
-def test_a_bound_at_the_estimate_has_no_price(entry):
+def test_a_bound_at_the_estimate_has_no_planned_cost(entry):
     cost, _ = planned(entry(10, 1000), Threshold(specification="rule", probability="< 0.01"))
     assert cost.rollouts is None

@@ -84,7 +84,7 @@ def test_inconclusive_fails_unless_it_is_to_skip(drive, run):
 
 
 @pytest.mark.slow
-def test_broken_rollouts_are_not_skipped(drive, run):
+def test_rollout_errors_are_not_skipped(drive, run):
     text = Path(drive(BOUND % 0.3)).read_text()
     drive(text=text.replace("{plugin: gusts}", "{plugin: gusts, breaks: 1.5}"))
     code, output = run("-q", ini="avrare_scenarios = *.yaml\navrare_inconclusive = skip\n")
@@ -101,7 +101,7 @@ def test_a_scenario_with_nothing_to_check_is_an_error(drive, run):
     assert "avrare check drive.yaml --save" in output
 
 
-def test_globs_that_mean_nothing_are_told(drive, run):
+def test_globs_without_files_are_reported(drive, run):
     drive(BOUND % 0.1)
     code, output = run("-q", ini="avrare_scenarios = /abs/*.yaml\n")
     assert code == 4
@@ -161,7 +161,7 @@ def test_marked_tests_get_the_estimate(drive, run, tmp_path):
         ('scenario="drive.yaml", specification="in_lane", set="stepz=4"', "--set stepz"),
     ],
 )
-def test_mistakes_in_a_mark_are_told_without_a_traceback(drive, run, tmp_path, words, message):
+def test_mistakes_in_a_mark_are_reported_without_a_traceback(drive, run, tmp_path, words, message):
     drive()
     test = f"import pytest\n@pytest.mark.avrare({words})\ndef test_it(avrare_result):\n    pass\n"
     (tmp_path / "test_it.py").write_text(test)
@@ -171,7 +171,7 @@ def test_mistakes_in_a_mark_are_told_without_a_traceback(drive, run, tmp_path, w
     assert "pytest_plugin.py" not in output
 
 
-def test_it_is_light_where_it_is_not_used():
+def test_importing_the_pytest_plugin_imports_nothing_heavy():
     script = "import pytest, sys; before = set(sys.modules)\nimport avrare.cli.pytest_plugin\n"
     script += "print(*sorted(set(sys.modules) - before))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -47,12 +47,12 @@ def test_a_setting_reaches_inside_an_option():
     assert found[0].options["proposal"] == {"gaussian": {"mean": 0.4, "std": 2}}
 
 
-def test_the_scenarios_own_options_hold_for_its_estimator_alone():
+def test_the_scenarios_own_options_apply_to_its_estimator_only():
     found = arms("mc,mc:rollouts=7,ams", own=own_block(rollouts=33))
     assert [dict(arm.options) for arm in found] == [{"rollouts": 33}, {"rollouts": 7}, {}]
 
 
-def test_settings_of_the_scenario_are_parted_from_those_of_estimators():
+def test_settings_of_the_scenario_are_separate_from_those_of_estimators():
     assert split_settings(["scenario.steps=6", "ams.particles=9"]) == (["steps=6"], ["ams.particles=9"])
 
 
@@ -73,7 +73,7 @@ def test_settings_of_the_scenario_are_parted_from_those_of_estimators():
         ("mc:rollouts={", [], "--set mc.rollouts"),
     ],
 )
-def test_wrong_words_are_answered_in_words(text, settings, message):
+def test_wrong_arguments_are_a_clear_error(text, settings, message):
     with pytest.raises(AvrareError) as caught:
         arms(text, settings)
     assert message in "\n".join(caught.value.lines())

@@ -58,7 +58,7 @@ def test_the_table_fits_a_hundred_columns_and_cuts_nothing(comparison):
     assert LONG.replace(" ", "") in first_column.replace(" ", "")
 
 
-def test_notes_say_what_to_doubt(comparison):
+def test_notes_name_unreliable_rows(comparison):
     lines = note_lines(comparison)
     assert f"{LONG} cannot take this problem: it does not fit" in lines
     assert "mc: most estimates are zero: a few more repetitions may change its numbers a lot" in lines

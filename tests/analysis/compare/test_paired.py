@@ -62,7 +62,7 @@ def test_the_interval_covers_the_true_difference_and_is_far_narrower_than_an_unp
     assert differences.std() < 0.5 * unpaired
 
 
-def test_an_unchanged_stack_is_rarely_called_changed():
+def test_an_unchanged_stack_rarely_differs_significantly():
     rng = np.random.default_rng(0)
     values = []
     for _ in range(2000):
@@ -71,7 +71,7 @@ def test_an_unchanged_stack_is_rarely_called_changed():
     assert 0.01 < (np.array(values) < 0.05).mean() <= 0.05
 
 
-def test_the_same_twice_differs_nowhere():
+def test_the_same_scenario_twice_never_differs():
     pair = pairs(problem(1.0), problem(1.0))
     assert (pair.only_first, pair.only_second, pair.difference, pair.p_value) == (0, 0, 0.0, 1.0)
     assert pair.both + pair.neither == 400
@@ -79,7 +79,7 @@ def test_the_same_twice_differs_nowhere():
     assert low < 0.0 < high
 
 
-def test_rollouts_that_break_down_may_have_gone_either_way():
+def test_errors_widen_the_interval_of_the_change():
     sound, broken = pairs(problem(1.0), problem(0.9)), pairs(problem(1.0), problem(0.9, breaks=2.0))
     assert broken.errors > 0
     assert broken.count + broken.errors == 400
@@ -88,7 +88,7 @@ def test_rollouts_that_break_down_may_have_gone_either_way():
     assert wide > narrow + 1.9 * share
 
 
-def test_an_improvement_may_be_undone_by_what_broke_down():
+def test_errors_may_undo_an_improvement():
     pair = PairedCounts("", both=0, only_first=300, only_second=0, neither=300, errors=400)
     worst = PairedCounts("", both=0, only_first=300, only_second=400, neither=300).difference
     best = PairedCounts("", both=0, only_first=700, only_second=0, neither=300).difference
@@ -96,7 +96,7 @@ def test_an_improvement_may_be_undone_by_what_broke_down():
     assert low < best < worst < high
 
 
-def test_all_broken():
+def test_all_rollouts_end_with_errors():
     pair = pairs(problem(1.0), problem(1.0, breaks=-np.inf))
     assert np.isnan(pair.difference)
     assert pair.interval(0.95) == (-1.0, 1.0)
@@ -110,7 +110,7 @@ def test_workers_change_nothing():
     assert pairs(walk(1.0), walk(0.9)) == pairs(walk(1.0), walk(0.9), executor=ProcessExecutor(2))
 
 
-def test_what_cannot_be_paired_is_refused():
+def test_scenarios_that_cannot_be_paired_are_refused():
     named = avrare.Problem(Fails(1.0), {"other": avrare.stl("always (gap > 0)")}, 0)
     with pytest.raises(UsageError, match="no specification in common"):
         pairs(problem(1.0), named)
@@ -145,13 +145,13 @@ def test_on_the_command_line(tmp_path, capsys):
         (["--workers", "0"], "at least 1"),
     ],
 )
-def test_mistakes_are_told(words, told, capsys):
+def test_mistakes_are_reported(words, told, capsys):
     assert main(["compare", LANE_CHANGE, "--against", LANE_CHANGE, *words]) == 4
     assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("only_first", "only_second", "worse"), [(0, 5, False), (0, 7, True), (0, 0, False)])
-def test_few_differing_rollouts_prove_little(only_first, only_second, worse):
+def test_few_differing_rollouts_are_not_significant(only_first, only_second, worse):
     pair = PairedCounts("s", 0, only_first, only_second, 10_000 - only_first - only_second)
     low, high = pair.interval(0.95)
     assert (low > 0.0) == worse

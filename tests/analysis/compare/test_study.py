@@ -49,7 +49,7 @@ def test_every_repetition_is_an_estimate_with_a_seed_of_its_own():
             assert (one.simulated_steps, one.health) == (same.simulated_steps, tuple(same.health))
 
 
-def test_an_estimator_does_not_depend_on_its_company():
+def test_an_estimator_does_not_depend_on_the_other_estimators():
     together, alone = run(case(), f"mc,{SMALL}"), run(case(), SMALL)
     assert without_seconds(together)["estimators"][1] == without_seconds(alone)["estimators"][0]
 
@@ -98,7 +98,7 @@ def test_an_estimator_that_does_not_fit_gets_a_row_with_the_reason():
     assert "perception" in comparison_document(comparison)["estimators"][1]["refusal"]
 
 
-def test_an_estimator_that_fails_on_its_way_is_left_out_of_the_statistics():
+def test_an_estimator_that_fails_midway_is_left_out_of_the_statistics():
     wrong = replace(case(), problem=LATTICE.problem(score="progress"))
     comparison = run(wrong, f"mc,{SMALL}")
     assert "progress" in str(comparison.arms[1].refusal)
@@ -120,7 +120,7 @@ def interrupt_at(name):
     return watch
 
 
-def test_an_interruption_keeps_what_is_done():
+def test_an_interruption_keeps_finished_repetitions():
     comparison = run(case(), f"mc,{SMALL}", watch=interrupt_at("mc  3/3"))
     assert comparison.interrupted
     assert [len(entry.repetitions) for entry in comparison.arms] == [2, 2]

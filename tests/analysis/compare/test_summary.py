@@ -43,7 +43,7 @@ def test_coverage_counts_both_ends():
     assert found.accuracy.covered == 2
 
 
-def test_nothing_is_said_without_truth_or_spread():
+def test_columns_are_empty_without_truth_or_spread():
     alone = summary(repetition(P))
     assert (alone.mean, alone.interval, alone.accuracy) == (P, None, None)
     assert summary(repetition(P), repetition(2 * P), truth=None).accuracy is None
@@ -69,7 +69,7 @@ def test_a_small_error_around_the_wrong_value_is_not_fast():
     assert right.accuracy.speed_up > 100
 
 
-def test_equal_estimates_are_no_certainty():
+def test_equal_estimates_do_not_give_certainty():
     found = summary(*[repetition(P, relative_error=0.5)] * 4)
     low, high = found.interval
     assert low < 0.7 * P

@@ -46,7 +46,7 @@ def run(avrare, *words):
     return avrare("run", SCENARIO, *options, *words)
 
 
-def test_a_run_fills_the_database_and_the_next_one_drives_it_first(avrare):
+def test_a_run_stores_failures_and_the_next_run_replays_them_first(avrare):
     code, first, err = run(avrare, "--out", "a", "--failures", "db")
     assert code == 0
     new = re.search(r"(\d+) new failures in db", err)
@@ -81,7 +81,7 @@ def test_a_blob_is_reproduced_in_a_fresh_process(avrare, stored, tmp_path):
         assert "bit-identical" in done.stdout
 
 
-def test_a_mended_scenario_exits_with_1(avrare, stored):
+def test_a_corrected_scenario_exits_with_1(avrare, stored):
     mended = "simulator.process_noise=[1e-9, 1e-9, 1e-9, 1e-9]"
     code, out, _ = avrare("replay", SCENARIO, *CHANGES, "--set", mended, "--failure", stored)
     assert code == 1
@@ -145,7 +145,7 @@ def test_the_exported_rollout_breaks_the_same_formula(avrare, stored):
 
 
 @pytest.mark.slow
-def test_falsify_finds_tells_and_stores(avrare):
+def test_falsify_finds_prints_and_stores_a_failure(avrare):
     words = ["falsify", SCENARIO, *CHANGES, "--budget", "900", "--write-blob", "found.txt"]
     code, out, _ = avrare(*words)
     assert code == 1
@@ -200,7 +200,7 @@ def test_falsify_that_finds_nothing(avrare):
         (["failures", "cluster", SCENARIO, "--budget", "-1"], "--budget must be at least 0"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(avrare, words, text):
+def test_mistakes_are_one_clear_line(avrare, words, text):
     code, out, err = avrare(*words)
     assert (code, out) == (4, "")
     assert text in err
@@ -212,7 +212,7 @@ def test_an_empty_folder_of_failures(avrare):
     assert (code, out) == (0, ".avrare/failures: no stored failures\n")
 
 
-def test_a_folder_that_takes_no_failures_is_told_before_the_run(avrare, tmp_path):
+def test_a_folder_that_cannot_store_failures_is_reported_before_the_run(avrare, tmp_path):
     (tmp_path / "file").touch()
     code, _, err = run(avrare, "--out", "a", "--failures", "file")
     assert (code, "not a writable folder" in err) == (4, True)

@@ -16,7 +16,7 @@ def three_kinds(sizes=(7, 12, 4), noise=0.3):
     return kinds, [centres[kind] + noise * rng.standard_normal((10, 4)) for kind in kinds]
 
 
-def test_kinds_are_found_and_the_largest_comes_first():
+def test_clusters_are_found_and_the_largest_comes_first():
     kinds, tapes = three_kinds()
     order = np.random.default_rng(1).permutation(len(tapes))
     found = cluster([tapes[k] for k in order])
@@ -26,13 +26,13 @@ def test_kinds_are_found_and_the_largest_comes_first():
     assert [expected[k] for k in found.medoids] == [0, 1, 2]
 
 
-def test_a_medoid_is_the_middlemost_of_its_kind():
+def test_a_medoid_is_the_most_central_of_its_cluster():
     tapes = [np.full((2, 2), x) for x in (0.0, 0.1, 0.3, 9.0, 9.2, 9.3)]
     found = cluster(tapes)
     assert set(found.medoids) == {1, 4}
 
 
-def test_what_has_no_kinds_is_one_kind():
+def test_tapes_without_structure_are_one_cluster():
     tapes = list(np.random.default_rng(2).standard_normal((40, 30, 5)))
     found = cluster(tapes)
     assert (found.labels == 0).all()
@@ -40,7 +40,7 @@ def test_what_has_no_kinds_is_one_kind():
     assert np.isnan(found.silhouette)
 
 
-def test_there_are_six_kinds_at_most():
+def test_there_are_at_most_six_clusters():
     tapes = [np.full((2, 2), 10.0**k * (1 + 0.001 * j)) for k in range(9) for j in range(3)]
     assert len(cluster(tapes).medoids) <= 6
     assert len(cluster(tapes, max_clusters=3).medoids) <= 3
@@ -53,7 +53,7 @@ def test_few_or_equal_failures(count):
     assert found.medoids == (0,)
 
 
-def test_blocks_change_no_kind(monkeypatch):
+def test_blocks_do_not_change_the_clusters(monkeypatch):
     _, tapes = three_kinds(sizes=(9, 30, 14), noise=1.5)
     whole = cluster(tapes)
     monkeypatch.setattr(
@@ -85,7 +85,7 @@ def test_memory_does_not_grow_with_the_square_of_the_failures():
     assert len(found.medoids) == 3
 
 
-def test_what_cannot_be_sorted():
+def test_no_failures_and_different_shapes_are_refused():
     with pytest.raises(UsageError, match="no failures"):
         cluster([])
     with pytest.raises(UsageError, match="different shapes"):

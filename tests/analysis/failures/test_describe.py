@@ -35,7 +35,7 @@ def test_errors_say_how_far_where_and_when(drive_past, tape):
     assert 0.1 < lateral < 10.0 * scene.widths[0]
 
 
-def test_small_noise_is_told_as_noise(drive_past, tape):
+def test_small_noise_is_described_as_noise(drive_past, tape):
     tape[4, 3] = 0.01
     assert describe(drive_past, tape) == "channel 3 at step 4: +0.01 sigma"
 
@@ -44,7 +44,7 @@ def test_no_noise(drive_past, tape):
     assert describe(drive_past, tape) == "nothing is disturbed"
 
 
-def test_a_system_without_perception_speaks_of_channels(linear):
+def test_a_system_without_perception_is_described_by_channels(linear):
     tape = np.zeros((21, 6))
     tape[10:15, 2] = [1.0, 2.0, 3.14, 2.0, 1.0]
     tape[0, 5] = -2.0
@@ -52,7 +52,7 @@ def test_a_system_without_perception_speaks_of_channels(linear):
     assert describe(linear, tape) == expected
 
 
-def test_of_many_disturbances_the_smallest_are_counted():
+def test_the_smallest_of_many_disturbances_are_only_counted():
     found = [Disturbance("van", f"p{k}", k, float(k)) for k in range(10)]
     assert (
         join_disturbances(found)

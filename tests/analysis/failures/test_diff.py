@@ -26,12 +26,12 @@ def test_the_same_scenario_gives_the_same_bits(load, linear, failure):
 
 
 @pytest.mark.parametrize("part", ["seed=5", "estimator.chains=7", "chunk=3"])
-def test_seed_estimator_and_chunk_are_no_part_of_a_failure(load, failure, part):
+def test_seed_estimator_and_chunk_do_not_identify_a_failure(load, failure, part):
     found = replay_failure(load(part), failure)
     assert (found.divergence, found.changes) == (None, ())
 
 
-def test_another_scenario_is_named_with_what_diverges_first(load, failure):
+def test_another_scenario_is_named_with_the_first_difference(load, failure):
     changed = load("simulator.initial.mean=[0.5, 0, 1, 0]")
     found = replay_failure(changed, failure)
     assert found.changes[0].startswith("simulator differs: fingerprint ")
@@ -61,13 +61,13 @@ def test_another_version_is_named(linear, failure):
     assert found.divergence is None
 
 
-def test_a_plugin_of_another_estimator_is_no_difference(linear, load, failure):
+def test_the_plugin_of_another_estimator_is_not_a_difference(linear, load, failure):
     other = replace(failure, versions={**failure.versions, "avrare-other": "1.0"})
     assert replay_failure(linear, other).changes == ()
     assert "avrare-other 1.0 -> none" in replay_failure(load("simulator.dt=0.11"), other).changes
 
 
-def test_what_is_in_a_file_belongs_to_the_part(linear, failure, monkeypatch):
+def test_the_content_of_a_file_belongs_to_its_part(linear, failure, monkeypatch):
     path = "simulator.model"
     monkeypatch.setattr(
         "avrare.analysis.failures.failure.digests", lambda _: {path: "a", "estimator.proposal": "b"}
@@ -79,7 +79,7 @@ def test_what_is_in_a_file_belongs_to_the_part(linear, failure, monkeypatch):
     assert line.startswith("simulator differs: fingerprint ")
 
 
-def test_noise_of_another_shape_cannot_be_driven(load, failure):
+def test_noise_of_another_shape_cannot_be_replayed(load, failure):
     with pytest.raises(
         UsageError, match="21 x 6 numbers of noise, but double_integrator needs 22 x 6"
     ) as caught:
@@ -93,7 +93,7 @@ def test_a_scenario_without_the_specification(load, failure):
         replay_failure(other, failure)
 
 
-def test_checksums_feel_the_last_bit_and_not_the_order():
+def test_checksums_depend_on_the_last_bit_and_not_on_the_order():
     signals = {"a": np.arange(4.0), "b": np.ones((4, 2)), "c": np.array([True, False, True, True])}
     sums = compute_checksums(signals)
     assert len(set(sums.tolist())) == 4

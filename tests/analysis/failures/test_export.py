@@ -19,7 +19,7 @@ def recording(drive_past):
     return Recording("test", 0.1, 0.0, found.signals, drive_past.scene, drive_past.scene.names)
 
 
-def test_vehicles_in_csv_come_back_to_the_bit(recording, tmp_path):
+def test_vehicles_in_csv_are_read_back_bit_for_bit(recording, tmp_path):
     (tmp_path / "drive.csv").write_text(to_csv(recording))
     again = read_csv(str(tmp_path / "drive.csv"), "ego", recording.scene.road)
     assert (again.dt, again.names) == (recording.dt, recording.names)
@@ -28,7 +28,7 @@ def test_vehicles_in_csv_come_back_to_the_bit(recording, tmp_path):
     np.testing.assert_array_equal(again.signals["gap"], recording.signals["gap"])
 
 
-def test_a_vehicle_that_is_called_as_the_ego_gets_another_name(recording, tmp_path):
+def test_another_vehicle_named_ego_is_renamed(recording, tmp_path):
     assert csv_vehicle_names(("ego_2", "ego", "van")) == ("ego_2", "ego_3", "van")
     assert csv_vehicle_names(("van", "Ego")) == ("van", "Ego")
     named = replace(recording, scene=replace(recording.scene, names=("ego",)), names=("ego",))
@@ -39,7 +39,7 @@ def test_a_vehicle_that_is_called_as_the_ego_gets_another_name(recording, tmp_pa
         np.testing.assert_array_equal(again.signals[name], recording.signals[name])
 
 
-def test_signals_in_csv_come_back_to_the_bit(linear, pushed, tmp_path):
+def test_signals_in_csv_are_read_back_bit_for_bit(linear, pushed, tmp_path):
     found = replay_tape(linear.problem("near"), pushed)
     (tmp_path / "drive.csv").write_text(to_csv(Recording("test", 0.1, 0.0, found.signals)))
     again = read_csv(str(tmp_path / "drive.csv"))
@@ -48,7 +48,7 @@ def test_signals_in_csv_come_back_to_the_bit(linear, pushed, tmp_path):
         np.testing.assert_array_equal(again.signals[name], values)
 
 
-def test_commonroad_comes_back_to_the_bit(recording, tmp_path):
+def test_commonroad_is_read_back_bit_for_bit(recording, tmp_path):
     pytest.importorskip("commonroad.common.file_reader")
     (tmp_path / "drive.xml").write_text(to_commonroad(recording, "past a parked car"))
     again = read_commonroad(str(tmp_path / "drive.xml"), "1")
@@ -71,7 +71,7 @@ def test_commonroad_needs_a_road(linear, pushed):
         to_commonroad(Recording("test", 0.1, 0.0, found.signals), "x")
 
 
-def test_drives_side_by_side_are_those_alone(linear, pushed, drive_past):
+def test_replays_in_a_batch_equal_single_replays(linear, pushed, drive_past):
     tapes = np.stack([factor * pushed for factor in (0.0, 0.5, 1.0, -1.0)])
     noise = np.random.default_rng(1).standard_normal((3, 9, 4))
     for problem, batch in ((linear.problem("near"), tapes), (drive_past.problem("near"), noise)):
@@ -82,7 +82,7 @@ def test_drives_side_by_side_are_those_alone(linear, pushed, drive_past):
                 np.testing.assert_array_equal(together.signals[name], values, strict=True)
 
 
-def test_a_drive_that_breaks_down_keeps_its_beginning(weighted):
+def test_a_rollout_that_breaks_down_keeps_its_beginning(weighted):
     problem = weighted(np.ones((6, 3)), nan=5.0)
     noise = np.zeros((3, 6, 3))
     noise[1, 4, 0] = 6.0
@@ -93,7 +93,7 @@ def test_a_drive_that_breaks_down_keeps_its_beginning(weighted):
     assert "NaN" in found[1].error
 
 
-def test_names_with_commas_come_back(recording, tmp_path):
+def test_names_with_commas_are_read_back(recording, tmp_path):
     scene = replace(recording.scene, names=('a "van", red',))
     (tmp_path / "drive.csv").write_text(to_csv(replace(recording, scene=scene)))
     assert read_csv(str(tmp_path / "drive.csv"), "ego", scene.road).names == scene.names

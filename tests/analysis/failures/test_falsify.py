@@ -37,18 +37,18 @@ def test_a_budget_too_small_finds_nothing_and_says_so(rare):
     assert (found.noise, found.norm, found.rollouts, found.finished) == (None, np.inf, 100, False)
 
 
-def test_what_cannot_fail(weighted):
+def test_a_problem_that_cannot_fail_finds_nothing(weighted):
     found = falsify(weighted(np.zeros((3, 3))), budget=300)
     assert (found.noise, found.rollouts) == (None, 300)
 
 
-def test_what_fails_without_noise_needs_no_search(weighted):
+def test_a_failure_without_noise_needs_no_search(weighted):
     found = falsify(weighted(np.zeros((3, 3)), "eventually (x > 1)"))
     assert (found.norm, found.rollouts) == (0.0, 1)
     assert not found.noise.any()
 
 
-def test_rollouts_that_break_down_are_counted_and_not_found(weighted):
+def test_errors_are_counted_and_not_taken_for_failures(weighted):
     weights = np.ones((6, 3)) / 4
     problem = weighted(weights, raises=1.5)
     found = falsify(problem, budget=1500)

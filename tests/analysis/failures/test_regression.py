@@ -21,7 +21,7 @@ def failure(linear, pushed):
     return record_failure(linear, "near", pushed)
 
 
-def test_what_becomes_of_known_failures(load, linear, failure):
+def test_outcomes_of_known_failures(load, linear, failure):
     short = replace(failure, noise=failure.noise[:5])
     gone = replace(failure, specification="gone")
     found = replay_failures(linear, [short, failure, gone])
@@ -35,13 +35,13 @@ def test_what_becomes_of_known_failures(load, linear, failure):
     assert now.line().startswith(f"{failure.id} near: passes now (robustness ")
 
 
-def test_many_known_failures_are_each_their_own(linear, pushed):
+def test_many_known_failures_keep_their_own_robustness(linear, pushed):
     failures = [record_failure(linear, "near", factor * pushed) for factor in np.linspace(1.0, 2.0, 7)]
     small = replay_failures(linear, failures)
     assert [one.robustness for one in small] == [failure.robustness for failure in failures]
 
 
-def test_the_worst_are_remembered_once(linear, pushed, tmp_path):
+def test_the_worst_failures_are_stored_once(linear, pushed, tmp_path):
     tapes = np.stack([factor * pushed for factor in np.linspace(1.0, 2.0, MAX_STORED + 3)] + [0.0 * pushed])
     robustness = linear.problem("near").robustness(tapes)
     database = FailureDatabase(tmp_path)
@@ -54,7 +54,7 @@ def test_the_worst_are_remembered_once(linear, pushed, tmp_path):
     assert store_worst(database, linear, {"near": Failures(tapes, robustness, len(tapes))}) == ([], [])
 
 
-def test_what_does_not_fail_is_not_remembered(linear, pushed, tmp_path):
+def test_rollouts_that_do_not_fail_are_not_stored(linear, pushed, tmp_path):
     tapes = np.stack([0.0 * pushed, pushed])
     new, complaints = store_worst(
         FailureDatabase(tmp_path), linear, {"near": Failures(tapes, np.array([0.0, -1.0]), 2)}
@@ -62,7 +62,7 @@ def test_what_does_not_fail_is_not_remembered(linear, pushed, tmp_path):
     assert (new, complaints) == ([record_failure(linear, "near", pushed).id], [])
 
 
-def test_failures_that_do_not_come_again_are_told(linear, pushed, tmp_path, monkeypatch):
+def test_failures_that_do_not_repeat_are_reported(linear, pushed, tmp_path, monkeypatch):
     tapes = np.stack([0.0 * pushed, pushed])  # the first failed by chance, not by its noise
     found = {"near": Failures(tapes, np.array([-1.0, -2.0]), 2)}
     new, complaints = store_worst(FailureDatabase(tmp_path), linear, found)

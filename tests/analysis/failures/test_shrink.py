@@ -15,7 +15,7 @@ def random(shape, seed=0):
     return np.random.default_rng(seed).standard_normal(shape)
 
 
-def test_one_number_that_matters(weighted):
+def test_a_failure_of_one_number(weighted):
     weights = np.zeros((40, 3))
     weights[17, 1] = 1.0
     tape = random((40, 3))
@@ -57,7 +57,7 @@ def test_two_numbers_that_must_come_together(weighted):
     assert found.after <= np.linalg.norm([2.0, 2.0])
 
 
-def test_it_still_fails_and_nothing_smaller_does(weighted):
+def test_the_result_fails_and_no_smaller_tape_does(weighted):
     problem = weighted(random((25, 3), 2) / 5)
     tape = random((25, 3), 3) + 0.6 * np.sign(problem.system.weights)
     found = shrink(problem, tape)
@@ -92,7 +92,7 @@ class Either:
         return state
 
 
-def test_greed_is_mended_by_another_order(monkeypatch):
+def test_another_order_improves_on_the_greedy_one(monkeypatch):
     problem = avrare.Problem(Either(), avrare.stl("always (x < 3)"), 29)
     tape = random((30, 3))
     tape[:, :2] = 0.0
@@ -105,7 +105,7 @@ def test_greed_is_mended_by_another_order(monkeypatch):
     assert np.argwhere(shrink(problem, tape).noise).tolist() == [[3, 0]]
 
 
-def test_what_is_left_is_turned_within_its_channels(weighted, monkeypatch):
+def test_the_result_is_rotated_within_its_channels(weighted, monkeypatch):
     weights = np.zeros((30, 3))
     weights[8:12, 1] = 1.0
     weights[20, 2] = 1.9
@@ -136,7 +136,7 @@ def test_chunks_change_no_bit(weighted):
         assert other.rollouts == found[0].rollouts
 
 
-def test_rows_alone_and_in_company_are_the_same(linear, pushed):
+def test_rows_alone_and_in_a_batch_are_the_same(linear, pushed):
     problem = linear.problem("near")
     tapes = [factor * pushed for factor in np.linspace(0.1, 1.3, 30)]
     together = TapeEvaluator(problem, 100)(tapes, scored=True)
@@ -148,7 +148,7 @@ def test_rows_alone_and_in_company_are_the_same(linear, pushed):
         assert alone.fails[0] == together.fails[k]
 
 
-def test_what_does_not_fail_is_refused(weighted):
+def test_a_tape_that_does_not_fail_is_refused(weighted):
     with pytest.raises(UsageError, match="does not fail"):
         shrink(weighted(np.ones((5, 3))), np.zeros((5, 3)))
 
@@ -171,7 +171,7 @@ def test_rollouts_that_break_down_are_no_failures(weighted, breaks):
         shrink(problem, broken)
 
 
-def test_a_stack_that_fails_without_noise_is_told_what_saves_it(weighted):
+def test_a_stack_that_fails_without_noise_gets_the_noise_that_saves_it(weighted):
     weights = np.zeros((10, 3))
     weights[3, 2] = 1.0
     problem = weighted(weights, "eventually (x > 0.5)")

@@ -27,7 +27,7 @@ def blob_of(content):
     return PREFIX + base64.urlsafe_b64encode(zlib.compress(content)).decode().rstrip("=")
 
 
-def test_a_failure_comes_back_to_the_bit(failure):
+def test_a_failure_is_decoded_bit_for_bit(failure):
     again = decode(encode(failure))
     assert again.id == failure.id
     assert (again.parts, again.versions, again.columns) == (failure.parts, failure.versions, failure.columns)
@@ -71,7 +71,7 @@ def test_a_blob_of_little_noise_is_short(linear, failure):
     assert len(encode(record_failure(linear, "near", noise))) < 0.5 * len(encode(failure))
 
 
-def test_every_damage_is_said_in_one_line(failure):
+def test_every_damage_is_one_clear_line(failure):
     blob = encode(failure)
     rng = np.random.default_rng(0)
     damaged = [blob[: int(cut)] for cut in rng.integers(0, len(blob), 40)]
@@ -86,7 +86,7 @@ def test_every_damage_is_said_in_one_line(failure):
         assert len(caught.value.message) < 200
 
 
-def test_headers_that_lie(failure):
+def test_false_headers_are_refused(failure):
     whole = content(encode(failure))
     size = int.from_bytes(whole[:4], "little")
     header, body = json.loads(whole[4 : 4 + size]), whole[4 + size :]
@@ -116,7 +116,7 @@ def test_noise_that_is_not_finite_is_refused(failure):
         decode(encode(replace(failure, noise=noise)))
 
 
-def test_words_from_outside_do_not_command_the_terminal(failure):
+def test_control_characters_in_a_blob_are_escaped(failure):
     odd = replace(
         failure, columns=("\x1b]0;x\x07", *failure.columns[1:]), versions={"a\x9b1m": "caf\u00e9\u200d"}
     )

@@ -80,7 +80,7 @@ def test_other_files_in_the_folder_are_left_alone(database, failure):
     assert database.ids() == [failure.id]
 
 
-def test_a_folder_that_cannot_be_made(tmp_path, failure):
+def test_a_folder_that_cannot_be_created(tmp_path, failure):
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot write"):
         FailureDatabase(tmp_path / "file" / "x").add(failure)
@@ -97,13 +97,13 @@ def test_a_damaged_archive_is_a_message(database, failure):
 
 
 @pytest.mark.parametrize("name", ["../x", "../../etc/passwd", "/tmp/x", "", "*", "0" * 9, "."])
-def test_a_name_is_no_path(database, failure, name):
+def test_an_id_is_not_a_path(database, failure, name):
     database.add(failure)
     with pytest.raises(UsageError, match="there is no failure"):
         database.load(name)
 
 
-def test_whether_there_is_room_is_asked_without_making_any(database, tmp_path):
+def test_checking_the_folder_does_not_create_it(database, tmp_path):
     database.ensure_writable()
     assert not database.folder.exists()
     (tmp_path / "file").touch()

@@ -59,7 +59,7 @@ def told(capsys):
     return run
 
 
-def test_what_is_added_is_read_again(write):
+def test_added_estimates_are_read_back(write):
     folder = write(1, probability=1.25e-7, interval=[0.0, 1e-6], health=["ties", "few_roots"], verdict=None)
     (entry,) = read_entries(Path(folder))
     with HistoryStore("h.sqlite", create=True) as store:
@@ -83,12 +83,12 @@ def test_adding_again_adds_nothing_and_time_does_not_count(write, told):
     assert out == "0 of 2 estimates added to .avrare/history.sqlite, 2 were stored already\n"
 
 
-def test_a_folder_of_several_runs_is_added_whole(write, told):
+def test_a_folder_of_several_runs_is_added_completely(write, told):
     write(1), write(2), write(3, name="park")
     assert told("add", "runs")[1].startswith("3 of 3")
 
 
-def test_the_table_is_oldest_first_and_marks_another_question(write, told):
+def test_the_table_is_oldest_first_and_marks_changed_fingerprints(write, told):
     for day, fingerprint in ((3, "b"), (1, "a"), (2, "a")):
         write(day, fingerprint=16 * fingerprint, changed=day == 3, probability=day / 100)
     told("add", "runs")
@@ -113,12 +113,12 @@ def test_the_limit_keeps_the_newest_of_each(write, told):
     assert told("--limit", "-1")[0] == 4
 
 
-def test_health_is_told_of(write, told):
+def test_health_warnings_are_shown(write, told):
     told("add", write(1, health=["ties"]))
     assert "health warnings: ties" in told()[1]
 
 
-def test_breaks_are_between_different_fingerprints(write):
+def test_series_break_between_different_fingerprints(write):
     found = [read_entries(Path(write(day, fingerprint=16 * mark)))[0] for day, mark in enumerate("aabba")]
     assert find_breaks(found) == [False, False, True, False, True]
     assert [key for key, _ in group_series(found[::-1])] == [("drive", "left")]
@@ -134,20 +134,20 @@ def test_breaks_are_between_different_fingerprints(write):
         (["one", "two"], "give one scenario, not 2"),
     ],
 )
-def test_wrong_words_are_answered_in_words(tmp_path, monkeypatch, told, words, message):
+def test_wrong_arguments_are_a_clear_error(tmp_path, monkeypatch, told, words, message):
     monkeypatch.chdir(tmp_path)
     code, _, err = told(*words)
     assert code == 4
     assert message in err
 
 
-def test_unknown_names_are_guessed_at(write, told):
+def test_unknown_names_get_a_suggestion(write, told):
     told("add", write(1))
     assert "did you mean 'drive'" in told("drivee")[2]
     assert "did you mean 'left'" in told("--specification", "lef")[2]
 
 
-def test_a_file_that_is_no_history(tmp_path, monkeypatch, told, write):
+def test_a_file_that_is_not_a_history(tmp_path, monkeypatch, told, write):
     (tmp_path / "x.sqlite").write_text("this is no database, but long enough to look like one" * 30)
     code, _, err = told("--store", "x.sqlite")
     assert code == 4
@@ -205,7 +205,7 @@ def test_the_picture_shows_every_estimate(write, told):
     assert (code, "written as PNG" in err) == (4, True)
 
 
-def test_what_is_printed_of_a_url_has_no_secret(write, told):
+def test_printed_urls_contain_no_secrets(write, told):
     pytest.importorskip("sqlalchemy")
     url = "sqlite+pysqlite:///h.db?cache=secret"
     with pytest.warns(match="not accepted"):
@@ -255,7 +255,7 @@ def test_two_jobs_that_begin_a_history_at_once_both_succeed(write, url):
         assert len(store.read()) == 5
 
 
-def test_what_another_job_did_meanwhile_is_no_error(write, monkeypatch):
+def test_a_concurrent_addition_by_another_job_is_not_an_error(write, monkeypatch):
     pytest.importorskip("sqlalchemy")
     found, url = read_entries(Path(write(1))), "sqlite+pysqlite:///h.db"
     with HistoryStore(url, create=True) as one:
@@ -272,7 +272,7 @@ def test_what_another_job_did_meanwhile_is_no_error(write, monkeypatch):
         assert len(store.read()) == 2
 
 
-def test_names_are_neither_markup_nor_formulas(write, told):
+def test_names_with_markup_and_formulas_can_be_plotted(write, told):
     pytest.importorskip("matplotlib")
     told("add", write(1, specification="[/x] $\\foo$"))
     code, out, _ = told()

@@ -101,7 +101,7 @@ def test_the_first_and_the_worst_may_be_different_vehicles():
     assert found.prefix_violated.tolist() == [False] * 3 + [True] * 7
 
 
-def test_what_the_rule_asks_for_is_named_though_its_condition_is_nearer():
+def test_the_required_predicate_is_named_although_the_condition_is_nearer():
     close, safe = np.full((5, 2), -1.0), np.full((5, 2), -9.0)
     close[2, 1], safe[2, 1] = 0.1, -3.0
     rule = Rule("forall o in others: always (close(o) > 0 -> safe(o) >= 0)", ("car", "van"))
@@ -110,7 +110,7 @@ def test_what_the_rule_asks_for_is_named_though_its_condition_is_nearer():
     assert (found.first.formula, found.first.value) == ("safe(van) >= 0", -3.0)
 
 
-def test_of_a_kept_rule_the_part_that_keeps_it_is_named():
+def test_a_kept_rule_names_the_part_that_keeps_it():
     close, safe = np.full((5, 2), -1.0), np.full((5, 2), -9.0)
     close[2, 1] = -0.1
     rule = Rule("forall o in others: always (close(o) > 0 -> safe(o) >= 0)", ("car", "van"))
@@ -119,7 +119,7 @@ def test_of_a_kept_rule_the_part_that_keeps_it_is_named():
     assert (found.worst.formula, found.worst.value) == ("close(van) > 0", -0.1)
 
 
-def test_where_more_than_one_thing_is_asked_for_the_deciding_one_is_named():
+def test_among_several_requirements_the_deciding_one_is_named():
     rule = Rule("always (exists o in others: near(o) > 0 and slow(o) > 0)", ("car", "van"))
     found = monitor_recording("r", rule, recorded(near=[[1, 2], [1, -1]], slow=[[3, 3], [-0.25, 3]]))
     assert found.violated
@@ -136,7 +136,7 @@ def why(text, dt=0.1, **signals):
     return found.sample, found.formula, found.value, found.formula_sample
 
 
-def test_what_a_rule_asks_for_later_is_looked_at_there():
+def test_a_later_requirement_is_evaluated_at_its_sample():
     p, q = [1, -1, -1, -1, -1], [0, -3, -4, 2, -1]
     assert why("always (p > 0 -> always[1,2] (q > 0))", 1.0, p=p, q=q) == (0, "q > 0", -3.0, 1)
     assert why("always always[1,1] (x > 0)", 1.0, x=[-7, -1, 1, 1]) == (0, "x > 0", -1.0, 1)
@@ -169,7 +169,7 @@ def test_the_value_named_is_the_one_at_the_sample_named(seed):
             assert name in "bc"
 
 
-def test_of_a_rule_without_vehicles_nobody_is_left():
+def test_a_rule_whose_vehicles_are_all_excluded_is_kept():
     rule = Rule("forall o in others: always (safe(o) > 0)", ())
     rule.excluded = ("parked",)
     found = monitor_recording("r", rule, recorded(safe=np.ones((3, 0))))
@@ -196,7 +196,7 @@ def test_no_value_is_an_error():
         )
 
 
-def test_nobody_else_on_the_road():
+def test_a_road_without_other_vehicles():
     there, states = np.ones(5, dtype=bool), np.zeros((5, 5))
     alone = assemble_recording(
         "t.csv", 0.1, 0.0, VehicleTrack("ego", 4.0, 2.0, there, states), [], Road((0.0,), 3.5)

@@ -37,7 +37,7 @@ def test_kill_minus_nine_at_random_moments(night, estimator, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["is", "ce"])
-def test_weighted_samples_are_gone_on_with(night, estimator):
+def test_weighted_samples_are_resumed(night, estimator):
     scenario = night.scenario(estimator)
     night.run(scenario, "--out", "whole")
     process = night.start(scenario, "--out", "torn", **SLOW)
@@ -49,7 +49,7 @@ def test_weighted_samples_are_gone_on_with(night, estimator):
 
 
 @pytest.mark.slow
-def test_killed_means_no_more_than_the_chunk_in_hand(night):
+def test_a_kill_loses_only_the_chunks_in_hand(night):
     scenario = night.scenario()
     process = night.start(scenario, "--out", "torn", **SLOW)
     wait_for(lambda: len(night.saved("torn")) >= 5)
@@ -66,7 +66,7 @@ def test_killed_means_no_more_than_the_chunk_in_hand(night):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_signal_ends_it_after_the_chunk_in_hand(night, number, workers):
+def test_a_signal_ends_the_run_after_the_chunk_in_hand(night, number, workers):
     scenario = night.scenario()
     night.run(scenario, "--out", "whole")
     process = night.start(scenario, "--out", "a folder", "--workers", workers, **SLOW)
@@ -84,7 +84,7 @@ def test_a_signal_ends_it_after_the_chunk_in_hand(night, number, workers):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunks", [0, 3])
-def test_ctrl_c_reaches_the_workers_too_and_is_no_different(night, chunks):
+def test_ctrl_c_with_workers_behaves_the_same(night, chunks):
     """At no time: with no chunk saved they are just starting."""
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, **SLOW)
     wait_for(lambda: (night.folder / "torn" / "checkpoint" / "walk").exists())
@@ -99,7 +99,7 @@ def test_ctrl_c_reaches_the_workers_too_and_is_no_different(night, chunks):
 
 
 @pytest.mark.slow
-def test_a_signal_to_the_program_and_its_group_is_one(night):
+def test_a_signal_to_the_program_and_its_group_counts_once(night):
     """As ``timeout`` sends it: twice to the program, once to each worker."""
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="0.05")
     wait_for(lambda: len(night.saved("torn")) >= 2)
@@ -114,7 +114,7 @@ def test_a_signal_to_the_program_and_its_group_is_one(night):
 
 
 @pytest.mark.slow
-def test_the_second_signal_leaves_at_once(night):
+def test_the_second_signal_ends_the_run_at_once(night):
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="5")
     wait_for(lambda: (night.folder / "torn" / "checkpoint" / "walk").exists())
     time.sleep(2.0)  # a chunk takes 100 seconds
@@ -141,7 +141,7 @@ def test_without_a_folder_ctrl_c_saves_as_well(night):
 
 
 @pytest.mark.slow
-def test_no_room_left(night):
+def test_a_disk_that_fills_up_loses_only_the_chunks_in_hand(night):
     scenario = night.scenario()
     night.run(scenario, "--out", "whole")
     process = night.start(scenario, "--out", "torn", **SLOW)

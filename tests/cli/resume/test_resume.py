@@ -45,7 +45,7 @@ def run(*words):
     return main(["run", *map(str, words), "--no-pictures"])
 
 
-def test_the_first_line_of_progress_goes_on(night, interrupted, monkeypatch):
+def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
     scenario = night.scenario()
     interrupted(7, scenario, "--out", "torn")
     seen = []
@@ -57,7 +57,7 @@ def test_the_first_line_of_progress_goes_on(night, interrupted, monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_is_done_is_not_run_again(night, interrupted, monkeypatch):
+def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
     """Two scenarios, of which splitting would run one specification after another."""
     monkeypatch.setattr("avrare.estimation.monte_carlo.MonteCarlo.single", True)
     words = (night.scenario(name="one"), night.scenario(name="two"))
@@ -84,7 +84,7 @@ def test_the_json_of_a_resumed_run(night, interrupted, capsys):
     assert content == json.loads(Path("torn/result.json").read_text())
 
 
-def test_a_finished_run_is_told_again(night, capsys):
+def test_resuming_a_finished_run_prints_its_result(night, capsys):
     scenario = night.scenario()
     assert run(scenario, "--out", "done") == 0
     capsys.readouterr()
@@ -97,7 +97,7 @@ def test_a_finished_run_is_told_again(night, capsys):
     assert "contains the result of another run" in capsys.readouterr().err
 
 
-def test_a_finished_run_had_its_budget(night, capsys):
+def test_a_finished_run_keeps_its_budget(night, capsys):
     words = [night.scenario(), "--budget", "rollouts=20"]
     assert run(*words, "--out", "done") == 0
     assert run(*words, "--resume", "done") == 0
@@ -171,7 +171,7 @@ def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
     assert 'scenarios.walk.versions.avrare "0.1.0" -> "0.2.0"' in capsys.readouterr().err
 
 
-def test_a_changed_code_is_found_by_running_a_rollout_again(night, interrupted, capsys, monkeypatch):
+def test_changed_code_is_found_by_replaying_a_rollout(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
     monkeypatch.setenv("AVRARE_TOY_BUG", "1")
     assert run("--resume", "torn") == 4
@@ -190,7 +190,7 @@ def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
     assert len(night.saved("torn")) == 2
 
 
-def test_a_run_that_saved_nothing_is(night):
+def test_a_run_that_saved_nothing_is_overwritten(night):
     scenario = night.scenario()
     assert run(scenario, "--out", "done") == 0
     assert run(scenario, "--out", "done") == 0
@@ -254,14 +254,14 @@ def test_nothing_is_unpickled(night, interrupted, capsys):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 1}', '{"schema": 1, "task": 3, "about": {}}'])
-def test_an_index_that_is_none(night, interrupted, capsys, text):
+def test_a_damaged_index_is_refused(night, interrupted, capsys, text):
     interrupted(2, night.scenario(), "--out", "torn")
     Path("torn/checkpoint/checkpoint.json").write_text(text)
     assert run("--resume", "torn") == 4
     assert "this is not a checkpoint" in capsys.readouterr().err
 
 
-def test_an_index_of_the_future(night, interrupted, capsys):
+def test_an_index_of_a_later_version_is_refused(night, interrupted, capsys):
     interrupted(2, night.scenario(), "--out", "torn")
     path = Path("torn/checkpoint/checkpoint.json")
     path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 2}))
@@ -288,7 +288,7 @@ def test_a_full_disk(night, capsys, monkeypatch):
     assert night.result("torn") == night.result("whole")
 
 
-def test_what_a_killed_process_left_is_swept_away(night, interrupted):
+def test_leftovers_of_a_killed_process_are_removed(night, interrupted):
     interrupted(2, night.scenario(), "--out", "torn")
     first = night.saved("torn")[0]
     (first.parent / f".{first.name}.x1y2").write_bytes(b"half a fi")
@@ -301,7 +301,7 @@ def test_what_a_killed_process_left_is_swept_away(night, interrupted):
     assert seen[0] == []
 
 
-def test_the_saved_scenario_is_the_one_gone_on_with(night, interrupted):
+def test_the_saved_scenario_is_resumed(night, interrupted):
     """The file that it came from may have changed, or be gone."""
     path = night.scenario()
     assert run(path, "--out", "whole") == 0
@@ -311,7 +311,7 @@ def test_the_saved_scenario_is_the_one_gone_on_with(night, interrupted):
     assert night.result("torn") == night.result("whole")
 
 
-def test_an_error_in_the_midst_keeps_what_is_saved(night, monkeypatch, capsys):
+def test_an_error_during_a_run_keeps_the_saved_chunks(night, monkeypatch, capsys):
     def fail(*_):
         raise Interrupted("enough")
 
@@ -322,7 +322,7 @@ def test_an_error_in_the_midst_keeps_what_is_saved(night, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_run_that_nobody_named_goes_on_too(night, interrupted, capsys):
+def test_a_run_without_a_named_folder_is_resumed(night, interrupted, capsys):
     words = (night.scenario(name="one"), night.scenario(name="two"))
     interrupted(5, *words)
     (folder,) = Path("runs").iterdir()
@@ -334,7 +334,7 @@ def test_a_run_that_nobody_named_goes_on_too(night, interrupted, capsys):
 
 
 @pytest.mark.parametrize("several", [False, True])
-def test_a_run_that_is_refused_leaves_nothing(night, several):
+def test_a_refused_run_leaves_nothing(night, several):
     words = [night.scenario("{plugin: ams, particles: 50, discard: 10}")]
     words += [night.scenario(name="two")] if several else []
     assert run(*words, "--budget", "rollouts=10") == 4
@@ -344,7 +344,7 @@ def test_a_run_that_is_refused_leaves_nothing(night, several):
     assert not Path("kept/checkpoint").exists()
 
 
-def test_only_one_goes_on_in_a_folder(night, interrupted, capsys):
+def test_only_one_process_resumes_in_a_folder(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
     with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).held():
@@ -356,7 +356,7 @@ def test_only_one_goes_on_in_a_folder(night, interrupted, capsys):
     assert run("--resume", "torn") == 0
 
 
-def test_nor_takes_away_what_has_saved_nothing_yet(night, capsys):
+def test_a_folder_in_use_is_not_overwritten(night, capsys):
     begun = checkpoint.Checkpoint.open(Path("torn/checkpoint"), {"another": "task"})
     with begun.held():
         assert run(night.scenario(), "--out", "torn") == 4
@@ -364,7 +364,7 @@ def test_nor_takes_away_what_has_saved_nothing_yet(night, capsys):
     assert checkpoint.read_index(Path("torn/checkpoint"))["task"] == {"another": "task"}
 
 
-def test_a_file_system_without_locks_keeps_nobody_out(night, monkeypatch):
+def test_a_file_system_without_locks_refuses_nobody(night, monkeypatch):
     def refuse(file, operation):
         raise OSError(errno.ENOLCK, "No locks available")
 

@@ -59,14 +59,14 @@ def test_all_outcomes_come_in_order(deaths):
 
 
 @pytest.mark.parametrize("culprit", [0, 5, 9])
-def test_a_chunk_that_always_kills_is_named(culprit):
+def test_a_chunk_that_always_kills_its_worker_is_named(culprit):
     crew = Crew({culprit: 99})
     with pytest.raises(WorkerDied, match=f"{MOST_LOSSES} times on .* particle {culprit}$"):
         outcomes(Window(crew, 3))
     assert crew.submitted.count(culprit) == MOST_LOSSES
 
 
-def test_no_more_are_taken_than_there_is_room_for():
+def test_no_more_chunks_are_taken_than_there_is_room_for():
     taken = []
 
     def source():
@@ -80,7 +80,7 @@ def test_no_more_are_taken_than_there_is_room_for():
         assert len(taken) == number + 3
 
 
-def test_an_error_of_a_chunk_comes_in_its_turn():
+def test_an_error_of_a_chunk_comes_in_order():
     class Wrong(Crew):
         def submit(self, chunk):
             hand = super().submit(chunk)
@@ -94,7 +94,7 @@ def test_an_error_of_a_chunk_comes_in_its_turn():
         next(answers)
 
 
-def test_a_crew_that_takes_nothing_is_given_up():
+def test_a_crew_that_loses_every_worker_is_an_error():
     class Nobody(Crew):
         def submit(self, chunk):
             raise WorkerLost

@@ -83,7 +83,7 @@ def test_outcomes_come_in_the_order_of_the_chunks(executor):
 
 
 @pytest.mark.slow
-def test_a_row_that_raises_in_a_worker_is_an_error_like_any_other():
+def test_a_row_that_raises_in_a_worker_is_an_error():
     task = problem(systems.Fragile("raise", 2.0))
     one, two = (avrare.estimate(task, workers=workers, rollouts=100) for workers in (1, 2))
     assert 0 < two.errors < 100
@@ -91,7 +91,7 @@ def test_a_row_that_raises_in_a_worker_is_an_error_like_any_other():
     np.testing.assert_array_equal(one.robustness, two.robustness)
 
 
-def test_an_error_of_ours_arrives_with_its_hint():
+def test_an_avrare_error_arrives_with_its_hint():
     with pytest.raises(avrare.FormulaError, match="'x' is missing"):
         estimate(problem(odd_systems.Nameless()))
 
@@ -104,7 +104,7 @@ def test_a_worker_that_dies_is_reported():
     assert avrare.estimate(problem(odd_systems.Deadly()), rollouts=10).errors == 0
 
 
-def test_a_system_that_cannot_be_read_elsewhere():
+def test_a_system_that_cannot_be_unpickled_in_a_worker():
     with pytest.raises(avrare.UsageError, match="lives in one process only"):
         estimate(problem(odd_systems.Homesick()))
 
@@ -123,7 +123,7 @@ def local_system():
         lambda: problem(score=lambda signals, t: signals["x"][:, t]),
     ],
 )
-def test_what_cannot_be_pickled_is_a_usage_error(task):
+def test_an_unpicklable_system_is_a_usage_error(task):
     with pytest.raises(avrare.UsageError, match="cannot be sent") as caught:
         estimate(task())
     assert "workers=1" in caught.value.hint
@@ -151,7 +151,7 @@ def test_an_unguarded_script_is_told_about_the_guard(tmp_path):
     assert "__main__" in done.stdout
 
 
-def test_errors_survive_the_journey():
+def test_errors_survive_pickling():
     for error in (avrare.UsageError("a", "b"), avrare.PluginError("a"), avrare.ScenarioError([("m", "h")])):
         copy = pickle.loads(pickle.dumps(error))
         assert type(copy) is type(error)

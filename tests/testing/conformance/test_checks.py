@@ -102,7 +102,7 @@ def test_every_check_is_tested():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_noticed(name, monkeypatch):
+def test_faulty_parts_fail_their_check(name, monkeypatch):
     kind, changes = WRONG[name]
     (check,) = (check for check in checks_of(kind) if check.name == name)
     right = check.run(registered(kind, monkeypatch))
@@ -113,7 +113,7 @@ def test_what_is_wrong_is_noticed(name, monkeypatch):
     assert "\n" not in wrong.reason
 
 
-def test_a_unit_is_asked_for():
+def test_a_missing_unit_is_reported():
     outcomes = {one.check: one for one in examine(subject("simulator", config="wrong:Unitless"))}
     reason = outcomes["options_are_described"].reason
     assert reason.startswith("no unit in brackets: Unitless.top_speed")  # pytest adds the assertion
@@ -123,7 +123,7 @@ def test_a_model_may_give_an_example():
     assert subject("simulator", config="wrong:Demanding").config.weight == 2.0
 
 
-def test_what_cannot_be_built_is_skipped_with_a_reason():
+def test_parts_that_cannot_be_built_are_skipped_with_a_reason():
     outcomes = list(examine(subject("simulator", config="wrong:Insatiable")))
     assert {one.status for one in outcomes} == {"passed", "skipped"}
     (reason,) = {one.reason for one in outcomes if one.status == "skipped"}
@@ -131,7 +131,7 @@ def test_what_cannot_be_built_is_skipped_with_a_reason():
 
 
 @pytest.mark.parametrize("factory", ["steered", "asking"])
-def test_a_simulator_that_wants_an_action_is_not_called_wrong(factory):
+def test_a_simulator_that_needs_an_action_does_not_fail(factory):
     outcomes = list(examine(subject("simulator", factory=f"wrong:{factory}")))
     assert {one.status for one in outcomes} == {"passed", "skipped"}
     (reason,) = {one.reason for one in outcomes if one.status == "skipped"}
@@ -145,7 +145,7 @@ def test_a_simulator_that_wants_an_action_is_not_called_wrong(factory):
         ("windless", "AttributeError: 'NoneType' object has no attribute 'x'"),
     ],
 )
-def test_an_error_of_its_own_is_no_wish_for_an_action(factory, reason):
+def test_an_error_of_the_simulator_is_not_a_need_for_an_action(factory, reason):
     outcomes = list(examine(subject("simulator", factory=f"wrong:{factory}")))
     assert {one.reason for one in outcomes if one.status == "failed"} == {reason}
 
@@ -191,7 +191,7 @@ def lasting(**changes):
     return Subject(Row("perception", "tested", "avrare-tested", "1.0", "ok", component=part))
 
 
-def test_the_memory_of_errors_that_last_is_exercised():
+def test_the_memory_of_persistent_errors_is_exercised():
     exercise = Exercise(lasting())
     assert any(name.startswith("followed x") for name in exercise.outputs)
     assert {one.status for one in examine(lasting())} == {"passed"}
@@ -205,18 +205,18 @@ def test_the_memory_of_errors_that_last_is_exercised():
         ("scribbling", {"states_are_values"}),
     ],
 )
-def test_errors_that_last_wrongly_are_noticed(factory, failed):
+def test_faulty_persistent_errors_are_detected(factory, failed):
     found = examine(lasting(factory=f"wrong:{factory}"))
     assert failed <= {one.check for one in found if one.status == "failed"}
 
 
-def test_errors_that_last_in_a_shipped_model():
+def test_persistent_errors_in_a_shipped_model():
     persistent = Subject.installed("perception", "naive", persistence={"position": 0.5, "detection": 0.3})
     assert any(name.startswith("followed x") for name in Exercise(persistent).outputs)
     assert [one.reason for one in examine(persistent) if one.status == "failed"] == []
 
 
-def test_the_checks_leave_the_generators_alone():
+def test_the_checks_do_not_change_global_generators():
     random.seed(1)
     np.random.seed(1)
     before = random.getstate(), np.random.get_state()[1].tolist()
@@ -273,7 +273,7 @@ def test_a_failed_check_is_exit_1(capsys, monkeypatch):
         (["avrare", "--set", "workers=2"], 4, "has 3 components"),
     ],
 )
-def test_mistakes_are_told_in_a_line(words, code, text, capsys):
+def test_mistakes_are_one_clear_line(words, code, text, capsys):
     assert main(["check-plugin", *words]) == code
     assert text in capsys.readouterr().err
 

@@ -107,7 +107,7 @@ def site(tmp_path_factory):
     return folder, done
 
 
-def test_the_place_of_the_site_is_a_good_one():
+def test_the_folder_of_the_site_is_ignored_by_git():
     """As ``make docs`` has it; below it is built elsewhere."""
     config = pytest.importorskip("mkdocs.config").load_config(str(ROOT / "mkdocs.yml"))
     ignored = subprocess.run(

@@ -13,7 +13,7 @@ def rows(capsys, *words):
     return json.loads(capsys.readouterr().out)
 
 
-def test_times_are_told_on_demand(capsys):
+def test_times_are_shown_on_demand(capsys):
     timed = rows(capsys, "--timing")
     assert {row["import_seconds"] is not None for row in timed if row["distribution"] == "avrare-imm"} == {
         True
@@ -40,7 +40,7 @@ def test_a_slow_import_is_the_one_that_is_shown(monkeypatch):
     assert plugins._import_seconds() == {"avrare-slow": 0.25, "avrare-slower": 0.5}
 
 
-def test_what_is_blocked_is_not_imported(monkeypatch):
+def test_blocked_plugins_are_not_imported(monkeypatch):
     monkeypatch.setattr(plugins, "entry_points", lambda group: [Point("slow"), Point("broken")])
     monkeypatch.setenv("AVRARE_PLUGINS", "broken")
     assert list(plugins._import_seconds()) == ["avrare-broken"]

@@ -50,7 +50,7 @@ def test_no_file_is_unpickled(path):
 
 
 @pytest.mark.slow
-def test_there_is_something_to_look_at():
+def test_files_to_check_exist():
     found = [function for path in SOURCES for function, _ in calls(path)]
     assert found.count("np.load") >= 5
     assert "yaml.dump" in found
