@@ -77,6 +77,11 @@ def format_amount_in_words(value: float) -> str:
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
 
 
+def describe_blind_bound(bound: float) -> str:
+    """Return the sentence that stands beside an estimate with this ``Result.blind_bound``."""
+    return f"failures that the score does not lead to could be as likely as {format_narrow(bound)}"
+
+
 def format_percent(share: float) -> str:
     """Return ``95 %``."""
     return f"{100.0 * share:.4g} %"

@@ -27,7 +27,7 @@ from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.drive_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
-from avrare.report.terminal.result_table import note_lines, result_table, verdict_lines
+from avrare.report.terminal.result_table import blind_lines, note_lines, result_table, verdict_lines
 from avrare.results import run_checkpoint as checkpoint_run
 from avrare.results import run_folder as rundir
 from avrare.results.run_checkpoint import saved_scenarios
@@ -231,4 +231,5 @@ def _show(
     title = f"{definition.name}  {settings}"
     print_table(console, result_table(title, results))
     print_lines(console, note_lines(results), "yellow")
+    print_lines(console, blind_lines(results))
     print_lines(console, [f"results in {folder}", *(f"  {path.name}" for path in pictures)])

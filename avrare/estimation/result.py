@@ -55,6 +55,8 @@ class Result:
         robustness: Robustness of each complete rollout of the first stage, NaN for errors.
         counts: Counters of the system, summed over all rollouts.
         diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
+        blind_bound: Upper bound, at ``confidence``, for failures that the score or proposal does not lead to;
+            None where every rollout was drawn from the target, as in Monte Carlo.
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
         verdict: Verdict on the threshold of the scenario: "pass", "fail", "inconclusive" or None.
@@ -76,6 +78,7 @@ class Result:
     robustness: Floats
     counts: dict[str, int] = field(default_factory=dict)
     diagnostics: dict[str, Any] = field(default_factory=dict)
+    blind_bound: float | None = None
     seconds: float = 0.0
     relation: str = "violated"
     verdict: str | None = None
@@ -93,6 +96,7 @@ class Result:
             "probability": self.probability,
             "interval": list(self.interval),
             "confidence": self.confidence,
+            "blind_bound": self.blind_bound,
             "relative_error": self.relative_error,
             "rollouts": self.rollouts,
             "simulated_steps": self.simulated_steps,

@@ -46,6 +46,7 @@ class StoredEstimate(BaseModel):
     seconds: float
     health: list[str]
     verdict: Literal["pass", "fail", "inconclusive"] | None
+    blind_bound: _Share | None = None
     warnings: dict[str, str] | None = None
     counts: dict[str, int | float] | None = None
     run_probabilities: list[float | None] | None = None

@@ -1,5 +1,7 @@
 """Console output: tables, notes and colours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rich.console import Console
@@ -9,7 +11,7 @@ from avrare.base.format import format_probability
 from avrare.estimation.plan import Info
 from avrare.report.terminal.console import print_table
 from avrare.report.terminal.progress_line import Progress
-from avrare.report.terminal.result_table import note_lines, result_table
+from avrare.report.terminal.result_table import blind_lines, note_lines, result_table
 
 
 class Still:
@@ -74,6 +76,14 @@ def test_a_warning_shared_by_all_is_shown_once(problem):
     assert "single_run" in result.health
     lines = note_lines([result, result])
     assert sum("single_run" in line for line in lines) == 1
+
+
+def test_splitting_says_what_its_score_may_miss_and_monte_carlo_need_not(problem):
+    split = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
+    sentence = f"failures that the score does not lead to could be as likely as {split.blind_bound:.2g}"
+    assert blind_lines([split, split]) == [sentence]
+    counted = replace(avrare.estimate(problem, "mc", rollouts=50), specification="counted")
+    assert blind_lines([split, counted]) == [f"{split.specification}: {sentence}"]
 
 
 @pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])

@@ -104,6 +104,13 @@ def test_splitting_shows_its_levels(split):
     assert "Estimates of 4 independent runs" in html
 
 
+def test_splitting_says_what_its_score_may_miss(made, split):
+    bound = json.loads((split / "result.json").read_text())["estimates"][0]["blind_bound"]
+    sentence = "Failures that the score does not lead to could be as likely as"
+    assert f"{sentence} {bound:.2g}." in render_report(split)
+    assert sentence not in render_report(made)
+
+
 @pytest.mark.slow
 def test_a_drive_has_its_road_vehicles_and_observations(lane_change):
     html = render_report(lane_change)

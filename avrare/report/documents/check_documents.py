@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
-from avrare.base.format import format_interval, format_probability
+from avrare.base.format import describe_blind_bound, format_interval, format_probability
 
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SIGNS = {"pass": "✅ pass", "fail": "❌ fail", "inconclusive": "❔ inconclusive"}
@@ -57,10 +57,20 @@ def markdown(outcome: CheckResult) -> str:
         texts, numbers = [one.scenario, one.specification, one.question], format_numbers(one).values()
         lines.append(_row([*map(_escape, texts), _SIGNS[one.verdict], *map(_escape, numbers)]))
     remarks = [f"{one.scenario} {one.name}: {one.reason}" for one in outcome.decisions if one.reason]
-    remarks += outcome.notes
+    remarks += [*outcome.notes, *list_blind_bounds(outcome)]
     if remarks:
         lines += ["", *(f"- {_escape(text)}" for text in remarks)]
     return "\n".join(lines) + "\n"
+
+
+def list_blind_bounds(outcome: CheckResult) -> list[str]:
+    """Return a line for each estimate with a blind bound."""
+    return [
+        f"{scenario} {one.specification}: {describe_blind_bound(one.blind_bound)}"
+        for scenario, results in outcome.results.items()
+        for one in results
+        if one.blind_bound is not None
+    ]
 
 
 def format_numbers(decision: Decision) -> dict[str, str]:

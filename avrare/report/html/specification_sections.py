@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from avrare.base.errors import AvrareError
-from avrare.base.format import format_percent, format_typeset, format_typeset_interval
+from avrare.base.format import describe_blind_bound, format_percent, format_typeset, format_typeset_interval
 from avrare.estimation.loop import prepare_problem
 from avrare.logic.formula import find_formula
 from avrare.report.html import charts
@@ -76,7 +76,12 @@ def _render_facts(entry: StoredEstimate) -> Markup:
         ("errors", f"{entry.errors:,}"),
         ("time", f"{entry.seconds:,.1f} s"),
     ]
-    return tag("dl", [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts], class_="facts")
+    rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
+    bound = entry.blind_bound
+    sentence = "" if bound is None else f"{describe_blind_bound(bound).capitalize()}."
+    return tag(
+        "div", tag("dl", rows, class_="facts"), tag("p", sentence, class_="muted") if sentence else None
+    )
 
 
 def _render_warnings(entry: StoredEstimate) -> Markup:

@@ -11,7 +11,7 @@ from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.base.errors import ExitCode
 from avrare.base.format import format_duration, format_interval, format_probability
-from avrare.report.documents.check_documents import format_numbers
+from avrare.report.documents.check_documents import format_numbers, list_blind_bounds
 from avrare.report.terminal.console import (
     VERDICT_COLOURS,
     Mode,
@@ -40,7 +40,7 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
         if reason:
             text = f"{scenario}  {', '.join(names)}: {reason}"
             console.print(text, style=VERDICT_COLOURS[verdict], markup=False)
-    for note in outcome.notes:
+    for note in (*outcome.notes, *list_blind_bounds(outcome)):
         console.print(note, markup=False)
     console.print(f"{colour_verdict(outcome.verdict)}{_overall_details(outcome)}")
 

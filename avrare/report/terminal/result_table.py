@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.markup import escape
 from rich.table import Table
 
 from avrare.analysis.history.entry import HistoryEntry, find_breaks
-from avrare.base.format import format_interval, format_probability
+from avrare.base.format import describe_blind_bound, format_interval, format_probability
 from avrare.estimation.result import Result
 from avrare.report.terminal.console import colour_verdict, make_table
 
@@ -55,6 +55,19 @@ def note_lines(results: Sequence[Result]) -> list[str]:
             text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counts.items())
             total = f" of {result.counts['solves']} solves" if "solves" in result.counts else ""
             lines.setdefault(text + total, []).append(result.specification)
+    return _name_specifications(lines, results)
+
+
+def blind_lines(results: Sequence[Result]) -> list[str]:
+    """Return what the results say of failures that their score does not lead to; each line once."""
+    lines: dict[str, list[str]] = {}
+    for result in results:
+        if result.blind_bound is not None:
+            lines.setdefault(describe_blind_bound(result.blind_bound), []).append(result.specification)
+    return _name_specifications(lines, results)
+
+
+def _name_specifications(lines: Mapping[str, list[str]], results: Sequence[Result]) -> list[str]:
     return [
         text if len(names) == len(results) else f"{', '.join(names)}: {text}" for text, names in lines.items()
     ]

@@ -1,5 +1,6 @@
 """JUnit and Markdown of a check: well-formed for any text."""
 
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
@@ -53,3 +54,9 @@ def test_markdown_keeps_its_columns(outcome):
     remarks = [line for line in text.splitlines() if line.startswith("- ")]
     assert len(remarks) == 4
     assert "x ∞ \\(2 .. ∞\\)" in text
+
+
+def test_markdown_says_what_a_score_may_miss(outcome, estimate):
+    text = markdown(replace(outcome, results={"one": (estimate(blind_bound=1.2e-3), estimate())}))
+    (line,) = [line for line in text.splitlines() if "does not lead to" in line]
+    assert line == "- one rule: failures that the score does not lead to could be as likely as 0.0012"

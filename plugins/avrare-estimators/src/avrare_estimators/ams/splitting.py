@@ -71,7 +71,7 @@ class Splitting:
             state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
         if state.stage == 0:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
-            state = replace(state, every=rollouts.every, first=first)
+            state = replace(state, every=rollouts.every, first=first, fresh=state.fresh.plus(rollouts))
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
         state, survivors = self._advance_level(state)
         return state, self._info(state, survivors)

@@ -15,6 +15,7 @@ from avrare.base import batch
 from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
+from avrare_estimators.fresh import FreshRows
 
 _NEVER = np.iinfo(np.int64).max
 
@@ -205,6 +206,7 @@ class AmsState:
         stage: Number of stages done.
         discarded_failures: Tapes of discarded failures, the first few.
         first: Robustness of the first stage's rollouts, NaN for errors.
+        fresh: Their counts.
         tally: Cost so far.
         every: Number of steps from one stored carry to the next.
     """
@@ -222,6 +224,7 @@ class AmsState:
     stage: int = 0
     discarded_failures: list[TapeAddresses] = field(default_factory=list)
     first: Floats = field(default_factory=lambda: np.zeros(0))
+    fresh: FreshRows = field(default_factory=FreshRows)
     tally: Info = field(default_factory=Info)
     every: int = 1
 

@@ -52,6 +52,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         failures=_failures(state, config.particles),
         worst=_worst(state, config.particles),
         robustness=state.first,
+        blind_bound=state.fresh.blind_bound(plan.confidence),
         relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={
             "full_rollouts": violated.size,

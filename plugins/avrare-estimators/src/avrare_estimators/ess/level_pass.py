@@ -25,6 +25,7 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, StepOutcome
 from avrare_estimators.ess.levels import choose_seeds, effective_samples, next_levels, relative_weights
+from avrare_estimators.fresh import FreshRows
 
 _STAGES_PER_LEVEL = 2**17
 """Addresses set aside for the steps of a level."""
@@ -302,6 +303,7 @@ class EssState:
         counting: It is the pass that counts.
         worst: The least robust rollout so far.
         first: Robustness of the first draw, NaN for errors.
+        fresh: Counts of the first draws of both passes.
         pilot: Rollouts of the pilot.
         tally: Cost so far.
     """
@@ -311,6 +313,7 @@ class EssState:
     counting: bool
     worst: Worst
     first: Floats = field(default_factory=lambda: np.zeros(0))
+    fresh: FreshRows = field(default_factory=FreshRows)
     pilot: int = 0
     tally: Info = field(default_factory=Info)
 
@@ -324,9 +327,10 @@ class EssState:
         first = self.first
         if not self.tally.rollouts:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
+        fresh = self.fresh.plus(rollouts) if self.level_pass.fresh is not None else self.fresh
         return replace(
             self, tally=self.tally.plus(rollouts), worst=self._worst(rollouts), first=first,
-            level_pass=self.level_pass.tell(rollouts),
+            fresh=fresh, level_pass=self.level_pass.tell(rollouts),
         )  # fmt: skip
 
     def _worst(self, rollouts: Rollouts) -> Worst:

@@ -16,6 +16,7 @@ from avrare_estimators.config import EssConfig
 from avrare_estimators.ess.chains import Kernel
 from avrare_estimators.ess.level_pass import EssState, LevelPass
 from avrare_estimators.ess.levels import r_hat
+from avrare_estimators.fresh import FreshRows
 from avrare_estimators.weights import effective_size
 
 
@@ -24,6 +25,7 @@ def summarise(
 ) -> Result:
     """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
     plan, last, tally = state.plan, state.level_pass, state.tally
+    fresh = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
     values = last.probabilities
     probability = float(values.mean())
     relative_variance = _relative_variance(last, values)
@@ -46,6 +48,7 @@ def summarise(
         failures=_distinct_failures(last, tally.failures),
         worst=state.worst,
         robustness=state.first,
+        blind_bound=fresh.blind_bound(plan.confidence),
         diagnostics={
             "kernel": config.kernel,
             "levels": _values_per_run(last, "level"),

@@ -15,6 +15,7 @@ from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.config import CeConfig, IsConfig
 from avrare_estimators.cost import affordable_rollouts
+from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.cross_check import MIN_PARTICLES, CrossCheck, CrossCheckResult
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
@@ -46,6 +47,7 @@ class SamplingState:
         finished: Runs done.
         tally: Cost so far.
         first: Robustness of the first sample, NaN for errors.
+        fresh: Counts of all rows drawn from the target.
     """
 
     plan: Plan
@@ -57,6 +59,7 @@ class SamplingState:
     finished: tuple[RunOutcome, ...] = ()
     tally: Info = field(default_factory=Info)
     first: Floats | None = None
+    fresh: FreshRows = field(default_factory=FreshRows)
 
     @property
     def run(self) -> int:
@@ -91,6 +94,7 @@ class WeightedSampler:
                 state = self._finish_run(state, task.result())
             else:
                 sample = task.sample()
+                state = replace(state, fresh=state.fresh + sample.fresh)
                 if state.first is None:
                     state = replace(state, first=np.where(sample.error, np.nan, sample.robustness))
                 state = self._sample_complete(state, sample)
@@ -98,7 +102,11 @@ class WeightedSampler:
 
     def estimate(self, state: SamplingState) -> list[Result]:
         """Return the weighted mean, its interval, and the health of the weights."""
-        return [summarise(self.name, state.plan, state.finished, state.tally, state.first, self.noise_size)]
+        return [
+            summarise(
+                self.name, state.plan, state.finished, state.tally, state.first, state.fresh, self.noise_size
+            )
+        ]
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
         check = CrossCheck.begin(sample, self._check_rollouts(state.rollouts))

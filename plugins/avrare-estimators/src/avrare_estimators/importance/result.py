@@ -17,6 +17,7 @@ from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result, 
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
+from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.cross_check import CrossCheckResult
 from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.weights import Quality, quality, stratified_variance
@@ -73,7 +74,7 @@ class RunOutcome:
 
 def summarise(
     name: str, plan: Plan, runs: Sequence[RunOutcome], tally: Info, first: Floats | None,
-    noise_size: int | None,
+    fresh: FreshRows, noise_size: int | None,
 ) -> Result:  # fmt: skip
     """Return the result of finished runs.
 
@@ -83,6 +84,7 @@ def summarise(
         runs: Outcomes of the runs.
         tally: Cost of all rollouts.
         first: Robustness of the first sample.
+        fresh: Counts of all rows drawn from the target.
         noise_size: Numbers a step that the user's problem reads, where they are fewer.
     """
     values = np.array([run.probability for run in runs])
@@ -99,6 +101,7 @@ def summarise(
         failures=_failures(runs, tally, noise_size),
         worst=_worst(plan, runs, noise_size),
         robustness=first if first is not None else np.zeros(0),
+        blind_bound=fresh.blind_bound(plan.confidence),
         diagnostics=_diagnostics(runs, marks),
     )
 

@@ -20,6 +20,7 @@ from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.stack.closed_loop import SamplingLaw
+from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.proposals import NoiseProposal
 from avrare_estimators.weights import mixture_log_weights
 
@@ -263,6 +264,12 @@ class Sample:
     def log_weights(self) -> Floats:
         """(n,) log of the deterministic-mixture weights."""
         return mixture_log_weights(self.log_ratio, self.share)
+
+    @property
+    def fresh(self) -> FreshRows:
+        """Counts of the target's rows."""
+        rows = slice(self.target_rows)
+        return FreshRows(self.target_rows, int(self.violated[rows].sum()), int(self.error[rows].sum()))
 
     def tapes(self, index: Integers) -> Floats:
         """Draw the tapes (len(index), steps + 1, noise_size) of rows ``index`` again."""

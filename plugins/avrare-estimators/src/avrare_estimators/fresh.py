@@ -1,0 +1,43 @@
+"""Rollouts drawn from the target law: they see every failure, whatever a score or a proposal misses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from avrare.estimation import intervals
+from avrare.estimation.result import Interval
+from avrare.rollout.request import Rollouts
+
+
+@dataclass(frozen=True)
+class FreshRows:
+    """Counts of independent rollouts of the target.
+
+    Attributes:
+        rows: Number of rollouts.
+        failures: Number that failed.
+        errors: Number that broke down.
+    """
+
+    rows: int = 0
+    failures: int = 0
+    errors: int = 0
+
+    def plus(self, rollouts: Rollouts) -> FreshRows:
+        """Return the counts with these rollouts, all of them drawn from the target."""
+        failures, errors = int(rollouts.violated[:, 0].sum()), int(rollouts.error.sum())
+        return self + FreshRows(len(rollouts.error), failures, errors)
+
+    def __add__(self, other: FreshRows) -> FreshRows:
+        """Pool two sets of rollouts."""
+        return FreshRows(self.rows + other.rows, self.failures + other.failures, self.errors + other.errors)
+
+    def interval(self, confidence: float) -> Interval:
+        """Return the exact interval of the failure probability; [0, 1] without any row."""
+        if not self.rows:
+            return intervals.unknown(confidence)
+        return intervals.clopper_pearson(self.failures, self.rows, confidence, errors=self.errors)
+
+    def blind_bound(self, confidence: float) -> float:
+        """Return the upper bound for failures of any kind, and so for those that a score does not lead to."""
+        return self.interval(confidence)[1]

@@ -1,0 +1,65 @@
+"""The blind bound: what all fresh rows of the target say of failures that the score does not lead to."""
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.estimation import intervals
+from avrare.testing import awkward_systems as systems
+from avrare.testing.problems import reference_problem
+
+SIZES = {
+    "ams": {"particles": 40, "discard": 8, "runs": 3},
+    "ess": {"chains": 6, "runs": 3, "level_probability": 0.2},
+    "is": {"rollouts": 300, "proposal": {"gaussian": {"mean": 0.3}}},
+    "ce": {"rollouts": 300, "stages": 2},
+}
+LIKELY = reference_problem("d_rw_L2.5").problem()
+NEVER = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1e9)"), 20)
+
+
+def bound(failures, rows):
+    return intervals.clopper_pearson(failures, rows, 0.95)[1]
+
+
+@pytest.mark.parametrize(("name", "rows"), [("ams", 3 * 40), ("ess", 3 * 5 * (5 + 6))])
+def test_all_fresh_rows_count(name, rows):
+    assert avrare.estimate(NEVER, name, **SIZES[name]).blind_bound == bound(0, rows)
+
+
+def test_fresh_failures_raise_the_bound():
+    result = avrare.estimate(LIKELY, "ams", particles=400, discard=40, runs=2)
+    failures = int((result.robustness <= 0.0).sum())
+    assert failures > 0
+    assert result.blind_bound == bound(failures, 800)
+
+
+def test_target_rows_of_every_stage_count():
+    result = avrare.estimate(LIKELY, "ce", check=0.0, **SIZES["ce"])
+    assert len(result.diagnostics["stages"][0]) == 2
+    target = 300 + 30 + 30  # the first stage, and the defensive rows of the second and of the final sample
+    assert bound(0, target) <= result.blind_bound < bound(20, target)
+
+
+def test_without_a_fresh_row_nothing_is_excluded():
+    result = avrare.estimate(LIKELY, "is", defensive=0.0, check=0.0, **SIZES["is"])
+    assert result.blind_bound == 1.0
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_the_bound_holds_where_the_score_shows_nothing(name):
+    class Flat(systems.Walk):
+        """A walk whose signal is 0 below its limit."""
+
+        def signals(self, state):
+            return {"x": np.where(super().signals(state)["x"] >= 1.2, 2.0, 0.0)}
+
+    problem = avrare.Problem(Flat(), avrare.stl("always (x < 1)"), 20)
+    truth = avrare.estimate(problem, "mc", rollouts=4000).probability
+    assert avrare.estimate(problem, name, **SIZES[name]).blind_bound > truth
+
+
+def test_monte_carlo_needs_none():
+    result = avrare.estimate(LIKELY, "mc", rollouts=50)
+    assert result.blind_bound is None
+    assert result.to_dict()["blind_bound"] is None
