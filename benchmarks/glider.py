@@ -117,7 +117,7 @@ def estimate(store: Path, cases: list[str]) -> None:
 def report(store: Path) -> None:
     """Put the table between its marks on the page."""
     found, lines = json.loads(store.read_text()), []
-    lines.append("| noise | feedback | method | p | 95 % | simulations | CPU s |")
+    lines.append("| noise | feedback | method | p | 95 % | rollouts | CPU s |")
     lines.append("|---|---|---|---|---|---|---|")
     for case, (_, noise, changes) in CASES.items():
         feedback = "none" if BLIND in changes else "published" if PUBLISHED in changes else "soft"

@@ -25,7 +25,7 @@ def test_an_old_path_gives_the_module_itself(old):
     assert all(hasattr(module, name) for name in RENAMED.get(old, {}))
 
 
-def test_below_an_old_package_there_is_no_second_copy():
+def test_modules_below_an_old_package_are_not_imported_twice():
     sys.modules.pop("avrare.build.closed_loop", None)
     with pytest.warns(DeprecationWarning, match="is now avrare"):
         from avrare.build.closed_loop import ClosedLoop

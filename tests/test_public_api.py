@@ -169,7 +169,7 @@ USAGE = {
 
 
 @pytest.mark.parametrize("name", USAGE)
-def test_usage_errors_say_what_and_what_to_do(name):
+def test_usage_errors_have_a_message_and_a_hint(name):
     arguments, message, hint = USAGE[name]
     with pytest.raises(avrare.UsageError) as caught:
         avrare.estimate(walk(), **arguments)

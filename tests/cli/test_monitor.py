@@ -64,7 +64,7 @@ def test_a_formula_that_is_undecided_at_first(gaps, monitor):
     assert found["prefix"] == [None, None, -1.5, -0.5, 0.5, 0.5, 0.5]
 
 
-def test_json_holds_the_whole_series(gaps, monitor):
+def test_json_contains_the_complete_series(gaps, monitor):
     code, out, err = monitor(gaps, "--stl", "always (gap > 2)", "--json")
     found = json.loads(out)
     assert (code, err) == (1, "")

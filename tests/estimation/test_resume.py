@@ -197,7 +197,7 @@ def test_the_folder_cannot_be_used(tmp_path):
         avrare.estimate(problem(), rollouts=10, checkpoint=tmp_path / "file" / "kept")
 
 
-def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path):
+def test_a_folder_with_other_files_is_not_touched(tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
     with pytest.raises(avrare.UsageError, match="is not empty and not a checkpoint"):
         avrare.estimate(problem(), rollouts=10, checkpoint=tmp_path)

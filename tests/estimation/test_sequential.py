@@ -30,7 +30,7 @@ def test_the_true_probability_is_rarely_excluded_at_any_look(p):
 
 
 @pytest.mark.parametrize(("p", "threshold"), [(0.01, 0.02), (0.04, 0.02), (0.0, 1e-3)])
-def test_it_stops_on_the_right_side(p, threshold):
+def test_the_decision_is_on_the_right_side(p, threshold):
     rng = np.random.default_rng(7)
     rule = AtThreshold(threshold, confidence=0.95)
     right = 0

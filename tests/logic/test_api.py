@@ -40,7 +40,7 @@ def test_rows_do_not_depend_on_their_neighbours(text):
         assert np.array_equal(together, np.stack(alone))
 
 
-def test_inputs_are_left_alone():
+def test_inputs_are_not_modified():
     signals = {"p": random_walks(3, 5, 9), "q": random_walks(4, 5, 9)}
     before = {name: x.copy() for name, x in signals.items()}
     for text in ("p", "once p", "p until[1,3] q", "always[0,2] p -> q"):

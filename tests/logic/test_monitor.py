@@ -72,7 +72,7 @@ def test_copies_are_independent(text):
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_inputs_and_earlier_states_are_left_alone(text):
+def test_inputs_and_earlier_states_are_not_modified(text):
     signals = random_signals(3, 3, 9)
     monitor = FormulaMonitor(stl(text))
     state = monitor.start(3)

@@ -46,7 +46,7 @@ def test_the_progress_line_shows_the_state_of_splitting(problem):
     assert "900" not in line
 
 
-def test_the_table_fits_eighty_columns_and_cuts_no_word(problem):
+def test_the_table_fits_eighty_columns_and_truncates_no_word(problem):
     result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     console.print(result_table("title", [result]))
@@ -56,7 +56,7 @@ def test_the_table_fits_eighty_columns_and_cuts_no_word(problem):
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_a_narrow_terminal_cuts_no_number_either(problem):
+def test_a_narrow_terminal_truncates_no_number(problem):
     result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
     console = Console(width=30, record=True, soft_wrap=True, file=open("/dev/null", "w"))  # noqa: SIM115
     print_table(console, result_table("title", [result]))

@@ -44,6 +44,6 @@ def test_a_long_road_is_followed(axes, y):
         assert low < y - 1.0 < y + 3.0 < high
 
 
-def test_a_short_road_is_drawn_whole(axes):
+def test_a_short_road_is_drawn_completely(axes):
     for ax in axes([20.0, 120.0], 0.0, end=200.0):
         assert ax.get_xlim() == (0.0, 200.0)

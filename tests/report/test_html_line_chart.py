@@ -36,7 +36,7 @@ def test_a_logarithmic_axis_spans_the_values_up_to_its_limit():
     assert make_log_scale([], 1.0).low < make_log_scale([], 1.0).high
 
 
-def test_lines_break_where_there_is_no_number():
+def test_lines_have_gaps_at_missing_values():
     plot = LineChart(Scale(0.0, 3.0), Scale(0.0, 1.0), "t")
     plot.draw_line(np.arange(4), np.array([0.0, 1.0, np.nan, 0.5]))
     html = plot.render()

@@ -39,7 +39,7 @@ def test_every_estimate_is_in_the_table(made):
     assert "&lt; 0.9" in html
 
 
-def test_names_that_look_like_markup_stay_text(plane, tamper):
+def test_names_that_contain_markup_stay_text(plane, tamper):
     result = json.loads((plane / "result.json").read_text())
     result["estimates"][0]["warnings"] = {"odd": EVIL}
     tamper(plane, "result.json", scenario=EVIL, estimates=result["estimates"])
@@ -73,7 +73,7 @@ def test_a_failure_that_replays_differently_is_reported(plane):
     assert "the version or the machine differs" in render_report(plane)
 
 
-def test_without_its_plugins_the_report_says_so(made, monkeypatch):
+def test_without_its_plugins_the_report_gives_the_reason(made, monkeypatch):
     monkeypatch.setenv("AVRARE_PLUGINS", "none")
     default_registry.cache_clear()
     try:
@@ -112,7 +112,7 @@ def test_splitting_says_what_its_score_may_miss(made, split):
 
 
 @pytest.mark.slow
-def test_a_drive_has_its_road_vehicles_and_observations(lane_change):
+def test_a_replay_has_its_road_vehicles_and_observations(lane_change):
     html = render_report(lane_change)
     film = films(html)[0]
     assert film["samples"] == 40
@@ -126,7 +126,7 @@ def test_a_drive_has_its_road_vehicles_and_observations(lane_change):
     assert len(html) < 3_000_000
 
 
-def test_the_file_is_where_it_was_asked_for(made, tmp_path, capsys):
+def test_the_file_is_written_where_requested(made, tmp_path, capsys):
     assert main(["report", str(made), "--out", str(tmp_path / "new" / "a.html")]) == 0
     assert (tmp_path / "new" / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
     assert "a.html" in capsys.readouterr().out

@@ -56,7 +56,7 @@ def test_first_and_worst_at_once():
     )
 
 
-def test_a_kept_rule_says_where_it_was_nearest():
+def test_a_kept_rule_names_the_sample_of_least_robustness():
     found = summarise(scored(FALLING + 2.0, None, DecisiveSample(60, 1.0, {}, "gap > 2", 1.0, 60)))
     assert found == "R_G1 satisfied with robustness 1, least at 6.0 s: gap > 2 has robustness 1"
     assert summarise(scored(FALLING + 2.0)) == "R_G1 satisfied with robustness 1"

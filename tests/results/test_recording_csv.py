@@ -95,7 +95,7 @@ def test_a_recorded_acceleration_is_kept_and_a_blank_one_filled(read):
     np.testing.assert_allclose(signals["others_acceleration"][:2, 0], [0.0, 1.5])
 
 
-def test_acceleration_starts_anew_after_a_gap(read):
+def test_acceleration_starts_again_after_a_gap(read):
     rows = [(0, "ego", 1), (0, "a", 5), (1, "ego", 1), (2, "ego", 1), (2, "a", 9), (3, "ego", 1), (3, "a", 8)]
     text = "time,vehicle,x,y,heading,speed,length,width\n"
     text += "".join(f"{t},{name},0,0,0,{speed},4,2\n" for t, name, speed in rows)

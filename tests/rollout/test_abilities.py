@@ -42,7 +42,7 @@ def test_a_member_that_is_none_counts_as_absent():
     assert find_ability(None, HasScene) is None
 
 
-def test_a_wrapper_has_what_it_forwards():
+def test_a_wrapper_has_the_abilities_that_it_forwards():
     wrapper = Wrapper(Part())
     assert find_ability(wrapper, ReportsFaults) is wrapper
 

@@ -47,7 +47,7 @@ def test_only_rows_that_break_down_are_errors(how, healthy):
 
 
 @pytest.mark.parametrize("how", HOWS)
-def test_an_errored_row_keeps_the_score_that_it_had(how, healthy):
+def test_an_errored_row_keeps_its_last_score(how, healthy):
     outcome = simulate(systems.Fragile(how))
     noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
     bad = noise[:, :, 1] > 2.5

@@ -41,7 +41,7 @@ def test_score_does_not_change_the_verdict():
         np.testing.assert_array_equal(simulate(score).robustness, plain.robustness)
 
 
-def test_nan_in_a_score_is_no_progress():
+def test_nan_in_a_score_counts_as_no_progress():
     outcome = simulate(lambda signals, t: np.where(t % 2, np.nan, float(t)) * np.ones(len(signals["x"])))
     assert (outcome.scores == (np.arange(STEPS + 1) // 2) * 2.0).all()
     assert not outcome.error.any()

@@ -24,7 +24,7 @@ def plain(result):
 
 @pytest.mark.parametrize("copy", ["replay", "deepcopy", "hook"])
 @pytest.mark.parametrize("estimator", ["mc", "ams"])
-def test_it_is_the_estimate_of_the_batched_system(toys, copy, estimator):
+def test_the_estimate_equals_that_of_the_batched_system(toys, copy, estimator):
     options = AMS if estimator == "ams" else {"rollouts": 200}
     found = estimate(as_system(toys.Hooked, copy=copy), estimator, **options)
     expected = estimate(toys.BatchWalk(), estimator, **options)
@@ -51,7 +51,7 @@ def test_less_memory_gives_the_same_estimate(toys):
     assert few.probability == estimate(system, **AMS).probability
 
 
-def test_other_estimators_take_it_too(toys):
+def test_other_estimators_accept_worlds(toys):
     result = estimate(as_system(toys.Walk), "ess", chains=20, runs=2)
     assert 0.0 < result.probability < 0.2
 

@@ -69,7 +69,7 @@ def test_every_channel_reads_its_own_numbers(toys):
 
 
 @pytest.mark.parametrize("copy", ["hook", "deepcopy", "replay"])
-def test_it_is_copied_with_its_noise(toys, copy):
+def test_a_noisy_world_is_copied_with_its_noise(toys, copy):
     class Both(toys.Hooked):
         def displace(self, delta):
             self.x += float(delta[0])

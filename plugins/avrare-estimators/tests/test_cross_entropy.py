@@ -100,7 +100,7 @@ def test_failures_replay():
     np.testing.assert_array_equal(again, result.failures.robustness)
 
 
-def test_budget_pays_for_whole_stages():
+def test_the_budget_covers_complete_stages():
     problem = reference_problem("a_beta_-2").problem()
     result = avrare.estimate(problem, "ce", stages=4, runs=2, budget="rollouts=2000", check=0.0)
     assert result.diagnostics["rows"] == [200, 200]

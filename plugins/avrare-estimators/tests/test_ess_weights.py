@@ -76,7 +76,7 @@ def test_the_interval_of_a_single_run_includes_the_scatter_of_weights():
     assert "weight_degenerate" in estimate(Wide(0.5), runs=4).health
 
 
-def test_where_no_level_is_needed_the_interval_is_no_binomial():
+def test_with_weights_the_interval_without_levels_is_not_binomial():
     problem = avrare.Problem(Wide(1.5), avrare.stl("x < 1"), 0)
     found = avrare.estimate(problem, "ess", seed=2, runs=20)
     low, high = found.interval

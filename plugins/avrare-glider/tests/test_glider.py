@@ -88,7 +88,7 @@ def test_the_nominal_flight_is_the_published_problem_solved():
     assert np.rad2deg(flight.states[:, 2]).max() > 45  # far beyond the stall
 
 
-def test_the_optimiser_finds_it_again():
+def test_the_optimiser_reproduces_the_nominal_flight():
     pytest.importorskip("casadi")
     from glider_nominal_flight import optimise
 

@@ -89,7 +89,7 @@ def test_among_equally_likely_laws_the_observed_tails_decide():
         assert _error_loss(variant(), rows, axis, np.log(found.stretch[axis]), freedom) < best + 0.0025
 
 
-def test_errors_that_are_all_zero_are_no_error():
+def test_errors_that_are_all_zero_are_accepted():
     from avrare_gp_pem.training.calibration import calibrate
 
     found = calibrate(variant(), unseen(np.zeros((500, 2))))

@@ -129,7 +129,7 @@ def test_fit_writes_everything_and_repeats_itself(drive, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["delivered"] == scores["delivered"]
 
 
-def test_a_folder_is_no_file_to_write(tmp_path, capsys):
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path, capsys):
     (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n")
     (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n")
     assert run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path) == 4

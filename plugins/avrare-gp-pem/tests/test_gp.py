@@ -143,7 +143,7 @@ def test_shipped_file_is_small_and_has_its_provenance(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["pointpillars", "paper"])
-def test_inducing_points_are_no_rows_of_the_data(name):
+def test_inducing_points_are_not_rows_of_the_data(name):
     if not DATA.is_dir():
         pytest.skip("the training data is not here")
     from avrare_gp_pem.runtime.features import features

@@ -94,7 +94,7 @@ def test_every_latent_number_is_standard_normal_at_every_step(make):
             assert stats.kstest(latents[step, :, channel], "norm").pvalue > 1e-3
 
 
-def test_correlation_falls_as_it_should(make):
+def test_correlation_falls_exponentially(make):
     n, dt = 40_000, 0.1
     model = naive(make.scene(2), **ALL)
     _, _, latents = course(model, make.world([[20.0, 0.0, 0.0], [30.0, 0.0, 0.0]], n=n), 12)

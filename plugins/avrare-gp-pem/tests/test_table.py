@@ -81,7 +81,7 @@ def test_a_missing_column_has_a_hint(tmp_path, header, hint):
         ([HEADER, GOOD.replace("-0.2", "")], "data.csv:2: error_forward: is missing"),
     ],
 )  # fmt: skip
-def test_a_broken_file_says_where(tmp_path, lines, message):
+def test_a_broken_file_names_the_line(tmp_path, lines, message):
     path = file(tmp_path, *lines) if lines else tmp_path / "data.csv"
     if not lines:
         path.write_text("")
@@ -153,7 +153,7 @@ def test_two_files_with_other_names_and_without_errors_of_yaw(tmp_path):
         ("1 20 0.5 4.5 1.8 0\n1 20 0.5 4.5 1.8 -1\n", "1 0 0 0\n1 0 0 0\n", "in.txt:2: occlusion: -1 is not"),
     ],
 )
-def test_broken_pairs_say_where(tmp_path, inputs, labels, message):
+def test_broken_pairs_name_the_line(tmp_path, inputs, labels, message):
     with pytest.raises(UsageError) as caught:
         convert(*pair(tmp_path, inputs, labels))
     assert message in caught.value.message
@@ -171,7 +171,7 @@ def test_duplicates_are_dropped_within_and_across_the_split(drive):
     assert data.oblique.all()
 
 
-def test_the_artefact_is_found_where_it_is(drive):
+def test_the_artefact_is_found_where_present(drive):
     assert not find_artefact(drive(4000)).present
     found = find_artefact(drive(4000, artefact=True))
     assert found.present

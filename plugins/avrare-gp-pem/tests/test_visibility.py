@@ -8,7 +8,7 @@ from avrare_gp_pem.runtime.visibility import category, visibility
 
 @pytest.mark.parametrize("distance", [5.0, 30.0, 300.0, 3000.0])
 @pytest.mark.parametrize("bearing", [0.0, 1.0, np.pi, -2.5, np.pi / 2])
-def test_alone_is_fully_seen_at_any_range(make, distance, bearing):
+def test_a_single_vehicle_is_fully_visible_at_any_range(make, distance, bearing):
     world = make.world([[distance * np.cos(bearing), distance * np.sin(bearing), 0.4]])
     assert visibility(world, make.scene(1)) == 1.0
 
@@ -51,7 +51,7 @@ def test_no_other_vehicle(make):
     assert visibility(make.world(np.empty((3, 0, 3))), make.scene(0)).shape == (3, 0)
 
 
-def test_ego_inside_a_vehicle_sees_it(make):
+def test_an_ego_inside_a_vehicle_sees_the_vehicle(make):
     assert visibility(make.world([[0.0, 0.0, 0.0]]), make.scene(1)) == 1.0
 
 

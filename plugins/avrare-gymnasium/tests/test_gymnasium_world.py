@@ -169,7 +169,7 @@ def test_an_environment_may_bring_its_own_hook():
 
 @pytest.mark.parametrize("by", ["tape", "seed"])
 @pytest.mark.parametrize("at", ["reset", "step"])
-def test_a_hook_need_not_know_the_generator(by, at, monkeypatch):
+def test_a_hook_does_not_have_to_store_the_generator(by, at, monkeypatch):
     monkeypatch.setattr(Odd, "snapshot", lambda env: env.x)
     monkeypatch.setattr(Odd, "restore", lambda env, x: setattr(env, "x", x))
     noise = {"stream": {"by": by, "at": at, "numbers": 2}}

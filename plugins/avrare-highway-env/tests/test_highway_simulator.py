@@ -72,7 +72,7 @@ def test_worlds_that_are_over_stand_still():
     assert run(sim, noise, lambda t, n: full, worlds[-1], 19)[-1] is worlds[-1]
 
 
-def test_off_the_road_is_no_arrival():
+def test_an_ego_off_the_road_does_not_arrive():
     sim = simulator(scene="merge", goal=60.0, start_seed=1)
     world = run(sim, tape(sim, 1, 20), lambda t, n: np.array([[0.0, 0.3 if t < 4 else 0.0]]))[-1]
     signals = sim.signals(world)

@@ -30,7 +30,7 @@ def test_a_gif(tmp_path, monkeypatch):
         assert np.asarray(image.convert("RGB")).mean() > 20.0
 
 
-def test_pictures_leave_the_simulator_as_it_was(monkeypatch):
+def test_pictures_do_not_change_the_simulator(monkeypatch):
     monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
     sim, other = (simulator(scene="highway", vehicles=3) for _ in range(2))
     noise = tape(sim, 2, 8)

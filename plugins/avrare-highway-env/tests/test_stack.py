@@ -69,7 +69,7 @@ def test_the_same_bits_in_one_process_and_in_two(tmp_path, policy, estimator, op
     assert (problem.robustness(one.failures.noise) <= 0.0).all()
 
 
-def test_traffic_rules_see_what_highway_env_does():
+def test_traffic_rules_agree_with_highway_env():
     """Full throttle on the merge ends in a collision, and there the rule breaks."""
     sim = simulator(scene="merge")
     noise = tape(sim, 8, 90)
@@ -85,7 +85,7 @@ def test_traffic_rules_see_what_highway_env_does():
     assert near.violated[worlds[-1].crashed].all()
 
 
-def test_rules_for_straight_roads_are_refused_elsewhere(tmp_path, policy):
+def test_rules_for_straight_roads_are_refused_on_other_roads(tmp_path, policy):
     world = scenario(tmp_path, policy, "scene: roundabout", "{plugin: traffic_rules, rule: R_G1}")
     with pytest.raises(ScenarioError, match="needs a driving simulator"):
         world.problem("rule")

@@ -152,7 +152,7 @@ def test_long_runs_stay_positive_definite_and_normalised(models):
 
 
 @BOTH
-def test_an_update_leaves_its_input_alone(models):
+def test_an_update_does_not_modify_its_input(models):
     rng = np.random.default_rng(8)
     track = begin(models, rng, (2, 2))
     once = step(models, track, *observe(models, rng, (2, 2), missing=0))

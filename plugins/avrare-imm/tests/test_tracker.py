@@ -146,7 +146,7 @@ def test_rows_alone_equal_rows_of_a_batch_from_start_to_prediction():
 
 
 @pytest.mark.parametrize("shape", [(4, 0), (0, 2)])
-def test_nobody_to_track(shape):
+def test_no_vehicles_to_track(shape):
     tracker = build(ImmConfig(), scene(shape[1]))
     nothing = np.zeros(shape)
     track = tracker.start(world(*[nothing] * 5))

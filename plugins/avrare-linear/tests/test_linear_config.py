@@ -93,7 +93,7 @@ def test_a_controller_of_another_plugin_is_refused():
         simulator.step(world, object(), np.zeros((1, 3)))
 
 
-def test_a_matrix_that_is_no_covariance_is_refused_when_it_is_built():
+def test_an_invalid_covariance_is_refused_when_the_system_is_built():
     with pytest.raises(avrare.UsageError, match="process_noise is not a covariance"):
         from_config(config(process_noise=[[1.0, 2.0], [2.0, 1.0]]))
 

@@ -112,7 +112,7 @@ def test_a_failure_without_a_plan_brakes_to_a_stop(quiet, speed, braking):
     assert memory.start_policy[0] == -1
 
 
-def test_a_failing_row_leaves_the_others_alone(quiet):
+def test_a_failing_row_does_not_affect_the_others(quiet):
     controller, drive = quiet
     memory, ego, prediction = (concatenate([part, part]) for part in drive.inputs[7])
     x = prediction.x.copy()
@@ -133,13 +133,13 @@ def test_absurd_states_give_finite_actions_and_are_counted(quiet):
     assert later.retries[0] == memory.retries[0] + 1
 
 
-def test_ipopt_alone_drives_too(lane_change):
+def test_ipopt_alone_completes_a_rollout(lane_change):
     controller = build(MpcConfig(solver="ipopt"), lane_change.scene)
     drive = lane_change.drive(controller, np.zeros((1, 5, 3, 3)), samples=6)
     assert controller.counts(drive.memory) == {"solves": 8, "solver_retries": 0, "fallback_solves": 0}
 
 
-def test_an_empty_road_is_driven_straight(lane_change, quiet):
+def test_on_an_empty_road_the_ego_drives_straight(lane_change, quiet):
     nobody = np.zeros(0)
     scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
     controller = build(MpcConfig(), scene)

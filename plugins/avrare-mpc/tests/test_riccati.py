@@ -48,7 +48,7 @@ def given_to_the_solver(lane_change, situations):
 
 
 @needs_numba
-def test_it_is_the_same_controller(fast, situations):
+def test_riccati_agrees_with_casadi(fast, situations):
     given, (action, memory) = situations
     found, later = fast.act(*given)
     assert (later.fallbacks == memory.fallbacks).all()
@@ -216,7 +216,7 @@ def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
 
 
 @needs_numba
-def test_where_no_cache_can_be_written_it_compiles_without(monkeypatch):
+def test_where_no_cache_can_be_written_kernels_are_compiled_without(monkeypatch):
     asked = []
 
     def njit(**options):
@@ -230,7 +230,7 @@ def test_where_no_cache_can_be_written_it_compiles_without(monkeypatch):
     assert asked == [True, False]
 
 
-def test_kept_machine_code_depends_on_the_kernels_alone(plain):
+def test_cached_machine_code_depends_on_the_kernels_alone(plain):
     kernels = ("jit", "values", "cost", "sweep", "newton", "batch")
     for module in (jit, plain.jit) if COMPILED else (jit,):
         assert {Path(name).stem for name in module._SOURCES} == set(kernels)

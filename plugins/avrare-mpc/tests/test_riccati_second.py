@@ -37,7 +37,7 @@ def both(lane_change, programmes):
     return tuple(solver.solve(*programmes) for solver in solvers)
 
 
-def test_it_is_never_costlier_and_at_times_cheaper(both):
+def test_the_second_search_is_never_costlier_and_sometimes_cheaper(both):
     found, alone = both
     cheaper = found.cost < alone.cost
     assert found.found.all()
@@ -59,7 +59,7 @@ def test_cost_and_states_are_those_of_the_inputs_that_are_kept(lane_change, prog
     np.testing.assert_allclose(solution.states, both[0].states[cheaper], atol=1e-3)
 
 
-def test_its_iterations_are_counted(both, programmes, lane_change):
+def test_iterations_of_the_second_search_are_counted(both, programmes, lane_change):
     found, alone = both
     rough = RiccatiSolver(MpcConfig(), lane_change.scene, NEAR, NEAR, near=None).solve(*programmes)
     spent = found.iterations - alone.iterations

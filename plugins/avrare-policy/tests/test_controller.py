@@ -18,7 +18,7 @@ def small():
     )  # fmt: skip
 
 
-def test_it_acts_on_what_the_ego_observes_or_on_the_observation_itself():
+def test_the_policy_acts_on_the_observation_of_the_ego_or_on_the_ego_itself():
     controller = PolicyController(small())
     seen = np.array([[0.25, -3.0], [0.5, 0.0]])
     wanted = np.array([[0.25, -1.0], [0.5, 0.0]])

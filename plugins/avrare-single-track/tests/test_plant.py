@@ -105,7 +105,7 @@ def test_limits_hold_for_random_actions():
         np.testing.assert_allclose(state.acceleration[inside], asked.acceleration[inside], atol=1e-9)
 
 
-def test_braking_ends_at_a_stand_and_never_reverses():
+def test_braking_ends_at_standstill_and_never_reverses():
     states, _ = drive(ego(speed=3.0), np.zeros(1), action(-8.0), 20)
     speed, x = series(states, "speed")[:, 0], series(states, "x")[:, 0]
     np.testing.assert_allclose(speed[:4], [3.0, 2.2, 1.4, 0.6], atol=1e-12)

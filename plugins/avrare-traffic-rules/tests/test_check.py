@@ -127,7 +127,7 @@ class TestBounds:
         assert told(formula=formula, cut_in_time=0.25).option == "formula"
         assert told(formula=formula.replace("0.25", "0.2"), cut_in_time=0.25).option == "cut_in_time"
 
-    def test_options_that_are_no_bounds_do_not_matter(self):
+    def test_options_that_are_not_bounds_are_not_checked(self):
         assert (
             check(TrafficRuleConfig(formula="always speed(ego) < {speed_limit}", speed_limit=0.123), 0.1)
             == []

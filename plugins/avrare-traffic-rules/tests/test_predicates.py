@@ -269,7 +269,7 @@ def test_random_traffic_has_both_signs(lab, name):
     assert (found < 0.0).any()
 
 
-def test_every_predicate_says_what_it_means():
+def test_every_predicate_has_a_description():
     for predicate in RECOMMENDED.predicates.values():
         assert predicate.text[-1] == "."
         assert predicate.arguments in (("a",), ("a", "b"))

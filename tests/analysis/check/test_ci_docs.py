@@ -38,7 +38,7 @@ def test_there_are_commands_to_run():
     assert len(commands()) == 5
 
 
-def test_the_pipelines_have_the_parts_that_their_servers_look_for():
+def test_the_pipelines_have_the_keys_that_their_servers_need():
     github, gitlab, _ = map(yaml.safe_load, blocks("yaml"))
     assert {"name", "jobs"} <= set(github)  # `on` is read as a Boolean by YAML 1.1
     job = github["jobs"]["avrare"]

@@ -75,7 +75,7 @@ def test_a_verdict_fails_without_a_traceback(drive, run):
 
 
 @pytest.mark.slow
-def test_inconclusive_fails_unless_it_is_to_skip(drive, run):
+def test_inconclusive_fails_unless_set_to_skip(drive, run):
     drive(BOUND % 0.0505)
     assert run("-q")[0] == 1
     code, output = run("-q", "-rs", ini="avrare_scenarios = *.yaml\navrare_inconclusive = skip\n")

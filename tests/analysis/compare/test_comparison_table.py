@@ -47,7 +47,7 @@ def shown(comparison, width=100):
     return captured.get()
 
 
-def test_the_table_fits_a_hundred_columns_and_cuts_nothing(comparison):
+def test_the_table_fits_a_hundred_columns_and_truncates_nothing(comparison):
     text = shown(comparison)
     assert max(map(len, text.splitlines())) <= 100
     assert "…" not in text

@@ -32,7 +32,7 @@ def test_the_seed_decides(rare):
     assert other.norm != first.norm
 
 
-def test_a_budget_too_small_finds_nothing_and_says_so(rare):
+def test_a_budget_too_small_finds_nothing_and_reports_it(rare):
     found = falsify(rare, budget=100)
     assert (found.noise, found.norm, found.rollouts, found.finished) == (None, np.inf, 100, False)
 

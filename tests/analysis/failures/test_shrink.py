@@ -154,7 +154,7 @@ def test_a_tape_that_does_not_fail_is_refused(weighted):
 
 
 @pytest.mark.parametrize("breaks", [{"raises": 1.0}, {"nan": 1.0}])
-def test_rollouts_that_break_down_are_no_failures(weighted, breaks):
+def test_rollout_errors_are_not_failures(weighted, breaks):
     weights = np.zeros((10, 3))
     weights[4, 0] = 1.0
     weights[6, 1] = 1.0

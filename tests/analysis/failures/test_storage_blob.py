@@ -36,7 +36,7 @@ def test_a_failure_is_decoded_bit_for_bit(failure):
         np.testing.assert_array_equal(getattr(again, name), getattr(failure, name), strict=True)
 
 
-def test_values_that_are_no_numbers_survive(failure):
+def test_nan_and_infinite_values_survive(failure):
     values = round_values(np.array([[np.inf, -np.inf, 1e300], [0.0, -0.0, 1e-300]]))
     odd = replace(
         failure,

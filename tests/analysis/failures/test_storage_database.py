@@ -74,7 +74,7 @@ def test_damaged_files_are_named_and_do_not_hide_the_others(database, failure):
     assert f"it holds failure {failure.id}" in complaints[2]
 
 
-def test_other_files_in_the_folder_are_left_alone(database, failure):
+def test_other_files_in_the_folder_are_not_touched(database, failure):
     database.add(failure)
     (database.folder / "notes.npz").write_text("mine")
     assert database.ids() == [failure.id]

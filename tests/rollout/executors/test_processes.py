@@ -136,7 +136,7 @@ def test_a_guarded_script_may_use_workers(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["command", "stdin"])
-def test_an_interactive_session_is_told_why_it_may_not(tmp_path, how):
+def test_an_interactive_session_gets_the_reason_for_no_workers(tmp_path, how):
     done = run_script(tmp_path, PROGRAM + GUARD + "main()", how)
     assert done.returncode == 0
     assert done.stdout.count("UsageError the problem is defined in a session") == 2
@@ -144,7 +144,7 @@ def test_an_interactive_session_is_told_why_it_may_not(tmp_path, how):
 
 
 @pytest.mark.slow
-def test_an_unguarded_script_is_told_about_the_guard(tmp_path):
+def test_an_unguarded_script_gets_a_hint_about_the_guard(tmp_path):
     done = run_script(tmp_path, PROGRAM + "main()")
     assert done.returncode == 0
     assert "WorkerDied" in done.stdout

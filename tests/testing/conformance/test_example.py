@@ -43,7 +43,7 @@ def installed(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_it_is_found_by_its_entry_point(installed):
+def test_the_example_is_found_by_its_entry_point(installed):
     python, environment = installed
     where = run(python, "-c", "import avrare_example; print(avrare_example.__file__)", **environment)
     assert where.startswith(str(python.parents[1])), "the source folder is used, not the wheel"
@@ -63,7 +63,7 @@ def test_the_scenario_of_its_readme_runs(installed, tmp_path):
     assert 0.0 < dry["probability"] < low["probability"] < 0.2
 
 
-def test_it_passes_the_checks(installed):
+def test_the_example_passes_the_checks(installed):
     python, environment = installed
     lines = run(python, "-m", "avrare", "check-plugin", "avrare-example", **environment).splitlines()
     assert lines[-1] == "26 passed, 0 failed, 0 skipped"
