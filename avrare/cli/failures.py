@@ -15,8 +15,7 @@ from avrare.analysis.failures.stored_replays import replay_failures, store_worst
 from avrare.base.errors import UsageError
 from avrare.cli.failure_search import progress_line
 from avrare.report.terminal.failure_text import describe_clusters
-from avrare.results.reader import load_run_scenario
-from avrare.results.stored_rollouts import read_failures
+from avrare.results.reader import load_run_scenario, read_failures
 from avrare.rollout.loaded_scenario import load
 
 

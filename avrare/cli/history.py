@@ -11,7 +11,7 @@ from avrare.analysis.history.entry import find_breaks, group_series, read_entrie
 from avrare.analysis.history.store import DEFAULT, HistoryStore
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.base.files import explain_file_errors
-from avrare.report.plots.figure import has_matplotlib
+from avrare.report.plots import has_matplotlib
 from avrare.report.plots.history_plot import draw
 from avrare.report.terminal.console import make_console, print_lines, print_table
 from avrare.report.terminal.result_table import history_note_lines, history_table

@@ -24,7 +24,7 @@ from avrare.report.plots import monitoring_plot
 from avrare.report.terminal.monitoring_text import draw_chart, headline
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
-from avrare.results.recordings.lanes import parse_road
+from avrare.results.recordings.recording import parse_road
 from avrare.results.recordings.replayed_failure import replay_run_failure
 from avrare.scenario.load import load
 from avrare.stack.builder import build_block, build_formula, build_rule, build_specification

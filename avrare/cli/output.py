@@ -33,7 +33,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 
 def can_draw() -> bool:
     """Return whether matplotlib is installed; print a note if it is not."""
-    from avrare.report.plots.figure import has_matplotlib
+    from avrare.report.plots import has_matplotlib
 
     if not has_matplotlib():
         print("no pictures: matplotlib is not installed; pip install 'avrare[plot]'", file=sys.stderr)

@@ -15,11 +15,10 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_search import progress_line, store_failure
 from avrare.cli.output import write_file
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
-from avrare.results.reader import load_run_scenario, read_versions
+from avrare.results.reader import load_run_scenario, read_failures, read_versions, select_failure
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
-from avrare.results.stored_rollouts import read_failures, select_failure
 from avrare.rollout.loaded_scenario import load
 
 

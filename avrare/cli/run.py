@@ -28,9 +28,7 @@ from avrare.report.plots.drive_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import blind_lines, note_lines, result_table, verdict_lines
-from avrare.results import run_checkpoint as checkpoint_run
 from avrare.results import run_folder as rundir
-from avrare.results.run_checkpoint import saved_scenarios
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
@@ -44,11 +42,11 @@ def execute(args: argparse.Namespace) -> int:
     scenarios, budget = _named_scenarios(args), Budget.parse(args.budget)
     if args.resume is not None:
         assert out is not None
-        contents = checkpoint_run.finished_results(out, scenarios, _overrides(args), args.estimator, budget)
+        contents = rundir.finished_results(out, scenarios, _overrides(args), args.estimator, budget)
         if contents:
             print(f"{out}: this run is already finished", file=sys.stderr)
             return _finish(args, contents)
-        budget = budget or checkpoint_run.saved_budget(out)
+        budget = budget or rundir.saved_budget(out)
         scenarios = scenarios or _interrupted_scenarios(args, out)
     for scenario in scenarios:
         print_warnings(scenario.warnings)
@@ -57,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     home = out or rundir.fresh(names)
     try:
         folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
-        with checkpoint_run.begin(home, scenarios, budget, args.resume is not None) as checkpoint:
+        with rundir.begin_checkpoint(home, scenarios, budget, args.resume is not None) as checkpoint:
             contents = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:
@@ -84,7 +82,7 @@ def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
 
 
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
-    scenarios = saved_scenarios(out, _overrides(args), args.estimator)
+    scenarios = rundir.saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
         hint = f"avrare run SCENARIO --resume {out} starts one"
         raise UsageError(f"--resume {out}: contains no interrupted run", hint)

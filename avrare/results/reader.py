@@ -7,25 +7,43 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.checkpoint import SCENARIO
-from avrare.estimation.result import Failures
-from avrare.results.stored_rollouts import RUN_AGAIN, RolloutSample, read_failures, read_rollouts
+from avrare.estimation.result import Failures, Worst
 
 if TYPE_CHECKING:
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.scenario.schema import Scenario, Threshold
 
+RUN_AGAIN = "run the scenario again"
+FAILURES_FILE, FAILURE_FIELDS = "failures.npz", ("noise", "robustness", "count")
+ROLLOUTS_FILE, SAMPLE_FIELDS = "rollouts.npz", ("worst_robustness", "robustness", "worst")
+_Stored = TypeVar("_Stored")
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+@dataclass(frozen=True)
+class RolloutSample:
+    """Stored rollouts of one specification.
+
+    ``robustness`` (n,) is of the first rollouts (in splitting: of the first stage), NaN for errors.
+    """
+
+    robustness: NDArray[np.float32]
+    worst: Worst
 
 
 class StoredEstimate(BaseModel):
@@ -199,13 +217,12 @@ def read_versions(path: Path) -> dict[str, str]:
 
 def load_run_scenario(path: Path) -> LoadedScenario:
     """Load the scenario of a run folder."""
-    from avrare.rollout.loaded_scenario import LoadedScenario
-    from avrare.scenario.load import load
+    from avrare.rollout.loaded_scenario import load
 
     file = path / SCENARIO
     if not file.is_file():
         raise UsageError(f"{path}: no scenario.yaml in it", "give the folder that `avrare run` has written")
-    return LoadedScenario(load(file))
+    return load(file)
 
 
 def _date(text: Any) -> datetime | None:
@@ -224,3 +241,75 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise UsageError(f"{path}: this is not a JSON object", RUN_AGAIN)
     return content
+
+
+def read_failures(folder: Path) -> dict[str, Failures]:
+    """Return the stored failures of each specification; empty where nothing failed."""
+    return _read(folder / FAILURES_FILE, FAILURE_FIELDS, _to_failures)
+
+
+def read_rollouts(folder: Path) -> dict[str, RolloutSample]:
+    """Return the stored rollouts of each specification; empty where the folder has none."""
+    return _read(folder / ROLLOUTS_FILE, SAMPLE_FIELDS, _to_sample)
+
+
+def _read(path: Path, fields: Sequence[str], convert: Callable[..., _Stored | None]) -> dict[str, _Stored]:
+    arrays, suffix, found = read_arrays(path) if path.exists() else {}, f".{fields[0]}", {}
+    for name in [key.removesuffix(suffix) for key in arrays if key.endswith(suffix)]:
+        stored = convert(*(arrays.get(f"{name}.{field}", np.array("missing")) for field in fields))
+        if stored is None:
+            raise UsageError(f"{path}: cannot be read: {name} is damaged", RUN_AGAIN)
+        found[name] = stored
+    return found
+
+
+def _to_failures(noise: NDArray[Any], robustness: NDArray[Any], count: NDArray[Any]) -> Failures | None:
+    kinds = [array.dtype.kind for array in (noise, robustness, count)]
+    fit = noise.ndim == 3 and robustness.shape == noise.shape[:1] and count.shape == ()
+    valid = fit and len(noise) and kinds == ["f", "f", "i"] and np.isfinite(noise).all()
+    return Failures(noise, robustness, int(count)) if valid else None
+
+
+def _to_sample(least: NDArray[Any], robustness: NDArray[Any], worst: NDArray[Any]) -> RolloutSample | None:
+    axes = [(array.dtype.kind, array.ndim) for array in (least, robustness, worst)]
+    valid = axes == [("f", 0), ("f", 1), ("f", 2)]
+    return RolloutSample(robustness, Worst(worst, float(least))) if valid else None
+
+
+def select_failure(
+    folder: Path, stored: Mapping[str, Failures], specification: str | None, index: int | None
+) -> tuple[str, int]:
+    """Return the specification and the number of one stored failure of a run.
+
+    Without a specification only one may have failures; without an index it is the least robust one.
+    """
+    listing = ", ".join(f"{name} ({len(found.robustness)})" for name, found in stored.items())
+    if not stored:
+        hint = "no rollout failed; run more rollouts, or an estimator for rare events"
+        raise UsageError(f"{folder}: no failure is stored", hint)
+    if specification is None and len(stored) > 1:
+        hint = f"choose one with --specification: {listing}"
+        raise UsageError(f"{folder}: several specifications have failures", hint)
+    name = next(iter(stored)) if specification is None else specification
+    if name not in stored:
+        raise UsageError(f"{folder}: no failure of {name} is stored", f"stored: {listing}")
+    count = len(stored[name].robustness)
+    if index is not None and not 0 <= index < count:
+        hint = f"it has {count} failures, numbered from 0"
+        raise UsageError(f"{folder}: {name} has no failure {index}", hint)
+    return name, int(np.argmin(stored[name].robustness)) if index is None else index
+
+
+def read_arrays(path: Path, hint: str = RUN_AGAIN) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an npz file; nothing is ever unpickled."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {str(name): np.asarray(stored[name]) for name in stored}
+    except (
+        OSError, ValueError, KeyError, TypeError, EOFError, MemoryError, RuntimeError,
+        zipfile.BadZipFile, zlib.error,
+    ) as error:  # fmt: skip
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        if "pickle" in reason:  # NumPy's advice is to trust the file
+            reason = "it holds something else than arrays"
+        raise UsageError(f"{path}: cannot be read: {reason}", hint) from None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from avrare.cli.main import main
-from avrare.results.stored_rollouts import read_failures
+from avrare.results.reader import read_failures
 
 ROOT = Path(__file__).parents[2]
 LANE_CHANGE = str(ROOT / "scenarios" / "lane_change.yaml")

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare.results.reader import read_json, read_run_folder
-from avrare.results.stored_rollouts import read_arrays, read_failures, read_rollouts
+from avrare.results.reader import read_arrays, read_failures, read_json, read_rollouts, read_run_folder
 
 ESTIMATE = {
     "specification": "left", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.05],

@@ -9,8 +9,8 @@ import pytest
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.driving import Road
-from avrare.results.recordings.commonroad import read_commonroad
-from avrare.results.recordings.lanes import find_straight_lanes, parse_road
+from avrare.results.recordings.commonroad import find_straight_lanes, read_commonroad
+from avrare.results.recordings.recording import parse_road
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "commonroad"
 ROAD = Road((0.0,), 3.5)

@@ -8,8 +8,9 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
+from avrare.results.reader import read_failures
 from avrare.results.recordings.replayed_failure import replay_run_failure
-from avrare.results.stored_rollouts import read_failures, write_failures
+from avrare.results.run_folder import write_failures
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from avrare.analysis.failures.failure import Failure
 from avrare.base.errors import UsageError
 from avrare.base.files import explain_file_errors, write_atomic
-from avrare.results.stored_rollouts import read_arrays
+from avrare.results.reader import read_arrays
 
 PREFIX = "avrare1."
 """Start of every blob: the format version, without a dash so that no parser takes it for an option."""

@@ -32,7 +32,7 @@ def draw_histogram(robustness: Floats, splitting: bool) -> Markup | None:
         x_label="robustness",
     )  # fmt: skip
     chart.draw_bars(edges, np.sqrt(counts), edges[1:] <= 0.0)
-    chart.draw_vertical(0.0)
+    chart.draw_zero(vertical=True)
     of = "the rollouts of the first stage" if splitting else "the rollouts"
     left = len(robustness) - len(known)
     beyond = f"; {left:,} without a finite value are not shown" if left else ""
@@ -128,7 +128,7 @@ def draw_levels(diagnostics: dict[str, Any], gamma: Any, label: str) -> Markup |
     )  # fmt: skip
     for run in thresholds:
         down.draw_steps(np.arange(len(run) + 1), np.r_[run, run[-1:]], "thin")
-    down.draw_horizontal(0.0)
+    down.draw_zero()
     left = LineChart(
         x, make_log_scale([w for run in weights for w in run], 1.0),
         f"Share of the particles' weight left after each stage in {len(runs)} runs",

@@ -23,8 +23,7 @@ from avrare.report.html.markup import Markup, tag
 from avrare.rollout.loaded_scenario import LoadedScenario
 
 _MAX_ROWS = 24
-_FULL_OPACITY = 3.0
-"""Magnitude of a standard normal number drawn fully opaque."""
+_FULL_OPACITY = 3.0  # magnitude of a standard normal number drawn fully opaque
 _POSITIVE, _NEGATIVE = (59, 111, 196), (205, 84, 55)
 
 

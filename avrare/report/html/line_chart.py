@@ -129,15 +129,12 @@ class LineChart:
         points = (f"M{self._format_points(x[k : k + 1], y[k : k + 1])}h0" for k in np.flatnonzero(known))
         self._add("".join(points), f"dot {style}")
 
-    def draw_horizontal(self, value: float, style: str = "zero") -> None:
-        """Draw a horizontal line if it lies on the axis."""
-        if self.y.low <= value <= self.y.high:
-            self._add(f"M0 {_format(100.0 - self.y.at(value))}H100", style)
-
-    def draw_vertical(self, value: float, style: str = "zero") -> None:
-        """Draw a vertical line if it lies on the axis."""
-        if self.x.low <= value <= self.x.high:
-            self._add(f"M{_format(self.x.at(value))} 0V100", style)
+    def draw_zero(self, vertical: bool = False) -> None:
+        """Draw the line y = 0, or x = 0, if it lies on the axis."""
+        axis = self.x if vertical else self.y
+        at = _format(axis.at(0.0) if vertical else 100.0 - axis.at(0.0))
+        if axis.low <= 0.0 <= axis.high:
+            self._add(f"M{at} 0V100" if vertical else f"M0 {at}H100", "zero")
 
     def render(self, caption: Any = None, legend: Any = None, height: int = 168) -> Markup:
         """Return the chart as a figure; ``height`` is that of the plot [px]."""

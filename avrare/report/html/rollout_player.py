@@ -1,28 +1,110 @@
-"""Player of one rollout: top view or signals, robustness over time, predicates and noise."""
+"""Rollouts in a report: stored ones are selected, replayed and shown in a player.
+
+A player has a top view or signals, robustness over time, predicates and noise.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from avrare.analysis.monitor.monitoring import MonitoringResult
+from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
+from avrare.base.errors import AvrareError, UsageError
 from avrare.base.format import format_robustness
+from avrare.estimation.result import Failures
 from avrare.protocols import Floats
 from avrare.report.html.heat_strips import draw_noise, draw_predicates
 from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, render_legend
 from avrare.report.html.markup import Markup, json_block, tag
-from avrare.report.html.replayed_rollouts import MonitoredRollout, StoredRollout
-from avrare.report.plots.drive_plot import Frame
+from avrare.report.plots.drive_plot import Frame, extract_frames
 from avrare.report.terminal.monitoring_text import summarise
+from avrare.results.reader import RolloutSample
+from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
 _MAX_SIGNALS = 12
-_MAX_NUMBERS = 60_000
-"""Largest size of plans and predictions; a longer rollout is shown without them."""
+_MAX_NUMBERS = 60_000  # largest size of plans and predictions; a longer rollout is shown without them
+
+
+@dataclass(frozen=True)
+class StoredRollout:
+    """A stored rollout with its tape (steps + 1, noise_size); ``title`` says why it is shown."""
+
+    title: str
+    specification: str
+    tape: Floats
+    robustness: float
+    failed: bool
+
+    @property
+    def norm(self) -> float:
+        """Norm of the noise; the smaller, the more likely."""
+        return float(np.sqrt(np.square(self.tape).sum()))
+
+
+@dataclass(frozen=True)
+class MonitoredRollout:
+    """A stored rollout, replayed and monitored.
+
+    Without a result it cannot be shown, for the reason ``problem``; without vehicles it has no frames.
+    """
+
+    stored: StoredRollout
+    result: MonitoringResult | None
+    frames: tuple[Frame, ...] = ()
+    problem: str = ""
+
+
+def select_rollouts(
+    name: str, failures: Failures | None, sample: RolloutSample | None
+) -> list[StoredRollout]:
+    """Return the worst and the most likely stored failure, or the rollout nearest to a failure."""
+    if failures is None or not len(failures.robustness):
+        if sample is None or np.isnan(sample.worst.robustness):
+            return []
+        noise, robustness = sample.worst.noise, sample.worst.robustness
+        return [StoredRollout("Nearest to a failure", name, noise, robustness, False)]
+    worst = int(np.argmin(failures.robustness))
+    likely = int(np.argmin(np.square(failures.noise).sum(axis=(1, 2))))
+    titles = {worst: "Worst failure"}
+    titles[likely] = "Worst and most likely failure" if likely == worst else "Most likely failure"
+    return [
+        StoredRollout(title, name, failures.noise[k], float(failures.robustness[k]), True)
+        for k, title in titles.items()
+    ]
+
+
+def replay_stored(scenario: LoadedScenario, stored: Sequence[StoredRollout]) -> list[MonitoredRollout]:
+    """Replay rollouts in one batch and monitor them."""
+    if not stored:
+        return []
+    if len({one.tape.shape for one in stored}) > 1:
+        raise UsageError("the stored tapes have different shapes", "run the scenario again")
+    missing = [one.specification for one in stored if one.specification not in scenario.specifications]
+    if missing:
+        raise UsageError(f"its scenario.yaml has no specification {missing[0]!r}", "run the scenario again")
+    problem = scenario.problem(scenario.specifications)
+    rollouts = replay_tapes(problem, np.stack([one.tape for one in stored]))
+    return [_monitor(scenario, one, rollout) for one, rollout in zip(stored, rollouts, strict=True)]
+
+
+def _monitor(scenario: LoadedScenario, stored: StoredRollout, rollout: ReplayedRollout) -> MonitoredRollout:
+    if rollout.error is not None:
+        text = f"the rollout ended with an error after {len(rollout.states)} samples"
+        return MonitoredRollout(stored, None, problem=text)
+    recording = record_rollout(scenario, rollout, scenario.name)
+    specification = scenario.stack.specifications[stored.specification]
+    try:
+        result = monitor_recording(stored.specification, specification, recording)
+    except AvrareError as error:
+        return MonitoredRollout(stored, None, problem=error.message)
+    return MonitoredRollout(stored, result, tuple(extract_frames(scenario, rollout)))
 
 
 def render_player(rollout: MonitoredRollout, scenario: LoadedScenario, opened: bool) -> Markup:
@@ -121,7 +203,7 @@ def _draw_robustness(result: MonitoringResult) -> Markup:
     y = make_linear_scale([*values.tolist(), *result.prefix.tolist()], zero=True)
     chart = LineChart(x, y, title, "time [s]", over_time=True)
     chart.fill_below_zero(times, values)
-    chart.draw_horizontal(0.0)
+    chart.draw_zero()
     entries = [("line dashed", "of the samples so far")]
     if result.body is not None:
         chart.draw_line(times, result.body, "accent")

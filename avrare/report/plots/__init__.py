@@ -1,1 +1,27 @@
-"""Plots, drawn with matplotlib."""
+"""Matplotlib figures that are written without a display."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+
+def has_matplotlib() -> bool:
+    """Return whether matplotlib is installed."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def make_figure(width: float, height: float) -> Any:
+    """Return a figure of a size [inches] that is drawn without a display."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def hide_spines(ax: Any, *sides: str) -> None:
+    """Hide the frame of the axes on some sides."""
+    for side in sides:
+        ax.spines[side].set_visible(False)

@@ -11,7 +11,7 @@ from avrare.analysis.compare.study import ArmResult, Comparison
 from avrare.analysis.compare.summary import Summary
 from avrare.base.format import format_amount
 from avrare.report.documents.comparison_json import summarise_arms
-from avrare.report.plots.figure import hide_spines, make_figure
+from avrare.report.plots import hide_spines, make_figure
 from avrare.report.terminal.comparison_table import headline
 
 _COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"

@@ -14,7 +14,7 @@ from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
 from avrare.estimation.result import Result
 from avrare.protocols import Floats, HasPlan, find_ability
-from avrare.report.plots.figure import hide_spines, make_figure
+from avrare.report.plots import hide_spines, make_figure
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
@@ -48,12 +48,10 @@ def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) 
             title = f"{result.specification}: worst of {result.rollouts} rollouts, {least}"
             tapes.append((f"worst_{result.specification}", title, result.worst.noise))
     rollouts = replay_tapes(problem, np.stack([tape for _, _, tape in tapes]))
-    paths = []
-    for (name, title, _), rollout in zip(tapes, rollouts, strict=True):
-        path = folder / f"{name}.png"
-        assert scenario.scene is not None
+    paths = [folder / f"{name}.png" for name, _, _ in tapes]
+    assert scenario.scene is not None
+    for path, (_, title, _), rollout in zip(paths, tapes, rollouts, strict=True):
         draw_drive(extract_frames(scenario, rollout), scenario.scene, f"{scenario.name}: {title}", path)
-        paths.append(path)
     return paths
 
 

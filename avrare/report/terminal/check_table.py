@@ -21,8 +21,7 @@ from avrare.report.terminal.console import (
     print_table,
 )
 
-_PLAN_WIDTH = 100
-"""Columns that a plan needs; a narrower terminal wraps its lines."""
+_PLAN_WIDTH = 100  # columns that a plan needs; a narrower terminal wraps its lines
 
 
 def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:

@@ -19,8 +19,7 @@ _WIDTH = 80
 _CHART_WIDTH = 64
 _UP_BLOCKS, _DOWN_BLOCKS = " ▁▂▃▄▅▆▇█", " ▔▀█"
 _UP_ROWS, _DOWN_ROWS = 4, 3
-_MAX_FORMULA_LINES = 6
-"""A longer formula is shown without its definitions."""
+_MAX_FORMULA_LINES = 6  # a longer formula is shown without its definitions
 _DEFINITION = r"\w+\([\w, ]*\) = "
 
 
@@ -103,11 +102,9 @@ def _describe_formula(decisive: DecisiveSample) -> str:
     # ``gap = -0.12``, or ``gap > 2 has robustness -0.5`` if the robustness is not the value
     robustness = format_robustness(decisive.value)
     term = re.fullmatch(r"(\w+)(\([^()]*\))?(?: >=? 0)?", decisive.formula)
-    if term is None:
-        return f"{decisive.formula} has robustness {robustness}"
-    if term[2] is None:
+    if term is not None and term[2] is None:
         return f"{term[1]} = {robustness}"
-    return f"{term[1]}{term[2]} has robustness {robustness}"
+    return f"{decisive.formula if term is None else term[1] + term[2]} has robustness {robustness}"
 
 
 def _list_vehicles(result: MonitoringResult) -> str:
@@ -137,12 +134,11 @@ def draw_chart(result: MonitoringResult) -> list[Text]:
     pad = max(map(len, labels))
     rows = [Text(f"robustness {scope}")]
     for row in reversed(range(_UP_ROWS if high else 0)):
-        cells = _draw_bar_row(bars / high, row, _UP_ROWS, _UP_BLOCKS)
-        rows.append(_draw_chart_line(labels[0] if row == _UP_ROWS - 1 else "", pad, cells, "green"))
+        label = labels[0] if row == _UP_ROWS - 1 else ""
+        rows.append(_draw_bar_row(f"{label:>{pad}} ", bars / high, row, _UP_ROWS, _UP_BLOCKS, "green"))
     for row in range(_DOWN_ROWS if low else 0):
-        cells = _draw_bar_row(-bars / low, row, _DOWN_ROWS, _DOWN_BLOCKS)
         label = "0" if row == 0 else labels[2] if row == _DOWN_ROWS - 1 else ""
-        rows.append(_draw_chart_line(label, pad, cells, "red"))
+        rows.append(_draw_bar_row(f"{label:>{pad}} ", -bars / low, row, _DOWN_ROWS, _DOWN_BLOCKS, "red"))
     begin, end = (f"{format_sample_time(result.recording, t)} s" for t in (0, len(values) - 1))
     gap = " " * max(len(bars) - len(begin) - len(end), 1)
     return [*rows, Text(f"{'' if low else '0':>{pad}}  {begin}{gap}{end}")]
@@ -170,12 +166,9 @@ def _format_axis_label(values: Floats, edge: float) -> str:
     return format_robustness(edge if finite else math.copysign(math.inf, edge))
 
 
-def _draw_bar_row(shares: Floats, row: int, rows: int, blocks: str) -> str:
+def _draw_bar_row(label: str, shares: Floats, row: int, rows: int, blocks: str, colour: str) -> Text:
     # bars of ``shares`` of the height of the chart; any above 0 is visible
     full = len(blocks) - 1
     heights = np.ceil(np.clip(shares, 0.0, 1.0) * rows * full).astype(int)
-    return "".join(blocks[min(max(height - row * full, 0), full)] for height in heights)
-
-
-def _draw_chart_line(label: str, pad: int, cells: str, colour: str) -> Text:
-    return Text.assemble(f"{label:>{pad}} ", ("▏", "dim"), (cells.rstrip(), colour))
+    cells = "".join(blocks[min(max(height - row * full, 0), full)] for height in heights)
+    return Text.assemble(label, ("▏", "dim"), (cells.rstrip(), colour))

@@ -8,8 +8,7 @@ from avrare.analysis.compare.paired import PairedComparison
 from avrare.base.format import format_probability, format_signed, format_signed_interval
 from avrare.report.terminal.console import make_table
 
-_FEW_DIFFERENCES = 10
-"""Rollouts with different outcomes below which a note asks for more."""
+_FEW_DIFFERENCES = 10  # rollouts with different outcomes below which a note asks for more
 _COLOURS = {"worse": "red", "better": "green", "same": "green", "not known": "yellow"}
 
 

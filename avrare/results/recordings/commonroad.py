@@ -9,6 +9,8 @@ from __future__ import annotations
 import importlib
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,13 +18,27 @@ import numpy as np
 from avrare.base.errors import PluginError, UsageError
 from avrare.driving import Road
 from avrare.protocols import Floats
-from avrare.results.recordings.lanes import find_straight_lanes, rotate
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
 
 _EGO_ID = 1
 _FIRST_LANELET_ID = 1001
-_MARGIN = 50.0
-"""Length of the lanelets beyond the vehicles [m]."""
+_MARGIN = 50.0  # length of the lanelets beyond the vehicles [m]
+_MAX_BEND = 0.3  # largest deviation of a centre line from straight, and of lane widths from each other [m]
+_LANE_TOLERANCE = 0.5  # centre lines nearer than this belong to one lane [m]
+
+_ROAD_HINT = "only one-way roads with straight, parallel lanes are supported; or give --lanes"
+
+
+@dataclass(frozen=True)
+class _LaneSegment:
+    # a lanelet in the frame of the road
+    name: int
+    y: float
+    width: float
+    begin: float
+    end: float
+    bend: float
+    ramp: bool
 
 
 def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Recording:
@@ -124,16 +140,14 @@ def _read_track(path: str, obstacle: Any, first: int, samples: int, angle: float
 
 
 def _read_pose(path: str, obstacle: Any, state: Any, angle: float) -> Floats:
-    # x, y, heading and speed
-    position: Any = getattr(state, "position", None)
-    heading: Any = getattr(state, "orientation", None)
-    speed: Any = getattr(state, "velocity", None)
+    values: list[Any] = [getattr(state, name, None) for name in ("position", "orientation", "velocity")]
+    position, heading, speed = values
     if str(obstacle.obstacle_role.value) == "static":
         speed = 0.0
     if not isinstance(position, np.ndarray) or not _is_number(heading) or not _is_number(speed):
         text = f"obstacle {obstacle.obstacle_id} has no exact position, orientation and velocity"
         raise UsageError(f"{path}: {text} at step {state.time_step}")
-    x, y = rotate(position, angle)
+    x, y = _rotate(position, angle)
     turned = math.remainder(float(heading) - angle, 2.0 * math.pi)
     return np.array([x, y, turned, float(speed)])
 
@@ -198,3 +212,74 @@ def _add_point(element: ET.Element, x: float, y: float) -> None:
 def _add_texts(element: ET.Element, **texts: str) -> None:
     for name, text in texts.items():
         ET.SubElement(element, name).text = text
+
+
+def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float]:
+    """Return the lanes parallel to the longest lanelet, with x along them, and the direction of x [rad].
+
+    Curved lanelets beside straight ones, such as the taper of a ramp, are ignored.
+    """
+    if not lanelets:
+        raise UsageError(f"{path}: there are no lanelets", "give --lanes")
+    chords = (lanelet.center_vertices[-1] - lanelet.center_vertices[0] for lanelet in lanelets)
+    chord = max(chords, key=lambda one: float(np.hypot(*one)))
+    angle = math.atan2(chord[1], chord[0])
+    segments = [_make_segment(lanelet, angle) for lanelet in lanelets]
+    straight = [segment for segment in segments if segment.bend <= _MAX_BEND]
+    for segment in segments:
+        if segment.end < segment.begin:
+            raise UsageError(f"{path}: lanelet {segment.name} runs against the others", _ROAD_HINT)
+        if segment.bend > _MAX_BEND and not _is_covered(segment, straight):
+            raise UsageError(f"{path}: lanelet {segment.name} is curved", _ROAD_HINT)
+    return _join_segments(path, straight), angle
+
+
+def _rotate(points: Floats, angle: float) -> Floats:
+    # points (..., 2) by ``-angle`` [rad] about the origin
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+
+
+def _make_segment(lanelet: Any, angle: float) -> _LaneSegment:
+    lines = (lanelet.center_vertices, lanelet.left_vertices, lanelet.right_vertices)
+    centre, left, right = (_rotate(np.asarray(line), angle) for line in lines)
+    y = float(np.median(centre[:, 1]))
+    kinds = {str(kind.value) for kind in lanelet.lanelet_type or ()}
+    return _LaneSegment(
+        lanelet.lanelet_id,
+        y,
+        float(np.median(np.hypot(*(left - right).T))),
+        float(centre[0, 0]),
+        float(centre[-1, 0]),
+        float(np.abs(centre[:, 1] - y).max()),
+        "accessRamp" in kinds,
+    )
+
+
+def _is_covered(segment: _LaneSegment, straight: Sequence[_LaneSegment]) -> bool:
+    reached = segment.begin
+    for other in sorted(straight, key=lambda other: other.begin):
+        if other.begin <= reached + _LANE_TOLERANCE:
+            reached = max(reached, other.end)
+    return reached >= segment.end - _LANE_TOLERANCE
+
+
+def _join_segments(path: str, segments: Sequence[_LaneSegment]) -> Road:
+    lanes: list[list[_LaneSegment]] = []
+    for segment in sorted(segments, key=lambda segment: segment.y):
+        if lanes and segment.y - lanes[-1][-1].y < _LANE_TOLERANCE:
+            lanes[-1].append(segment)
+        else:
+            lanes.append([segment])
+    widths = [segment.width for segment in segments]
+    if max(widths) - min(widths) > _MAX_BEND:
+        text = f"{path}: the lanes are {min(widths):.2f} to {max(widths):.2f} m wide"
+        raise UsageError(text, "only roads with lanes of one width are supported; or give --lanes")
+    return Road(
+        tuple(round(float(np.mean([segment.y for segment in lane])), 6) for lane in lanes),
+        round(float(np.mean(widths)), 6),
+        tuple(index for index, lane in enumerate(lanes) if any(segment.ramp for segment in lane)),
+        min(segment.begin for segment in segments),
+        max(segment.end for segment in segments),
+    )

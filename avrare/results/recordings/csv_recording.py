@@ -23,12 +23,9 @@ VEHICLE_COLUMNS = ("vehicle", "x", "y", "heading", "speed", "length", "width")
 _EGO = "ego"
 _ALIASES = ("vehicleid", "id", "trackid", "objectid", "carid", "name", "vehicles", "car", "track", "object")
 """Names of the column ``vehicle`` in other formats, ignoring case, ``_`` and ``-``."""
-_OFF_GRID = 0.25
-"""Largest distance of a row from its sample, as a share of a step."""
-_JITTER = 0.05
-"""Largest deviation of a step from the usual one, as a share of it."""
-_MAX_HEADING = 4 * math.pi
-"""A heading beyond two full turns is taken for degrees."""
+_OFF_GRID = 0.25  # largest distance of a row from its sample, as a share of a step
+_JITTER = 0.05  # largest deviation of a step from the usual one, as a share of it
+_MAX_HEADING = 4 * math.pi  # a heading beyond two full turns is taken for degrees
 
 
 def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,8 +27,7 @@ or infinity it gives every predicate a number.
 _RESERVED = {"ego": "the ego", "others": "all vehicles but the ego"}
 """Names with a meaning in formulas, which no other vehicle may have."""
 
-_PARKED_SPEED = 0.01
-"""A vehicle that is never faster than this is parked [m/s]."""
+_PARKED_SPEED = 0.01  # a vehicle that is never faster than this is parked [m/s]
 
 
 @dataclass(frozen=True)
@@ -138,3 +138,21 @@ def _compute_distances(
     theirs = Rectangle(signals["others_x"], signals["others_y"], signals["others_heading"], lengths, widths)
     distance = signed_distance(own, theirs)
     return {"distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
+
+
+def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
+    """Return the road of ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0``."""
+    hint = "for example --lanes=-1.75,1.75,5.25 (y to the left, in metres)"
+    try:
+        lanes = tuple(float(word) for word in centres.split(","))
+    except ValueError:
+        text = f"--lanes should be numbers separated by commas, not {centres!r}"
+        raise UsageError(text, hint) from None
+    if not all(map(math.isfinite, lanes)) or list(lanes) != sorted(set(lanes)):
+        raise UsageError(f"--lanes should go from right to left, not {centres!r}", hint)
+    if not (math.isfinite(width) and width > 0.0):
+        raise UsageError(f"--lane-width should be above zero, not {width:g}")
+    words = [] if ramp is None else [word.strip() for word in ramp.split(",")]
+    if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
+        raise UsageError(f"--access-ramp should name lanes 0 to {len(lanes) - 1}, not {ramp!r}")
+    return Road(lanes, width, tuple(map(int, words)))

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.result import Failures
-from avrare.results.reader import load_run_scenario
+from avrare.results.reader import load_run_scenario, read_failures, select_failure
 from avrare.results.recordings.recording import Recording
-from avrare.results.stored_rollouts import read_failures, select_failure
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tape
 
@@ -73,7 +72,6 @@ def _compare_robustness(
         part = list(indices[begin : begin + chunk])
         robustness = problem.robustness(failures.noise[part])
         for k, now in zip(part, robustness, strict=True):
-            before = failures.robustness[k]
-            if now != before:
+            if now != (before := failures.robustness[k]):
                 messages.append(f"failure {k} of {name}: robustness {now:.9g} now, {before:.9g} when stored")
     return tuple(messages)

@@ -12,7 +12,7 @@ import pytest
 from avrare.analysis.failures.failure import record_failure
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.cli.main import main
-from avrare.results.stored_rollouts import read_failures
+from avrare.results.reader import read_failures
 
 SCENARIO = str(Path(__file__).parents[3] / "scenarios" / "double_integrator.yaml")
 CHANGES = ["--set", "steps=20", "--set", "specifications={near: {stl: 'always (y < 0.2)'}}"]

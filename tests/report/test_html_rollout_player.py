@@ -3,8 +3,8 @@
 import numpy as np
 
 from avrare.estimation.result import Failures, Worst
-from avrare.report.html.replayed_rollouts import select_rollouts
-from avrare.results.stored_rollouts import RolloutSample
+from avrare.report.html.rollout_player import select_rollouts
+from avrare.results.reader import RolloutSample
 
 
 def test_the_most_likely_failure_has_the_shortest_noise():
