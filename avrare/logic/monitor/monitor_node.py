@@ -153,21 +153,19 @@ class OpenSamples:
 
     Attributes:
         last: Last row, counting rows as samples.
-        end: Last sample; ``math.inf`` in an endless trace.
     """
 
     def __init__(
         self, now: SampleContext, obligations: Sequence[MonitorNode], unseen: UnseenSamples | None = None
     ) -> None:
         self.now = now
-        self.exact: RobustnessAlgebra = now.algebra
         self.bounded = unseen is not None
         self.unseen = unseen or UnseenSamples()
-        endless = math.isinf(self.unseen.common_last)
-        self.algebra = IntervalAlgebra(now.algebra, 0, endless) if self.bounded else now.algebra
+        self.algebra = now.algebra
+        if self.bounded:
+            self.algebra = IntervalAlgebra(now.algebra, 0, endless=math.isinf(self.unseen.common_last))
         self.lead = 3 if self.bounded else 2
         self.last = now.t + self.unseen.count
-        self.end = self.last + self.unseen.common_last - self.unseen.common
         self._obligations = obligations
         self._values: dict[int, Array] = {}
 
@@ -236,14 +234,6 @@ class OpenSamples:
         unseen = self.unseen
         shared = unseen.common < sample - self.now.t - 1 <= unseen.common_last
         return self.now.t + 1 + unseen.common if shared else None
-
-    def like(self, node: MonitorNode, value: float) -> Array:
-        """Return the same value for every particle and vehicle of a node."""
-        if self.count(node):
-            return np.full_like(self.open(node)[0], value)
-        settled = self.settled(node, 1)
-        assert settled is not None
-        return np.full_like(settled[0], value)
 
     def _row(self, sample: float) -> float:
         unseen, first = self.unseen, self.now.t + 1

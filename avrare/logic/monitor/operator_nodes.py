@@ -82,7 +82,7 @@ class _ComparisonNode(MonitorNode):
 
     def open(self, samples: OpenSamples) -> Array:
         newest = samples.now.tables[self.index][-1]
-        return samples.fill(samples.exact.unseen(self.formula), newest.shape[samples.now.n + 1 :])
+        return samples.fill(samples.now.algebra.unseen(self.formula), newest.shape[samples.now.n + 1 :])
 
 
 class _PointwiseNode(MonitorNode):

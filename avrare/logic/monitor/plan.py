@@ -245,22 +245,17 @@ class _WindowFold(RootFold):
         value = now.at(self.node, i)
         return (self.join(carry[0], value),) if carry else (value,)
 
-    def nominal(self, now: SampleContext, carry: FoldCarry) -> Array:
-        if self.shrinking and carry and now.t <= self.hi:
-            return self.join(carry[0], self.node.value(now, now.t))  # type: ignore[no-any-return]
-        return super().nominal(now, carry)
-
     def value(self, samples: OpenSamples, carry: FoldCarry) -> Array:
-        folded = None if not carry else samples.collapse(carry[0], self.node)
+        node, start = self.node, samples.start(self.node)
         x: Any = ()
-        if samples.count(self.node):
-            x, start = samples.open(self.node), samples.start(self.node)
-            if start < self.lo or self.hi < samples.end:
-                x = x[samples.within(start, self.lo, self.hi)]
-        if not len(x):
-            return samples.like(self.node, get_neutral(self.join)) if folded is None else folded
-        rest = np.asarray(x[0] if len(x) == 1 else self.join.reduce(x, axis=0))
-        return rest if folded is None else np.asarray(self.join(*align(folded, rest)))
+        if samples.count(node):
+            x = samples.open(node)[samples.within(start, self.lo, self.hi)]
+        if not carry and not len(x):
+            return np.full_like(samples.rows(node, max(0, start - 1))[0], get_neutral(self.join))
+        values = [samples.collapse(carry[0], node)] if carry else []
+        if len(x):
+            values.append(np.asarray(x[0] if len(x) == 1 else self.join.reduce(x, axis=0)))
+        return values[0] if len(values) == 1 else np.asarray(self.join(*align(*values)))
 
 
 class _UntilFold(RootFold):
@@ -331,10 +326,10 @@ class _HistoryFold(RootFold):
         return self._evaluate(now, carry, now.algebra)
 
     def value(self, samples: OpenSamples, carry: FoldCarry) -> Array:
-        now, unseen, algebra = samples.now, samples.unseen, samples.exact
+        now, unseen, algebra = samples.now, samples.unseen, samples.now.algebra
         if samples.bounded:
             grid = unseen.length or now.t + 2 + nodes.settling(self.formula)
-            algebra = IntervalAlgebra(samples.exact, grid, endless=unseen.length is None)
+            algebra = IntervalAlgebra(algebra, grid, endless=unseen.length is None)
         return self._evaluate(now, carry, algebra)
 
     def _evaluate(self, now: SampleContext, carry: FoldCarry, algebra: RobustnessAlgebra) -> Array:

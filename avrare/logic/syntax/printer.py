@@ -38,8 +38,9 @@ def to_text(item: nodes.Node | nodes.Term) -> str:
             return f"{_parenthesize(left)} {op}{_format_bounds(lo, hi)} {_parenthesize(right)}"
         case nodes.Step(op, child):
             return f"{op} ({to_text(child)})"
-        case nodes.Quantifier(child=child):
-            return f"{_format_head(item)} {to_text(child)}"
+        case nodes.Quantifier(op, variable, group, child, count=count):
+            counted = f" {count}" if op == "at_least" else ""
+            return f"{op}{counted} {variable} in {group}: {to_text(child)}"
     raise TypeError(f"not part of a formula: {item!r}")
 
 
@@ -49,11 +50,6 @@ def _parenthesize(item: nodes.Node | nodes.Term) -> str:
     # G - 1 would be refused: G may be the operator.
     letter = isinstance(item, nodes.Signal) and item.name in PREFIX_LETTERS
     return to_text(item) if isinstance(item, _TIGHT) and not letter else f"({to_text(item)})"
-
-
-def _format_head(node: nodes.Quantifier) -> str:
-    count = f" {node.count}" if node.op == "at_least" else ""
-    return f"{node.op}{count} {node.variable} in {node.group}:"
 
 
 def _format_bounds(lo: int, hi: float) -> str:
