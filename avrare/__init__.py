@@ -9,7 +9,7 @@ import importlib
 import sys
 from typing import TYPE_CHECKING, Any
 
-from avrare.base.moved import MovedModules
+from avrare.base.moved_modules import MovedModules
 
 if TYPE_CHECKING:
     from avrare.base.errors import AvrareError as AvrareError

@@ -20,7 +20,7 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Executor, Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing.awkward_systems import Walk
+from avrare.testing.faulty_systems import Walk
 from avrare_ray.config import RayConfig
 from avrare_ray.executor import build as ray
 

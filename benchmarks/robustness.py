@@ -9,9 +9,9 @@ import sys
 
 import numpy as np
 
-from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load

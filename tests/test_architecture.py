@@ -93,7 +93,7 @@ def test_import_avrare_is_cheap():
     assert {name for name in loaded if name.startswith("avrare")} == {
         "avrare",
         "avrare.base",
-        "avrare.base.moved",
+        "avrare.base.moved_modules",
     }
 
 

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import avrare.stack.closed_loop as closed_loop
-from avrare.base.moved import MOVED, RENAMED
+from avrare.base.moved_modules import MOVED, RENAMED
 
 
 @pytest.mark.parametrize("old", MOVED)

@@ -10,7 +10,7 @@ import pytest
 
 import avrare
 import odd_systems
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
 

@@ -13,8 +13,8 @@ from avrare.analysis.check.baseline import BaselineEntry, default_folder
 from avrare.analysis.check.gate import check
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
+from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, UsageError
-from avrare.base.files import ensure_writable
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import print_warnings, refuse_overwrite, write_file, write_files
 from avrare.estimation.budget import Budget

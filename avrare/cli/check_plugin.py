@@ -9,8 +9,8 @@ from dataclasses import asdict
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.plugin.registry import default_registry
-from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.overrides import override
+from avrare.scenario.value_positions import Mark, Node
 from avrare.testing.conformance.suite import Outcome, examine, subjects
 
 

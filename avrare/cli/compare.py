@@ -16,11 +16,11 @@ from avrare.analysis.compare.case import (
     reference_case,
     scenario_case,
 )
-from avrare.analysis.compare.estimator_arms import parse_arms, split_settings
-from avrare.analysis.compare.paired import PairedComparison, compare_pairs
+from avrare.analysis.compare.estimator_options import parse_arms, split_settings
+from avrare.analysis.compare.paired_comparison import PairedComparison, compare_pairs
 from avrare.analysis.compare.study import StudyDesign, compare
+from avrare.base.atomic_files import ensure_writable, explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
-from avrare.base.files import ensure_writable, explain_file_errors
 from avrare.cli.options import REPEAT, display
 from avrare.cli.output import can_draw, write_files
 from avrare.estimation.budget import Budget

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from avrare.analysis.failures.clusters import cluster
-from avrare.analysis.failures.describe import describe
+from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import shrink
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.analysis.failures.stored_replays import replay_failures, store_worst
 from avrare.base.errors import UsageError
-from avrare.cli.failure_search import progress_line
+from avrare.cli.failure_output import progress_line
 from avrare.report.terminal.failure_text import describe_clusters
 from avrare.results.reader import load_run_scenario, read_failures
 from avrare.rollout.loaded_scenario import load

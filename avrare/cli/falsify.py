@@ -8,7 +8,7 @@ from typing import Any
 from avrare.analysis.failures.failure import record_failure
 from avrare.analysis.failures.falsify import BUDGET, falsify
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.failure_search import progress_line, store_failure
+from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings
 from avrare.report.terminal.failure_text import describe_falsification
 from avrare.rollout.loaded_scenario import load

@@ -9,8 +9,8 @@ from typing import Any
 
 from avrare.analysis.history.entry import find_breaks, group_series, read_entries
 from avrare.analysis.history.store import DEFAULT, HistoryStore
+from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError, UsageError, did_you_mean
-from avrare.base.files import explain_file_errors
 from avrare.report.plots import has_matplotlib
 from avrare.report.plots.history_plot import draw
 from avrare.report.terminal.console import make_console, print_lines, print_table

@@ -11,8 +11,8 @@ from typing import Any
 from rich.console import Console
 
 from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError, did_you_mean
-from avrare.base.files import explain_file_errors
 from avrare.cli.options import LANE_WIDTH
 from avrare.cli.output import can_draw, print_warnings, write_files
 from avrare.logic import stl

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.base.files import explain_file_errors, write_text
 
 
 def print_warnings(warnings: Iterable[tuple[str, str | None]]) -> None:

@@ -12,7 +12,7 @@ from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.storage import FailureDatabase, decode
 from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.failure_search import progress_line, store_failure
+from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import write_file
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
 from avrare.results.reader import load_run_scenario, read_failures, read_versions, select_failure

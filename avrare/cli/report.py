@@ -6,8 +6,8 @@ import argparse
 import webbrowser
 from pathlib import Path
 
+from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.base.files import explain_file_errors, write_text
 from avrare.report.html.page import render_report
 
 

@@ -24,7 +24,7 @@ from avrare.estimation.estimate import estimate_specifications
 from avrare.estimation.loop import Settings, planned
 from avrare.estimation.result import verdict, worst_verdict
 from avrare.protocols import ReplacesWorkers, find_ability
-from avrare.report.plots.drive_plot import draw_run
+from avrare.report.plots.rollout_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import blind_lines, note_lines, result_table, verdict_lines

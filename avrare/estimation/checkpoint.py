@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.atomic_files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
 from avrare.base.errors import ExitCode, UsageError
-from avrare.base.files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
 from avrare.rollout.request import ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from avrare.base.special import beta_quantile, bisect, normal_factor, t_factor
+from avrare.base.special_functions import beta_quantile, bisect, normal_factor, t_factor
 
 Interval = tuple[float, float]
 _WIDEST = 700.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.estimation import health, intervals
-from avrare.estimation.config import McConfig
+from avrare.estimation.monte_carlo_config import McConfig
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import FAILURE_LIMIT, Failures, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from avrare.base.errors import FormulaError
 from avrare.logic.explanation import Explanation, FormulaValues, explain, to_single_trace
 from avrare.logic.monitor.monitors import IntervalMonitor, RobustnessMonitor
+from avrare.logic.semantics.input_signals import Trace, read_trace
 from avrare.logic.semantics.normal_form import normalize
-from avrare.logic.semantics.samples import Trace, read_trace
 from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
 from avrare.logic.syntax import nodes

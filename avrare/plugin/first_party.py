@@ -12,7 +12,7 @@ def avrare_components() -> list[Component]:
         Component(
             kind="estimator",
             name="mc",
-            config="avrare.estimation.config:McConfig",
+            config="avrare.estimation.monte_carlo_config:McConfig",
             factory="avrare.estimation.monte_carlo:build",
             summary="plain Monte Carlo, with Clopper-Pearson intervals",
         ),

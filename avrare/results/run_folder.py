@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.base.atomic_files import explain_file_errors, write_atomic, write_text
 from avrare.base.errors import AvrareError, ExitCode, UsageError
-from avrare.base.files import explain_file_errors, write_atomic, write_text
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
 from avrare.estimation.result import Result

@@ -6,7 +6,7 @@ import os
 import re
 
 from avrare.base.errors import ScenarioError, did_you_mean
-from avrare.scenario.marked_values import Mark, Node, printable
+from avrare.scenario.value_positions import Mark, Node, printable
 from avrare.scenario.yaml import MAX_BYTES, parse
 
 

@@ -10,11 +10,11 @@ from pydantic import BaseModel
 from avrare.base.errors import ExitCode, PluginError, did_you_mean
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.extends import read
-from avrare.scenario.marked_values import Mark, Node, Path
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_block, check_formula, step_of
 from avrare.scenario.validation import Mistake, check, describe, scenario_error
+from avrare.scenario.value_positions import Mark, Node, Path
 
 _CORE_KEYS = {"estimator": ("plugin", "specifications")}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from avrare.base.errors import ScenarioError, did_you_mean
-from avrare.scenario.marked_values import Mark, Node, Path
+from avrare.scenario.value_positions import Mark, Node, Path
 from avrare.scenario.yaml import parse_value
 
 

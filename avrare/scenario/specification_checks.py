@@ -8,9 +8,9 @@ from avrare.base.errors import FormulaError
 from avrare.base.health_messages import MESSAGES
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.parser import parse_with_warnings
-from avrare.scenario.marked_values import Node, Path
 from avrare.scenario.schema import Block, Formula, ScoreFormula
 from avrare.scenario.validation import Mistake, failed_check
+from avrare.scenario.value_positions import Node, Path
 
 _ANY_STEP = Fraction(1, 10**9)
 """Step [s] that divides every sensible time bound, for simulators whose step is not known."""

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from avrare.base.errors import ExitCode, ScenarioError, UsageError, did_you_mean
-from avrare.scenario.marked_values import Mark, Node, Path, dotted
+from avrare.scenario.value_positions import Mark, Node, Path, dotted
 
 UNKNOWN_KEY = "unknown key"
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from avrare.scenario.marked_values import Mark, Node, Scalar
+from avrare.scenario.value_positions import Mark, Node, Scalar
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 20_000

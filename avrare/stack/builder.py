@@ -16,11 +16,11 @@ from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, s
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import ExplainsViolation, HasMargin, Specification, find_ability, find_scene
-from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import Block, Formula, Scenario
 from avrare.scenario.specification_checks import reach_warnings
 from avrare.scenario.validation import check, scenario_error
+from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.closed_loop import ClosedLoop
 
 

@@ -25,7 +25,7 @@ from avrare.estimation.result import Result
 from avrare.logic.formula import stl
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import (
     conjunction,
     count_down,

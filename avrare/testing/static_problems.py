@@ -11,7 +11,7 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.testing import normal
-from avrare.testing.gaussian_chain import panels
+from avrare.testing.exact_chain_probabilities import panels
 from avrare.testing.reference_problem import ReferenceProblem
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
-from avrare.testing.gaussian_chain import Chain, crossing, survival
+from avrare.testing.exact_chain_probabilities import Chain, crossing, survival
 from avrare.testing.reference_problem import ReferenceProblem
 
 _CLEAR = 0.0

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.base.special import uniform_from_normal
+from avrare.base.special_functions import uniform_from_normal
 from avrare.protocols import Floats, HasLimits, find_ability
 from avrare.worlds.world import CanBeCopied, CanBeDisplaced, PreparesActions, World, close, observed
 

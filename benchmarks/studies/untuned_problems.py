@@ -14,9 +14,9 @@ from functools import cache
 import numpy as np
 
 from avrare import Problem, stl
-from avrare.base.special import bisect
+from avrare.base.special_functions import bisect
 from avrare.protocols import Floats, System
-from avrare.testing.gaussian_chain import Chain, crossing, panels, survival
+from avrare.testing.exact_chain_probabilities import Chain, crossing, panels, survival
 from avrare.testing.normal import cdf
 
 STEPS = 20

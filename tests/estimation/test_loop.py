@@ -9,12 +9,12 @@ import odd_systems
 from avrare.base.errors import UsageError
 from avrare.estimation import loop
 from avrare.estimation.budget import Budget
-from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, planned, run
 from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo_config import McConfig
 from avrare.estimation.result import verdict
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 
 def problem(limit=0.5, system=None, **keywords):

@@ -10,7 +10,7 @@ import avrare
 import odd_systems
 from avrare.base.errors import UsageError
 from avrare.estimation.intervals import clopper_pearson, inverse_binomial
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
 
@@ -87,9 +87,9 @@ def test_counters_are_summed():
 
 def test_scores_over_time_are_not_kept():
     """A long run must hold a few numbers a rollout, whatever the number of steps."""
-    from avrare.estimation.config import McConfig
     from avrare.estimation.loop import Settings, run
     from avrare.estimation.monte_carlo import MonteCarlo
+    from avrare.estimation.monte_carlo_config import McConfig
     from avrare.rollout.executors.serial import SerialExecutor
 
     states = []

@@ -10,11 +10,11 @@ from avrare.base.errors import Interrupted
 from avrare.estimation import loop
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare_estimators.config import IsConfig
 from avrare_estimators.importance.importance_sampling import ImportanceSampling
 

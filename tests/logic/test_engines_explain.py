@@ -164,7 +164,7 @@ def test_interval_verdicts_come_as_early_as_they_can():
 def test_interval_monitors_refuse_more_samples_than_there_are():
     with pytest.raises(FormulaError, match="length is 1"):
         verdicts("always (x < 4)", [1, 1], length=1)
-    with pytest.raises(FormulaError, match="length is 0"):
+    with pytest.raises(FormulaError, match="length must be at least 1, not 0"):
         stl("x").interval_monitor(0)
 
 

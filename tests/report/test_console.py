@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 import avrare
-from avrare.base.format import format_probability
+from avrare.base.number_format import format_probability
 from avrare.estimation.plan import Info
 from avrare.report.terminal.console import print_table
 from avrare.report.terminal.progress_line import Progress

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare.report.plots.drive_plot import Frame, draw_drive
+from avrare.report.plots.rollout_plot import Frame, draw_drive
 
 figures = pytest.importorskip("matplotlib.figure")
 

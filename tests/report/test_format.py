@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrare.base.format import format_amount_in_words, format_typeset
+from avrare.base.number_format import format_amount_in_words, format_typeset
 
 
 @pytest.mark.parametrize(

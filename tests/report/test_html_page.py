@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from avrare.base.format import format_typeset
+from avrare.base.number_format import format_typeset
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
 from avrare.report.html.page import render_report

@@ -12,7 +12,7 @@ import time
 import pytest
 
 import avrare
-from avrare.base.format import format_clock
+from avrare.base.number_format import format_clock
 from avrare.cli.main import main
 from avrare.estimation.plan import Info
 from avrare.report.terminal.progress_line import Progress

@@ -11,7 +11,7 @@ from avrare.base import batch
 from avrare.rollout import engine
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 STEPS = 20
 NOISE = NoiseSource(9, 1)

@@ -8,7 +8,7 @@ import odd_systems
 from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 STEPS = 30
 ROWS = 300

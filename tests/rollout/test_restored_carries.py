@@ -10,7 +10,7 @@ import odd_systems
 from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Past, Request, Rollouts
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 STEPS, ROWS = 12, 9
 NOISE = NoiseSource(3, 1)

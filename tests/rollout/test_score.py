@@ -7,7 +7,7 @@ import avrare
 import odd_systems
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 STEPS = 12
 NOISE = NoiseSource(4, 1)

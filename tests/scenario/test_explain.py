@@ -4,8 +4,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.scenario.json_schema import scenario_schema
-from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.validation import _reword, check
+from avrare.scenario.value_positions import Mark, Node
 from avrare.scenario.yaml import parse
 
 

@@ -4,9 +4,9 @@ import pytest
 
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.logic.syntax.parser import parse
-from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.schema import Formula
 from avrare.scenario.specification_checks import check_formula, reach_warnings
+from avrare.scenario.value_positions import Mark, Node
 
 FAR = "{plugin: book, rule: R_G2}"
 

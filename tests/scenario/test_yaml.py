@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from avrare.base.errors import ScenarioError
-from avrare.scenario.marked_values import Mark
+from avrare.scenario.value_positions import Mark
 from avrare.scenario.yaml import MAX_BYTES, dump, parse, parse_value
 
 

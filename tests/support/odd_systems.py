@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare.testing.awkward_systems import Walk
+from avrare.testing.faulty_systems import Walk
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 import avrare
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
-from avrare.testing import gaussian_chain as chain
+from avrare.testing import exact_chain_probabilities as chain
 from avrare.testing.problems import (
     conjunction,
     count_down,

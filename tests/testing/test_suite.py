@@ -167,7 +167,7 @@ def test_the_slack_of_coverage_is_binomial(hits, trials, p):
 
 
 def test_the_problems_need_no_pytest():
-    code = "import sys, avrare.testing.problems, avrare.testing.awkward_systems; print(*sys.modules)"
+    code = "import sys, avrare.testing.problems, avrare.testing.faulty_systems; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "avrare.testing.problems" in done.stdout.split()
     assert not {"pytest", "scipy", "torch", "matplotlib"} & set(done.stdout.split())

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from avrare.base.errors import UsageError
-from avrare.base.special import uniform_from_normal as uniform
+from avrare.base.special_functions import uniform_from_normal as uniform
 from avrare.worlds import Channel, Noisy, as_system
 
 

@@ -20,8 +20,8 @@ from avrare.analysis.check.confidence_distributions import (
     derive_distribution,
     encode_distribution,
 )
+from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.base.files import explain_file_errors, write_text
 from avrare.estimation.result import Result, finite
 from avrare.results.run_folder import provenance
 from avrare.scenario.fingerprint import digests, fingerprint

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.base.special import beta_cdf
+from avrare.base.special_functions import beta_cdf
 from avrare.estimation import intervals
 from avrare.estimation.result import Interval, Result
 
@@ -189,7 +189,7 @@ def decode_distribution(content: Mapping[str, Any]) -> ConfidenceDistribution:
         low, high = found.interval_at(0.95)
         p_values = found.p_value_at_most(0.5) + found.p_value_at_least(0.5)
         if not (0.0 <= low <= high <= 1.0 and 0.0 <= p_values <= 2.0):
-            raise ValueError(f"its interval is {low} .. {high}")
+            raise ValueError(f"its interval {low} .. {high} or its p-values are no probabilities")
     except (LookupError, TypeError, ValueError, ArithmeticError) as error:
         raise UsageError(f"not an estimate: {error}") from None
     return found

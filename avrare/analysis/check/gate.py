@@ -20,7 +20,7 @@ from avrare.analysis.check.criteria import (
 from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, estimate_look
 from avrare.base.errors import ExitCode, UsageError
-from avrare.base.format import format_interval
+from avrare.base.number_format import format_interval
 from avrare.estimation.result import Result, finite, worst_verdict
 from avrare.results import run_folder as rundir
 

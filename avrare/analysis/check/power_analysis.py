@@ -14,7 +14,7 @@ from statistics import NormalDist
 from avrare.analysis.check.baseline import BaselineEntry
 from avrare.analysis.check.confidence_distributions import Binomial, InverseBinomial
 from avrare.analysis.check.criteria import Criterion
-from avrare.base.special import beta_cdf
+from avrare.base.special_functions import beta_cdf
 from avrare.scenario.schema import Regression, Threshold
 
 POWER = 0.9

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from avrare.analysis.compare.case import ENOUGH_FAILURES, ComparisonCase, GroundTruth
-from avrare.analysis.compare.estimator_arms import Arm, make_arm
+from avrare.analysis.compare.estimator_options import Arm, make_arm
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Progress, Settings, prepare_problem, run

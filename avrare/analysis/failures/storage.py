@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.analysis.failures.failure import Failure
+from avrare.base.atomic_files import explain_file_errors, write_atomic
 from avrare.base.errors import UsageError
-from avrare.base.files import explain_file_errors, write_atomic
 from avrare.results.reader import read_arrays
 
 PREFIX = "avrare1."

@@ -21,8 +21,8 @@ from avrare.logic.monitor.monitor_node import (
     lay_out_unseen,
     stack,
 )
-from avrare.logic.monitor.plan import MonitorPlan
-from avrare.logic.semantics.samples import read_sample
+from avrare.logic.monitor.monitor_plan import MonitorPlan
+from avrare.logic.semantics.input_signals import read_sample
 from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
 from avrare.logic.semantics.window_operators import Array
@@ -306,7 +306,7 @@ class IntervalMonitor(_Monitor):
 
     def __init__(self, node: nodes.Node, closed: bool, length: int | None = None) -> None:
         if length is not None and length < 1:
-            raise FormulaError(f"length is {length}", "a trace has at least one sample")
+            raise FormulaError(f"length must be at least 1, not {length}", "leave it out where it is unknown")
         super().__init__(node, closed)
         self.length = length
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
-from avrare.base.format import describe_blind_bound, format_interval, format_probability
+from avrare.base.number_format import describe_blind_bound, format_interval, format_probability
 
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SIGNS = {"pass": "✅ pass", "fail": "❌ fail", "inconclusive": "❔ inconclusive"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from avrare.analysis.compare.paired import PairedComparison, PairedCounts
+from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
+from avrare.analysis.compare.repetition_statistics import Summary, find_disagreements, summarise
 from avrare.analysis.compare.study import ArmResult, Comparison
-from avrare.analysis.compare.summary import Summary, find_disagreements, summarise
 from avrare.base import version
 from avrare.estimation.result import finite
 from avrare.scenario.fingerprint import fingerprint

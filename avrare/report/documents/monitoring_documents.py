@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.analysis.monitor.monitoring import DecisiveSample, MonitoringResult
-from avrare.base.files import write_text
+from avrare.base.atomic_files import write_text
 from avrare.estimation.result import finite
 from avrare.results.recordings.recording import Recording
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.base.format import format_percent
+from avrare.base.number_format import format_percent
 from avrare.estimation import intervals
 from avrare.protocols import Floats
 from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, make_log_scale, render_legend

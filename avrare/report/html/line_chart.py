@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avrare.base.format import format_power_of_ten
+from avrare.base.number_format import format_power_of_ten
 from avrare.protocols import Bools, Floats
 from avrare.report.html.markup import Markup, join, tag
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from avrare.base.errors import AvrareError
-from avrare.base.format import (
+from avrare.base.number_format import (
     describe_blind_bound,
     format_amount_in_words,
     format_percent,

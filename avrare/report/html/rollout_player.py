@@ -15,13 +15,13 @@ import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
 from avrare.base.errors import AvrareError, UsageError
-from avrare.base.format import format_robustness
+from avrare.base.number_format import format_robustness
 from avrare.estimation.result import Failures
 from avrare.protocols import Floats
 from avrare.report.html.heat_strips import draw_noise, draw_predicates
 from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, render_legend
 from avrare.report.html.markup import Markup, json_block, tag
-from avrare.report.plots.drive_plot import Frame, extract_frames
+from avrare.report.plots.rollout_plot import Frame, extract_frames
 from avrare.report.terminal.monitoring_text import summarise
 from avrare.results.reader import RolloutSample
 from avrare.results.recordings.replayed_failure import record_rollout

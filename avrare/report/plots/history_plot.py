@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.analysis.history.entry import HistoryEntry, find_breaks, group_series
-from avrare.base.format import format_probability
+from avrare.base.number_format import format_probability
 from avrare.report.plots import hide_spines, make_figure
 
 _BLUE, _FAILED, _INK, _MUTED = "#2559b8", "#b3321d", "#1b1f24", "#7a858f"

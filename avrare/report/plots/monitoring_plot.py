@@ -9,7 +9,7 @@ import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.report.plots import hide_spines, make_figure
-from avrare.report.plots.drive_plot import Frame, draw_frame, draw_road
+from avrare.report.plots.rollout_plot import Frame, draw_frame, draw_road
 from avrare.report.terminal.monitoring_text import format_sample_time, summarise
 
 _MOMENTS = 4

@@ -10,7 +10,7 @@ from rich.table import Table
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.base.errors import ExitCode
-from avrare.base.format import format_duration, format_interval, format_probability
+from avrare.base.number_format import format_duration, format_interval, format_probability
 from avrare.report.documents.check_documents import format_numbers, list_blind_bounds
 from avrare.report.terminal.console import (
     VERDICT_COLOURS,

@@ -9,9 +9,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.analysis.compare.case import ENOUGH_FAILURES, GroundTruth
+from avrare.analysis.compare.repetition_statistics import (
+    MIN_REPETITIONS,
+    Accuracy,
+    Summary,
+    find_disagreements,
+)
 from avrare.analysis.compare.study import ArmResult, Comparison
-from avrare.analysis.compare.summary import MIN_REPETITIONS, Accuracy, Summary, find_disagreements
-from avrare.base.format import format_amount, format_narrow
+from avrare.base.number_format import format_amount, format_narrow
 from avrare.estimation.result import Interval
 from avrare.report.documents.comparison_json import summarise_arms
 from avrare.report.terminal.console import make_table

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from avrare.analysis.failures.clusters import Clusters
-from avrare.analysis.failures.describe import describe
 from avrare.analysis.failures.failure import Failure
 from avrare.analysis.failures.falsify import FalsificationResult
+from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import ShrinkResult
 from avrare.analysis.failures.stored_replays import FailureReplay
 from avrare.rollout.loaded_scenario import LoadedScenario

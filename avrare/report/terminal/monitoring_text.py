@@ -11,7 +11,7 @@ import numpy as np
 from rich.text import Text
 
 from avrare.analysis.monitor.monitoring import DecisiveSample, MonitoringResult
-from avrare.base.format import format_robustness
+from avrare.base.number_format import format_robustness
 from avrare.protocols import Floats
 from avrare.results.recordings.recording import Recording
 

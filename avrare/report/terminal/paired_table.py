@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from avrare.analysis.compare.paired import PairedComparison
-from avrare.base.format import format_probability, format_signed, format_signed_interval
+from avrare.analysis.compare.paired_comparison import PairedComparison
+from avrare.base.number_format import format_probability, format_signed, format_signed_interval
 from avrare.report.terminal.console import make_table
 
 _FEW_DIFFERENCES = 10  # rollouts with different outcomes below which a note asks for more

@@ -12,7 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from avrare.base.format import format_clock
+from avrare.base.number_format import format_clock
 from avrare.estimation.intervals import clopper_pearson
 from avrare.estimation.plan import Info
 from avrare.report.terminal.console import Mode

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.analysis.history.entry import HistoryEntry, find_breaks
-from avrare.base.format import describe_blind_bound, format_interval, format_probability
+from avrare.base.number_format import describe_blind_bound, format_interval, format_probability
 from avrare.estimation.result import Result
 from avrare.report.terminal.console import colour_verdict, make_table
 

@@ -13,9 +13,9 @@ from avrare.plugin.registry import default_registry
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.overrides import override
 from avrare.scenario.validation import check_options
+from avrare.scenario.value_positions import Mark, Node
 
 _FIELDS = ("scores", "robustness", "violated", "error", "log_weight")
 """Fields to compare, scores first: they give the step."""

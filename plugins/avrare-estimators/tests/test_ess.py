@@ -13,7 +13,7 @@ from avrare.estimation.intervals import clopper_pearson
 from avrare.estimation.loop import Settings, run
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.problem import Problem
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem, walk
 from avrare.testing.repeated_estimates import deviation
 from avrare_estimators.config import EssConfig

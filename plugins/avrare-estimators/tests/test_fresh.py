@@ -5,7 +5,7 @@ import pytest
 
 import avrare
 from avrare.estimation import intervals
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import reference_problem
 
 SIZES = {

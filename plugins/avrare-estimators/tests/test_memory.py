@@ -8,7 +8,7 @@ import pytest
 import avrare
 import odd_systems
 from avrare.base import batch
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare_estimators.ams.splitting import Splitting
 
 OPTIONS = {"particles": 40, "discard": 6, "runs": 2, "seed": 4}

@@ -9,7 +9,7 @@ from scipy import stats
 
 import avrare
 import odd_systems
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import count_down, reference_problem
 from avrare.testing.walk_problems import Lag, Lattice
 

@@ -5,7 +5,7 @@ import pytest
 
 import avrare
 import odd_systems
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import ReferenceProblem, count_down, reference_problem
 from avrare.testing.walk_problems import Lag
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.testing.awkward_systems import Walk
+from avrare.testing.faulty_systems import Walk
 from avrare.testing.problems import exponential_sum
 from avrare_linear.gaussian import TrajectoryGaussian, apply_map, simulate_signals
 from avrare_linear.system import LinearSystem

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare.worlds.simulator import Worlds
+from avrare.worlds.worlds_simulator import Worlds
 from avrare_metadrive import world
 from avrare_metadrive.config import MetaDriveConfig
 from avrare_metadrive.process import RootProcess

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 
 class Fatal(systems.Walk):

@@ -9,12 +9,12 @@ import pytest
 
 import avrare
 from avrare.base.errors import AvrareError
-from avrare.estimation.config import McConfig
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 ray = pytest.importorskip("ray")
 from avrare_ray.config import RayConfig  # noqa: E402

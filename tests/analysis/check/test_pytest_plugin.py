@@ -178,7 +178,7 @@ def test_importing_the_pytest_plugin_imports_nothing_heavy():
     assert done.stdout.split() == [
         "avrare",
         "avrare.base",
-        "avrare.base.moved",
+        "avrare.base.moved_modules",
         "avrare.cli",
         "avrare.cli.pytest_plugin",
     ]

@@ -6,10 +6,10 @@ import pytest
 from rich.console import Console
 
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth
-from avrare.analysis.compare.estimator_arms import parse_arms
+from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.study import ArmResult, Comparison, Repetition, StudyDesign
 from avrare.base.errors import UsageError
-from avrare.base.format import format_amount
+from avrare.base.number_format import format_amount
 from avrare.estimation.budget import Budget
 from avrare.plugin.registry import default_registry
 from avrare.report.plots import comparison_plot

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.compare.paired import PairedCounts, compare_pairs
+from avrare.analysis.compare.paired_comparison import PairedCounts, compare_pairs
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 LANE_CHANGE = str(Path(__file__).parents[3] / "scenarios" / "lane_change.yaml")
 

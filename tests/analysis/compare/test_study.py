@@ -6,7 +6,7 @@ import pytest
 
 import avrare
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth, parse_truth
-from avrare.analysis.compare.estimator_arms import parse_arms
+from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.study import StudyDesign, compare
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.budget import Budget

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from avrare.analysis.failures.describe import Disturbance, describe, find_disturbances, join_disturbances
+from avrare.analysis.failures.noise_description import (
+    Disturbance,
+    describe,
+    find_disturbances,
+    join_disturbances,
+)
 from avrare.rollout.replay import replay_tape, tabulate_signals
 
 MISSED = 9.0

@@ -14,7 +14,7 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Work
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing import awkward_systems as systems
+from avrare.testing import faulty_systems as systems
 
 CHUNK = 25
 

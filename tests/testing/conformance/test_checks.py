@@ -53,7 +53,7 @@ WRONG = {
 
 GOOD = {
     "simulator": ("wrong:Options", "wrong:good"),
-    "estimator": ("avrare.estimation.config:McConfig", "avrare.estimation.monte_carlo:build"),
+    "estimator": ("avrare.estimation.monte_carlo_config:McConfig", "avrare.estimation.monte_carlo:build"),
     "executor": ("avrare.rollout.executors.serial:ExecutorConfig", "avrare.rollout.executors.serial:build"),
 }
 

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.special import uniform_from_normal
+from avrare.base.special_functions import uniform_from_normal
 from avrare.protocols import Floats
 from avrare.worlds.noisy_world import Channel
 from avrare_gymnasium.config import ActionNoiseConfig

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from avrare.base.special import uniform_from_normal as uniform
+from avrare.base.special_functions import uniform_from_normal as uniform
 from avrare.protocols import Floats
 
 _FIXED = 0

@@ -14,8 +14,8 @@ from gymnasium import spaces
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.protocols import Floats
 from avrare.worlds.noisy_world import Channel, Noisy
-from avrare.worlds.simulator import Worlds
 from avrare.worlds.world import World
+from avrare.worlds.worlds_simulator import Worlds
 from avrare_gymnasium.actions import actions
 from avrare_gymnasium.config import OUTCOMES, GymnasiumConfig
 from avrare_gymnasium.stream import Stream

@@ -140,7 +140,7 @@ def _changed(problem: Problem, parameter: str, step: DescentStep) -> Problem:
 
 
 def _write(path: Path, resolved: dict[str, Any], parameter: str, step: DescentStep) -> None:
-    from avrare.base.files import write_text
+    from avrare.base.atomic_files import write_text
     from avrare.scenario.yaml import dump
     from avrare_linear.rewrite import rewrite_scenario
 

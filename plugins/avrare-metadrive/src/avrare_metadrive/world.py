@@ -11,7 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
-from avrare.worlds.simulator import Worlds
+from avrare.worlds.worlds_simulator import Worlds
 from avrare_metadrive import version
 from avrare_metadrive.config import DT, SIGNALS, MetaDriveConfig
 from avrare_metadrive.process import Process, RootProcess

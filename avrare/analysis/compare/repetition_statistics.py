@@ -11,7 +11,7 @@ import numpy as np
 
 from avrare.analysis.compare.case import GroundTruth
 from avrare.analysis.compare.study import Repetition
-from avrare.base.special import t_factor
+from avrare.base.special_functions import t_factor
 from avrare.estimation import intervals
 from avrare.estimation.result import Interval
 from avrare.protocols import Floats

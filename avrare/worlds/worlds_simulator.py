@@ -201,9 +201,10 @@ class Worlds:
 def _rows(action: Any, n: int) -> Iterator[Any] | Sequence[None]:
     if action is None:
         return [None] * n
-    if not isinstance(action, np.ndarray) or len(action) != n:
+    if not isinstance(action, np.ndarray) or action.shape[:1] != (n,):
+        shape = f" of shape {action.shape}" if isinstance(action, np.ndarray) else ""
         raise UsageError(
-            f"the controller returned {type(action).__name__}, but each world takes one row of an array",
+            f"the controller returned {type(action).__name__}{shape}, but every world takes its own row",
             f"a controller for this simulator returns an array with leading axis {n}",
         )
     return iter(_frozen(action))

@@ -17,10 +17,10 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.plan import Estimator
 from avrare.plugin.component import Component
 from avrare.plugin.registry import Registry
-from avrare.scenario.marked_values import Mark, Node
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import Block
 from avrare.scenario.validation import check_options
+from avrare.scenario.value_positions import Mark, Node
 from avrare.scenario.yaml import parse_value
 
 _SCENARIO = "scenario"  # prefix of a --set key of the scenario itself

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.base.special import beta_quantile
+from avrare.base.special_functions import beta_quantile
 from avrare.estimation.intervals import Interval
 from avrare.estimation.plan import Info
 from avrare.protocols import Bools

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.base.format import format_robustness
+from avrare.base.number_format import format_robustness
 from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
 from avrare.estimation.result import Result
