@@ -22,5 +22,6 @@ def interval_of_runs(values: Floats, particles: int) -> Callable[[float], Interv
     """
     if not values.any():
         return intervals.unknown
+    mean, freedom = float(values.mean()), len(values) - 1
     relative = relative_variance(values, np.zeros(1), particles)
-    return partial(intervals.log_normal, float(values.mean()), relative, freedom=len(values) - 1)
+    return partial(intervals.log_normal, mean, relative, freedom=freedom, logs=intervals.cox(values))

@@ -52,8 +52,8 @@ def test_interval_is_clopper_pearson(rollouts):
 
 def test_certain_failure_and_certain_pass():
     never, always = (avrare.estimate(walk(limit), rollouts=50) for limit in (99.0, -1.0))
-    assert (never.probability, never.interval) == (0.0, (0.0, pytest.approx(1 - 0.05 ** (1 / 50))))
-    assert (always.probability, always.interval) == (1.0, (pytest.approx(0.05 ** (1 / 50)), 1.0))
+    assert (never.probability, never.interval) == (0.0, (0.0, pytest.approx(1 - 0.025 ** (1 / 50))))
+    assert (always.probability, always.interval) == (1.0, (pytest.approx(0.025 ** (1 / 50)), 1.0))
     assert never.failures.noise.shape == (0, 101, 1)
     assert math.isnan(never.relative_error)
     assert list(always.health) == ["all_failed"]

@@ -98,7 +98,7 @@ def test_quiet_prints_the_verdicts_alone(scenario, tmp_path, capsys):
     few = ["--set", "estimator.rollouts=20", "--set", "steps=3", "--out", str(tmp_path / "out")]
     assert main(["run", scenario, "--quiet", *few]) == 0
     out = capsys.readouterr()
-    assert re.fullmatch(r"slow low: no threshold, 0 \(0 \.\. 0\.14\)\n", out.out)
+    assert re.fullmatch(r"slow low: no threshold, 0 \(0 \.\. 0\.17\)\n", out.out)
     assert out.err == ""
     assert main(["run", scenario, "--quiet", "--plain", *few]) == 4
 

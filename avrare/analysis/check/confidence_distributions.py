@@ -83,26 +83,30 @@ class LogNormal:
     relative_variance: float  # variance of the mean over its square
     freedom: int  # degrees of freedom; 0: the variance is taken as known
     undecided: float = 0.0  # share of errors; ``p_value_at_least`` counts them as failures
+    logs: tuple[float, float] | None = None  # logarithm of the mean and its variance by Cox's method
 
     def interval_at(self, confidence: float) -> Interval:
         """Return the interval of splitting and of weighted samples."""
         return intervals.log_normal(
-            self.mean, self.relative_variance, confidence, freedom=self.freedom, errors=self.undecided
-        )
+            self.mean, self.relative_variance, confidence, freedom=self.freedom, errors=self.undecided,
+            logs=self.logs,
+        )  # fmt: skip
 
     def p_value_at_most(self, value: float) -> float:
         """Return P(log mean as large or larger | value)."""
-        return self._tail(self.mean, value) if value > 0.0 else 0.0
+        return max(self._tails(value)) if value > 0.0 else 0.0
 
     def p_value_at_least(self, value: float) -> float:
         """Return P(log mean as small or smaller | value)."""
-        return 1.0 - self._tail(self.mean, value - self.undecided) if value > self.undecided else 1.0
+        return 1.0 - min(self._tails(value - self.undecided)) if value > self.undecided else 1.0
 
-    def _tail(self, observed: float, value: float) -> float:
-        # P(T > t) with t = (log observed - log value) / width
-        width = math.sqrt(math.log1p(self.relative_variance))
-        gap = math.log(observed) - math.log(value) if width else observed - value
-        t = gap / width if width else math.copysign(math.inf, gap)
+    def _tails(self, value: float) -> list[float]:
+        laws = intervals.log_normal_laws(self.mean, self.relative_variance, self.logs)
+        return [self._tail(centre - math.log(value), spread) for centre, spread in laws]
+
+    def _tail(self, gap: float, spread: float) -> float:
+        # P(T > t) with t = gap / width
+        t = gap / math.sqrt(spread) if spread else math.copysign(math.inf, gap)
         if math.isinf(t) or not self.freedom:
             return 0.5 * math.erfc(t / math.sqrt(2.0))
         half = 0.5 * beta_cdf(self.freedom / (self.freedom + t * t), self.freedom / 2.0, 0.5)

@@ -16,6 +16,7 @@ from avrare.analysis.check.confidence_distributions import (
     derive_distribution,
 )
 from avrare.estimation import health
+from avrare.estimation.intervals import cox
 from avrare.estimation.result import Failures, Result
 
 _SYSTEM_WARNINGS = ("not_deterministic",)
@@ -87,7 +88,8 @@ def _pool_runs(batches: Sequence[Result]) -> _PooledMean | None:
     least = min(law.relative_variance for law, _ in pairs if isinstance(law, LogNormal)) / len(batches)
     relative = float((values / mean).var(ddof=1)) / len(values) or least
     undecided = sum(law.undecided * len(part) for law, part in pairs if isinstance(law, LogNormal))
-    return _PooledMean(mean, relative, LogNormal(mean, relative, len(values) - 1, undecided / len(values)))
+    law = LogNormal(mean, relative, len(values) - 1, undecided / len(values), cox(values))
+    return _PooledMean(mean, relative, law)
 
 
 def _pool_weighted(batches: Sequence[Result]) -> _PooledMean | None:

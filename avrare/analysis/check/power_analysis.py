@@ -106,11 +106,9 @@ def _need_for_threshold(limit: float, entry: BaselineEntry, tail: float, criteri
 def _rollouts_to_pass(p: float, limit: float, tail: float) -> int | None:
     # Monte Carlo rollouts that prove the bound with ``POWER``; None beyond 200 failures
     for failures in range(_MAX_FAILURES):
-        # Without failures the interval is one-sided.
-        level = 2.0 * tail if failures == 0 else tail
 
-        def proven(trials: int, failures: int = failures, level: float = level) -> bool:
-            return beta_cdf(1.0 - limit, trials - failures, failures + 1) <= level
+        def proven(trials: int, failures: int = failures) -> bool:
+            return beta_cdf(1.0 - limit, trials - failures, failures + 1) <= tail
 
         rollouts = _find_first(proven, failures + 1)
         if beta_cdf(1.0 - p, rollouts - failures, failures + 1) >= POWER:

@@ -107,7 +107,9 @@ def _compute_run_interval(values: Floats, confidence: float) -> tuple[float, flo
     relative = float(values.var(ddof=1)) / len(values) / mean**2 if defined else 0.0
     if relative == 0.0:
         return math.nan, math.nan
-    return intervals.log_normal(mean, relative, confidence, freedom=len(values) - 1)
+    return intervals.log_normal(
+        mean, relative, confidence, freedom=len(values) - 1, logs=intervals.cox(values)
+    )
 
 
 def draw_levels(diagnostics: dict[str, Any], gamma: Any, label: str) -> Markup | None:

@@ -124,7 +124,7 @@ def test_no_failures(proposal):
     assert result.probability == 0.0
     low, high = result.interval
     assert low == 0.0
-    assert high == pytest.approx(1 - 0.05 ** (1 / result.diagnostics["target_rows"][0]))
+    assert high == pytest.approx(1 - 0.025 ** (1 / result.diagnostics["target_rows"][0]))
     assert "no_failures" in result.health
     bare = estimate(LINE.problem(), proposal, defensive=0.0)
     assert bare.interval == (0.0, 1.0)

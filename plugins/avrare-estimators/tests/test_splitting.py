@@ -9,6 +9,7 @@ from scipy import stats
 
 import avrare
 import odd_systems
+from avrare.estimation.intervals import clopper_pearson
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import count_down, reference_problem
 from avrare.testing.walk_problems import Lag, Lattice
@@ -76,14 +77,31 @@ def test_discarded_failures_are_not_lost(score):
     assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
 
 
-def test_interval_is_t_delta_log():
+def test_interval_joins_t_delta_log_and_cox_where_no_run_is_0():
     result = estimate(walk(), runs=6, confidence=0.9)
     values = result.run_probabilities
     relative = values.std(ddof=1) / np.sqrt(6) / values.mean()
-    factor = stats.t.ppf(0.95, 5) * math.sqrt(math.log1p(relative**2))
-    expected = values.mean() * np.exp([-factor, factor])
-    assert result.interval == pytest.approx(tuple(expected), rel=1e-9)
+    width = math.sqrt(math.log1p(relative**2))
+    logs = np.log(values)
+    spread = logs.var(ddof=1)
+    both = [
+        [math.log(values.mean()), width],
+        [logs.mean() + spread / 2, math.sqrt(spread / 6 + spread**2 / 10)],
+    ]
+    ends = np.exp([[centre - t * x, centre + t * x] for t in [stats.t.ppf(0.95, 5)] for centre, x in both])
+    assert result.interval == pytest.approx((ends[:, 0].min(), ends[:, 1].max()), rel=1e-9)
     assert result.relative_error == pytest.approx(relative)
+
+
+def test_a_run_of_0_leaves_t_delta_log():
+    result = next(
+        one for seed in range(20) for one in [estimate(walk(2.5), seed, particles=10, discard=4)]
+        if one.probability and not one.run_probabilities.all()
+    )  # fmt: skip
+    values = result.run_probabilities
+    relative = values.var(ddof=1) / 4 / values.mean() ** 2
+    factor = stats.t.ppf(0.975, 3) * math.sqrt(math.log1p(relative))
+    assert result.interval == pytest.approx(tuple(values.mean() * np.exp([-factor, factor])), rel=1e-9)
 
 
 def test_interval_of_a_single_run_uses_its_genealogy():
@@ -113,8 +131,8 @@ def test_interval_is_never_a_point():
 def test_extinction(runs):
     result = estimate(walk(50.0, steps=5), particles=5, discard=4, runs=runs)
     assert result.probability == 0.0
-    assert result.interval == (0.0, 1.0)
-    assert result.interval_at(0.5) == (0.0, 1.0)
+    assert result.interval == clopper_pearson(0, 5 * runs, 0.95)
+    assert result.interval_at(0.5) == clopper_pearson(0, 5 * runs, 0.5)
     assert set(result.health) == {"extinct"} | ({"single_run"} if runs == 1 else set())
     assert result.run_probabilities.tolist() == [0.0] * runs
     assert result.failures.noise.shape == (0, 6, 1)
@@ -125,14 +143,14 @@ def test_extinction(runs):
 def test_a_problem_that_cannot_fail(score):
     task = avrare.Problem(Lattice(0.5, 0, 0), avrare.stl("always (x < 1)"), 5, score)
     result = estimate(task)
-    assert (result.probability, result.interval) == (0.0, (0.0, 1.0))
+    assert (result.probability, result.interval) == (0.0, clopper_pearson(0, 160, 0.95))
     assert result.rollouts == 160
 
 
 def test_a_problem_that_always_fails():
     result = estimate(walk(-1.0))
     assert result.probability == 1.0
-    assert result.interval == (pytest.approx(0.05 ** (1 / 160)), 1.0)
+    assert result.interval == (pytest.approx(0.025 ** (1 / 160)), 1.0)
     assert result.diagnostics["stages"] == [0, 0, 0, 0]
     assert list(result.health) == ["all_failed"]
 

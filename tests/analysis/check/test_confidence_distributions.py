@@ -20,9 +20,10 @@ from avrare.estimation import intervals
 LAWS = [
     Binomial(3, 200), Binomial(0, 50), Binomial(50, 50), Binomial(7, 90, 4), InverseBinomial(6, 400),
     InverseBinomial(6, 400, 3), LogNormal(1e-4, 0.04, 9), LogNormal(1e-4, 0.04, 0),
-    LogNormal(0.02, 0.1, 4, 0.001),
+    LogNormal(0.02, 0.1, 4, 0.001), LogNormal(1e-4, 0.04, 9, 1e-6, (-9.1, 0.09)),
 ]  # fmt: skip
 TWO_SIDED = [law for law in LAWS if getattr(law, "failures", 1) not in (0, 50)]
+"""Laws that say something at either end."""
 
 
 @pytest.mark.parametrize("law", TWO_SIDED, ids=str)
@@ -34,9 +35,9 @@ def test_the_interval_ends_where_the_p_values_reach_its_tails(law, confidence):
     assert law.p_value_at_least(high) == pytest.approx(tail, rel=1e-6)
 
 
-def test_one_sided_intervals_have_one_tail():
-    assert Binomial(0, 50).p_value_at_least(Binomial(0, 50).interval_at(0.95)[1]) == pytest.approx(0.05)
-    assert Binomial(50, 50).p_value_at_most(Binomial(50, 50).interval_at(0.95)[0]) == pytest.approx(0.05)
+def test_an_end_that_says_nothing_leaves_the_tail_of_the_other():
+    assert Binomial(0, 50).p_value_at_least(Binomial(0, 50).interval_at(0.95)[1]) == pytest.approx(0.025)
+    assert Binomial(50, 50).p_value_at_most(Binomial(50, 50).interval_at(0.95)[0]) == pytest.approx(0.025)
 
 
 def test_binomial_p_values_are_those_of_scipy():

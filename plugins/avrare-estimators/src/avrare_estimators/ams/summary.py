@@ -108,7 +108,7 @@ def _interval(
 ) -> Callable[[float], Interval]:
     errors = state.population.error.reshape(violated.shape)
     if not values.any():
-        return intervals.unknown
+        return intervals.of_extinct_runs(state.first, state.tally.failures)
     if not any(state.levels):  # no level was needed: plain Monte Carlo
         return partial(
             intervals.clopper_pearson, int(violated.sum()), violated.size, errors=int(errors.sum())
@@ -119,6 +119,7 @@ def _interval(
         relative,
         freedom=state.runs - 1,
         errors=float((state.error_weight + state.weight * errors.mean(axis=1)).mean()),
+        logs=intervals.cox(values),
     )
 
 

@@ -42,7 +42,7 @@ def summarise(
         name,
         tally,
         values,
-        interval_at=_interval(last, values, relative_variance),
+        interval_at=_interval(state, values, relative_variance),
         relative_error=math.sqrt(relative_variance),
         health=warnings,
         failures=_distinct_failures(last, tally.failures),
@@ -130,16 +130,19 @@ def _weight_warnings(last: LevelPass) -> dict[str, str]:
     return {"weight_degenerate": text}
 
 
-def _interval(last: LevelPass, values: Floats, relative_variance: float) -> Callable[[float], Interval]:
+def _interval(state: EssState, values: Floats, relative_variance: float) -> Callable[[float], Interval]:
+    last = state.level_pass
     if not values.any():
-        return intervals.unknown
+        if last.weighted:  # the first rows are not from the target
+            return intervals.unknown
+        return intervals.of_extinct_runs(state.first, state.tally.failures)
     error_weight = float(last.error_weight.mean())
     if not last.levels and not last.weighted:  # no level was needed: plain Monte Carlo
         failed, trials = int(last.points.violated.sum()), len(last.points.score)
         return partial(intervals.clopper_pearson, failed, trials, errors=round(error_weight * trials))
     return partial(
         intervals.log_normal, float(values.mean()), relative_variance, freedom=len(values) - 1,
-        errors=error_weight,
+        errors=error_weight, logs=intervals.cox(values),
     )  # fmt: skip
 
 

@@ -178,8 +178,7 @@ def _for_any_weights(mean: float, failed: int, errors: int, rows: int, confidenc
     low = tail * mean
     if not rows:
         return low, 1.0
-    each_side = 1.0 - tail if mean > 0.0 else confidence
-    high = intervals.clopper_pearson(failed, rows, each_side, errors=errors)[1]
+    high = intervals.clopper_pearson(failed, rows, confidence, errors=errors)[1]
     return low, max(high, mean)
 
 
