@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from statistics import variance
-
-import numpy as np
 
 from avrare.base.special_functions import beta_quantile, bisect, normal_factor, t_factor
 from avrare.protocols import Floats
@@ -27,17 +24,6 @@ def clopper_pearson(failures: int, trials: int, confidence: float, errors: int =
     low = 0.0 if failures == 0 else beta_quantile(tail, failures, trials - failures + 1)
     high = 1.0 if worst == trials else beta_quantile(1.0 - tail, worst + 1, trials - worst)
     return low, high
-
-
-def of_extinct_runs(first: Floats, failures: int) -> Callable[[float], Interval]:
-    """Return the interval, at any confidence, of runs that all died out: the exact one of their first stage.
-
-    Args:
-        first: (n,) robustness of the independent rollouts of the first stage, NaN for errors.
-        failures: Failing rollouts of all stages; where there are any, a robustness of 0 may be one.
-    """
-    held = first > 0.0 if failures else ~np.isnan(first)
-    return partial(clopper_pearson, 0, len(first), errors=int((~held).sum()))
 
 
 def inverse_binomial(failures: int, trials: int, confidence: float, errors: int = 0) -> Interval:

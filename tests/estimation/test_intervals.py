@@ -47,13 +47,6 @@ def test_clopper_pearson_covers():
         assert covered >= 0.9 - 1e-12
 
 
-def test_extinct_runs_have_the_exact_bound_of_their_first_stage():
-    first = np.array([*np.ones(97), 0.0, 0.0, np.nan])
-    assert intervals.of_extinct_runs(first, 0)(0.9) == intervals.clopper_pearson(0, 100, 0.9, errors=1)
-    # A robustness of 0 may be a failure that the estimator lost.
-    assert intervals.of_extinct_runs(first, 2)(0.9) == intervals.clopper_pearson(0, 100, 0.9, errors=3)
-
-
 @pytest.mark.parametrize("confidence", [0.01, *CONFIDENCES, 1 - 1e-15])
 @pytest.mark.parametrize("freedom", [1, 2, 9, 99, 10_000])
 def test_t_factor(confidence, freedom):

@@ -7,6 +7,7 @@ import avrare
 from avrare.estimation import intervals
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import reference_problem
+from avrare_estimators.fresh import FreshRows
 
 SIZES = {
     "ams": {"particles": 40, "discard": 8, "runs": 3},
@@ -63,3 +64,9 @@ def test_monte_carlo_needs_none():
     result = avrare.estimate(LIKELY, "mc", rollouts=50)
     assert result.blind_bound is None
     assert result.to_dict()["blind_bound"] is None
+
+
+def test_an_estimate_of_0_has_the_bound_of_all_fresh_rows():
+    rows = FreshRows(rows=200, failures=1, errors=2)
+    assert rows.interval_of_zero()(0.9) == intervals.clopper_pearson(0, 200, 0.9, errors=3)
+    assert FreshRows().interval_of_zero()(0.9) == (0.0, 1.0)

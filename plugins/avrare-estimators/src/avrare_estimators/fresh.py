@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from avrare.estimation import intervals
 from avrare.estimation.result import Interval
@@ -37,6 +39,15 @@ class FreshRows:
         if not self.rows:
             return intervals.unknown(confidence)
         return intervals.clopper_pearson(self.failures, self.rows, confidence, errors=self.errors)
+
+    def interval_of_zero(self) -> Callable[[float], Interval]:
+        """Return the interval, as a function of the confidence, of an estimate of 0.
+
+        A failure that the estimate lost raises its upper end.
+        """
+        if not self.rows:
+            return intervals.unknown
+        return partial(intervals.clopper_pearson, 0, self.rows, errors=self.failures + self.errors)
 
     def blind_bound(self, confidence: float) -> float:
         """Return the upper bound for failures of any kind, and so for those that a score does not lead to."""

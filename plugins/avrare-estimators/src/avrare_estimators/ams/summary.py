@@ -108,7 +108,7 @@ def _interval(
 ) -> Callable[[float], Interval]:
     errors = state.population.error.reshape(violated.shape)
     if not values.any():
-        return intervals.of_extinct_runs(state.first, state.tally.failures)
+        return state.fresh.interval_of_zero()
     if not any(state.levels):  # no level was needed: plain Monte Carlo
         return partial(
             intervals.clopper_pearson, int(violated.sum()), violated.size, errors=int(errors.sum())

@@ -42,7 +42,7 @@ def summarise(
         name,
         tally,
         values,
-        interval_at=_interval(state, values, relative_variance),
+        interval_at=_interval(last, fresh, values, relative_variance),
         relative_error=math.sqrt(relative_variance),
         health=warnings,
         failures=_distinct_failures(last, tally.failures),
@@ -130,12 +130,11 @@ def _weight_warnings(last: LevelPass) -> dict[str, str]:
     return {"weight_degenerate": text}
 
 
-def _interval(state: EssState, values: Floats, relative_variance: float) -> Callable[[float], Interval]:
-    last = state.level_pass
+def _interval(
+    last: LevelPass, fresh: FreshRows, values: Floats, relative_variance: float
+) -> Callable[[float], Interval]:
     if not values.any():
-        if last.weighted:  # the first rows are not from the target
-            return intervals.unknown
-        return intervals.of_extinct_runs(state.first, state.tally.failures)
+        return fresh.interval_of_zero()
     error_weight = float(last.error_weight.mean())
     if not last.levels and not last.weighted:  # no level was needed: plain Monte Carlo
         failed, trials = int(last.points.violated.sum()), len(last.points.score)
