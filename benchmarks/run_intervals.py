@@ -1,6 +1,6 @@
 """Coverage of the 95 % interval of independent runs: t delta-log, Cox's, and the two joined.
 
-    python benchmarks/run_intervals.py [--samples 40000] [--ams-runs 500]
+    python benchmarks/run_intervals.py [--samples 40000] [--ams-runs 400]
 
 The first lines draw runs of mean 1 from known laws. The last ones draw sets of runs of ``ams``, default
 options, with replacement from a pool, whose mean counts as the truth. Sets with a run of 0 are left out.
@@ -26,7 +26,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--samples", type=int, default=40_000, help="sets of runs of each line")
-    parser.add_argument("--ams-runs", type=int, default=500, help="runs in the pool of a problem; 0: none")
+    parser.add_argument("--ams-runs", type=int, default=400, help="runs in the pool of a problem; 0: none")
     args = parser.parse_args()
     rng = np.random.default_rng(0)
     print("| law of a run | R | t delta-log | Cox | joined | ratio of the ends |\n|---|---|---|---|---|---|")
