@@ -2,12 +2,16 @@
 
 import multiprocessing
 import os
+import signal
+import time
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 import numpy as np
 
 from avrare.protocols import Floats
+from avrare.rollout import engine
 from avrare.testing.faulty_systems import Walk
 
 
@@ -155,3 +159,52 @@ def height(signals, t):
 def backwards(signals, t):
     """Score that prefers the rows that will not fail."""
     return -height(signals, t)
+
+
+class OnceInAWorker(Walk):
+    """Walk on which one worker process has an accident: ``marker`` is a file that says it was this one."""
+
+    def __init__(self, accident, marker):
+        super().__init__()
+        self.accident, self.marker = accident, marker
+
+    def step(self, state, noise):
+        if multiprocessing.parent_process() is not None:
+            try:
+                os.close(os.open(self.marker, os.O_CREAT | os.O_EXCL))
+            except FileExistsError:
+                pass
+            else:
+                getattr(self, self.accident)()
+        return super().step(state, noise)
+
+    def stop(self):
+        """Stop, as a debugger or a job scheduler would stop it."""
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+    def run_out_of_memory(self):
+        """Fail to get memory where no rollout is to blame."""
+        engine.Rollouts = _no_memory
+
+    def die_in_its_answer(self):
+        """Be killed when half of the answer is in the pipe."""
+
+        def send(connection, content, write=None):
+            if len(content) > 1000:
+                os.write(connection.fileno(), bytes(content)[: len(content) // 2])
+                os.kill(os.getpid(), signal.SIGKILL)
+            while content:
+                content = content[os.write(connection.fileno(), content) :]
+
+        Connection._send = send
+
+    def leave_a_child(self):
+        """Be killed while a child of its own still has the pipe."""
+        if os.fork() == 0:
+            time.sleep(20.0)
+            os._exit(0)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _no_memory(*arguments):
+    raise MemoryError

@@ -1,32 +1,30 @@
-"""Executor with a pool of worker processes on this machine."""
+"""Executor with worker processes on this machine."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
 import signal
 import sys
 import threading
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass
+from concurrent.futures import Future
+from queue import SimpleQueue
 
 from avrare.base.errors import UsageError
 from avrare.rollout.executors.in_flight import Window, WorkerDied, WorkerLost
 from avrare.rollout.executors.serial import ExecutorConfig
 from avrare.rollout.executors.work import Work
+from avrare.rollout.executors.worker_process import HINT, WorkerProcess, unpack
 from avrare.rollout.request import Request, Rollouts
 
 __all__ = ["ProcessExecutor", "WorkerDied", "build"]
 
-_HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _IN_FLIGHT = 2
 """Chunks in flight for each worker: one running, one queued."""
-_work: Work | UsageError | None = None
+_LOOK = 0.5
+"""Seconds between two looks at the workers while the parent waits for an outcome."""
 
 
 def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecutor:
@@ -37,15 +35,20 @@ def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecuto
 class ProcessExecutor:
     """Executor that runs chunks in spawned processes of one thread each and replaces workers that die.
 
-    The work is pickled once per worker; a problem from a scenario is pickled as the scenario.
+    The work is pickled once; a problem from a scenario is pickled as the scenario. A thread for each worker
+    gives it chunks, waits for its answers, and starts another process in the place of a lost one.
     """
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        self._pool: ProcessPoolExecutor | None = None
         self._window = Window(self, _IN_FLIGHT * workers)
         self._payload = b""
         self._added_variables: list[str] = []
+        self._tickets: SimpleQueue[_Ticket | None] = SimpleQueue()
+        self._threads: list[threading.Thread] = []
+        self._processes: dict[threading.Thread, WorkerProcess] = {}
+        self._starting = threading.Lock()
+        self._closed = False
 
     @property
     def restarts(self) -> int:
@@ -53,74 +56,91 @@ class ProcessExecutor:
         return self._window.restarts
 
     def open(self, work: Work) -> None:
-        """Start the workers."""
-        self._payload = pickle_work(work)
-        # Workers start with the first chunk and read these before any of our code runs in them.
+        """Start the workers; a process begins with its first chunk."""
+        self._payload, self._closed = pickle_work(work), False
+        # Processes read these before any of our code runs in them.
         self._added_variables = [name for name in _ONE_THREAD if name not in os.environ]
         os.environ.update(dict.fromkeys(self._added_variables, "1"))
-        self._pool = self._fresh_pool()
+        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(self.workers)]
+        for thread in self._threads:
+            thread.start()
 
     def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
         """Yield outcomes in the order of the chunks."""
         return self._window.map(chunks)
 
     def submit(self, chunk: Request) -> _Ticket:
-        """Submit a chunk to the pool."""
-        assert self._pool is not None
-        try:
-            with _no_interrupt():  # the first chunk starts the workers
-                return _Ticket(self._pool.submit(_run, chunk))
-        except BrokenProcessPool as error:
-            raise WorkerLost from error
+        """Queue a chunk for the next free worker."""
+        ticket = _Ticket(self, chunk)
+        self._tickets.put(ticket)
+        return ticket
 
     def replace_lost(self) -> None:
-        """Replace the pool: one that has lost a worker cannot be used any more."""
-        assert self._pool is not None
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        self._pool = self._fresh_pool()
+        """Do nothing: the thread of a lost process starts the next one."""
+
+    def look(self) -> None:
+        """Give up processes that are stopped or dead, so that no thread waits for them."""
+        for process in list(self._processes.values()):
+            process.look()
 
     def close(self) -> None:
         """Stop the workers without waiting for running chunks."""
-        if self._pool is not None:
-            if self._window.busy:
-                for process in list((self._pool._processes or {}).values()):
+        self._closed = True
+        if self._window.busy:
+            with self._starting:  # a process that is being started is known afterwards
+                for process in list(self._processes.values()):
                     process.kill()
-            self._pool.shutdown(wait=True, cancel_futures=True)
-            self._pool = None
+        for _ in self._threads:
+            self._tickets.put(None)
+        for thread in self._threads:
+            thread.join()
+        self._threads = []
         for name in self._added_variables:
             os.environ.pop(name, None)
         self._added_variables = []
 
-    def _fresh_pool(self) -> ProcessPoolExecutor:
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self.workers, context, initializer=_start, initargs=(self._payload,))
+    def _serve(self) -> None:
+        if hasattr(signal, "pthread_sigmask"):  # inherited: Ctrl-C is for the parent alone
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        this = threading.current_thread()
+        while (ticket := self._tickets.get()) is not None:
+            try:
+                ticket.answer.set_result(self._process_of(this).run(ticket.chunk))
+            except BaseException as error:
+                ticket.answer.set_exception(error)
+                self._forget(this)
+        self._forget(this)
+
+    def _process_of(self, thread: threading.Thread) -> WorkerProcess:
+        with self._starting:
+            if self._closed:
+                raise WorkerLost
+            if thread not in self._processes:
+                self._processes[thread] = WorkerProcess(self._payload)
+            return self._processes[thread]
+
+    def _forget(self, thread: threading.Thread) -> None:
+        process = self._processes.pop(thread, None)
+        if process is not None:
+            process.close()
 
 
-@contextmanager
-def _no_interrupt() -> Iterator[None]:
-    # Block SIGINT, so that processes started meanwhile ignore it from their first instruction on.
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@dataclass(frozen=True)
 class _Ticket:
-    future: Future[Rollouts]
+    def __init__(self, crew: ProcessExecutor, chunk: Request) -> None:
+        self.crew, self.chunk = crew, chunk
+        self.answer: Future[bytes] = Future()
 
     def done(self) -> bool:
-        return self.future.done()
+        return self.answer.done()
 
     def result(self) -> Rollouts:
-        try:
-            return self.future.result()
-        except BrokenProcessPool as error:
-            raise WorkerLost from error
+        while True:
+            try:
+                return unpack(self.answer.result(timeout=_LOOK))
+            except TimeoutError:
+                if self.answer.done():  # a TimeoutError of the system itself
+                    raise
+                self.crew.look()
 
 
 def pickle_work(work: Work) -> bytes:
@@ -128,34 +148,9 @@ def pickle_work(work: Work) -> bytes:
     try:
         payload = pickle.dumps(work)
     except Exception as error:
-        raise UsageError(f"the problem cannot be sent to a worker process: {error}", _HINT) from error
+        raise UsageError(f"the problem cannot be sent to a worker process: {error}", HINT) from error
     main = sys.modules["__main__"]
     importable = getattr(main, "__spec__", None) is not None or os.path.exists(getattr(main, "__file__", ""))
     if b"__main__" in payload and not importable:
-        raise UsageError("the problem is defined in a session that a worker process cannot import", _HINT)
+        raise UsageError("the problem is defined in a session that a worker process cannot import", HINT)
     return payload
-
-
-def _start(payload: bytes) -> None:
-    global _work
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-    try:
-        _work = pickle.loads(payload)
-    except Exception as error:  # an initializer that raises would break the pool without a reason
-        _work = UsageError(f"a worker process cannot read the problem: {error}", _HINT)
-
-
-def _exit_with_parent() -> None:
-    # A parent that is killed cannot stop its workers, which would wait for work for ever.
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _run(chunk: Request) -> Rollouts:
-    if isinstance(_work, UsageError):
-        raise _work
-    assert _work is not None
-    return _work.run(chunk)

@@ -104,6 +104,24 @@ def test_a_worker_that_dies_is_reported():
     assert avrare.estimate(problem(odd_systems.Deadly()), rollouts=10).errors == 0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("accident", ["die_in_its_answer", "stop", "run_out_of_memory", "leave_a_child"])
+def test_an_accident_of_a_worker_costs_its_chunk_only(tmp_path, accident):
+    """The parent notices, runs the chunk again, and the outcome is that of an undisturbed run."""
+    system = odd_systems.OnceInAWorker(accident, str(tmp_path / "marker"))
+    executor, noise = ProcessExecutor(2), NoiseSource(0, 1)
+    work = Work(problem(system), noise, scored=True)
+    request = Request.from_start(np.zeros(240, dtype=np.int64), np.arange(240))
+    chunks = [request.slice(at, at + 40) for at in range(0, 240, 40)]
+    executor.open(work)
+    try:
+        found = [outcome.scores for outcome in executor.map(chunks)]
+    finally:
+        executor.close()
+    assert executor.restarts == 1
+    np.testing.assert_array_equal(found, [work.run(chunk).scores for chunk in chunks])
+
+
 def test_a_system_that_cannot_be_unpickled_in_a_worker():
     with pytest.raises(avrare.UsageError, match="lives in one process only"):
         estimate(problem(odd_systems.Homesick()))

@@ -1,0 +1,130 @@
+"""Worker process with a pipe of its own, so that its death, wherever it happens, harms nobody else.
+
+Workers share no queue and no lock: one that is killed in the midst of its answer leaves an end of file.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import socket
+import threading
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+from avrare.base.errors import UsageError
+from avrare.rollout.executors.in_flight import WorkerLost
+from avrare.rollout.request import Request, Rollouts
+
+HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
+_PATIENCE = 10
+"""Looks in a row that find a worker stopped (SIGSTOP) before it is given up; Ctrl-Z stops the parent too."""
+_END = 10.0
+"""Seconds that an idle process has to end."""
+
+
+class WorkerProcess:
+    """Spawned process that runs one chunk at a time; ``work`` is pickled."""
+
+    def __init__(self, work: bytes) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs,))
+        try:
+            self._process.start()
+        finally:
+            theirs.close()  # from now on the death of the process is an end of file
+        self._work: bytes | None = work  # sent with the first chunk: a lost process must not block the start
+        self._stopped = 0
+
+    def run(self, chunk: Request) -> bytes:
+        """Run a chunk and return the pickled outcome or exception; raise ``WorkerLost`` at its death."""
+        try:
+            if self._work is not None:
+                self._connection.send_bytes(self._work)
+                self._work = None
+            self._connection.send(chunk)
+            return self._connection.recv_bytes()
+        except (OSError, EOFError) as error:
+            self.kill()
+            raise WorkerLost from error
+
+    def look(self) -> None:
+        """Kill the process if it stays stopped, and hang up if it is dead."""
+        self._stopped = self._stopped + 1 if _is_stopped(self._process.pid) else 0
+        if self._stopped >= _PATIENCE or self._process.exitcode is not None:
+            self.kill()
+
+    def kill(self) -> None:
+        """Kill the process; a thread in ``run`` gets an end of file, even if a child still has the pipe."""
+        self._process.kill()
+        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as pipe:
+            pipe.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Wait until the process, which is idle or killed, has ended; kill one that does not."""
+        self._connection.close()
+        self._process.join(_END)
+        self._process.kill()
+        self._process.join()
+
+
+def unpack(answer: bytes) -> Rollouts:
+    """Return the outcome in an answer, or raise the exception in it."""
+    outcome = pickle.loads(answer)
+    if isinstance(outcome, BaseException):
+        raise outcome
+    return outcome  # type: ignore[no-any-return]
+
+
+def _is_stopped(pid: int | None) -> bool:
+    if pid is None or not hasattr(os, "waitid"):
+        return False
+    with suppress(ChildProcessError):
+        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
+
+
+def _serve(connection: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):  # the parent has closed the pipe
+        work = _read_work(connection.recv_bytes())
+        while True:
+            connection.send_bytes(_answer(work, connection.recv()))
+
+
+def _read_work(payload: bytes) -> Any:
+    try:
+        return pickle.loads(payload)
+    except Exception as error:
+        return UsageError(f"a worker process cannot read the problem: {error}", HINT)
+
+
+def _answer(work: Any, chunk: Request) -> bytes:
+    try:
+        return pickle.dumps(work if isinstance(work, UsageError) else work.run(chunk))
+    except MemoryError:
+        os._exit(1)  # the chunk is run again, by itself from the second time on
+    except Exception as error:
+        return _pickle_error(error)
+
+
+def _pickle_error(error: Exception) -> bytes:
+    try:
+        content = pickle.dumps(error)
+        pickle.loads(content)
+    except Exception:  # an exception with arguments of its own
+        return pickle.dumps(RuntimeError(f"{type(error).__name__}: {error}"))
+    return content
+
+
+def _exit_with_parent() -> None:
+    # A parent that is killed cannot stop its workers, which would go on with their chunks.
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
