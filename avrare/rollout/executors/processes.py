@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import sys
 import threading
 from collections.abc import Iterable, Iterator
@@ -100,8 +99,6 @@ class ProcessExecutor:
         self._added_variables = []
 
     def _serve(self) -> None:
-        if hasattr(signal, "pthread_sigmask"):  # inherited: Ctrl-C is for the parent alone
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         this = threading.current_thread()
         while (ticket := self._tickets.get()) is not None:
             try:

@@ -12,6 +12,7 @@ import signal
 import socket
 import threading
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -34,7 +35,7 @@ class WorkerProcess:
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,))
         try:
-            self._process.start()
+            _start_without_interrupt(self._process)
         finally:
             theirs.close()  # from now on the death of the process is an end of file
         self._work: bytes | None = work  # sent with the first chunk: a lost process must not block the start
@@ -78,6 +79,19 @@ def unpack(answer: bytes) -> Rollouts:
     if isinstance(outcome, BaseException):
         raise outcome
     return outcome  # type: ignore[no-any-return]
+
+
+def _start_without_interrupt(process: multiprocessing.process.BaseProcess) -> None:
+    # Processes inherit a blocked Ctrl-C, which is for the parent alone, from their first instruction on.
+    if not hasattr(signal, "pthread_sigmask"):
+        process.start()
+        return
+    resource_tracker.ensure_running()  # otherwise begun by the start, which would let Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _is_stopped(pid: int | None) -> bool:
