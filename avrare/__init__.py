@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from avrare.base.errors import UsageError as UsageError
     from avrare.base.version import __version__ as __version__
     from avrare.estimation.budget import Budget as Budget
-    from avrare.estimation.estimate import estimate as estimate
+    from avrare.estimation.estimate_problem import estimate as estimate
     from avrare.estimation.result import Result as Result
     from avrare.logic.formula import Formula as Formula
     from avrare.logic.formula import stl as stl
@@ -30,7 +30,7 @@ _MODULES = {
     "avrare.base.errors": "AvrareError FormulaError PluginError ScenarioError UsageError",
     "avrare.base.version": "__version__",
     "avrare.estimation.budget": "Budget",
-    "avrare.estimation.estimate": "estimate",
+    "avrare.estimation.estimate_problem": "estimate",
     "avrare.estimation.result": "Result",
     "avrare.logic.formula": "Formula stl",
     "avrare.rollout.loaded_scenario": "load",

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import avrare
-from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import SHARES

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 MOVED = {
-    "avrare.api": "avrare.estimation.estimate",
+    "avrare.api": "avrare.estimation.estimate_problem",
     "avrare.authors": "avrare.testing.conformance",
     "avrare.authors.outcome": "avrare.testing.conformance.suite",
     "avrare.authors.road": "avrare.testing.conformance.sample_traffic",
@@ -69,7 +69,7 @@ MOVED = {
     "avrare.testing.study": "avrare.testing.repeated_estimates",
     "avrare.testing.systems": "avrare.testing.faulty_systems",
     "avrare.testing.walks": "avrare.testing.walk_problems",
-    "avrare.worlds.branches": "avrare.worlds.world_pool",
+    "avrare.worlds.branches": "avrare.worlds.world_histories",
     "avrare.worlds.channel": "avrare.worlds.noisy_world",
     "avrare.worlds.noisy": "avrare.worlds.noisy_world",
     "avrare.worlds.simulator": "avrare.worlds.worlds_simulator",

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from avrare.analysis.check.baseline import BaselineEntry, default_folder
+from avrare.analysis.check.baseline_files import BaselineEntry, default_folder
 from avrare.analysis.check.gate import check
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks

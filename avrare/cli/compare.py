@@ -25,7 +25,7 @@ from avrare.cli.options import REPEAT, display
 from avrare.cli.output import can_draw, write_files
 from avrare.estimation.budget import Budget
 from avrare.plugin.registry import default_registry
-from avrare.report.documents.comparison_json import comparison_document, paired_document
+from avrare.report.documents.comparison_documents import comparison_document, paired_document
 from avrare.report.plots import comparison_plot
 from avrare.report.terminal import comparison_table as estimators
 from avrare.report.terminal import paired_table as versions

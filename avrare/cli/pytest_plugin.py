@@ -75,7 +75,7 @@ class ScenarioFile(pytest.File):
     @cached_property
     def target(self) -> CheckTarget:
         """Scenario with its baseline."""
-        from avrare.analysis.check.baseline import default_folder
+        from avrare.analysis.check.baseline_files import default_folder
         from avrare.analysis.check.targets import load_target
         from avrare.base.errors import AvrareError
         from avrare.scenario.load import load

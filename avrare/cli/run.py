@@ -20,7 +20,7 @@ from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
-from avrare.estimation.estimate import estimate_specifications
+from avrare.estimation.estimate_problem import estimate_specifications
 from avrare.estimation.loop import Settings, planned
 from avrare.estimation.result import verdict, worst_verdict
 from avrare.protocols import ReplacesWorkers, find_ability

@@ -232,7 +232,7 @@ def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"not an outcome of rollouts: {error}") from None
     if found != key:
-        raise ValueError("belongs to another estimate")
+        raise ValueError("the chunk belongs to another estimate")
     return outcome, seconds
 
 

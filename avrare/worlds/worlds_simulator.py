@@ -15,7 +15,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.protocols import CountsEvents, Floats, HasLimits, Signals, find_ability
 from avrare.worlds.step_timeout import Watchdog
 from avrare.worlds.world import Copy, PreparesActions, World, choose_readout
-from avrare.worlds.world_pool import Branches, InputHistory, WorldPool
+from avrare.worlds.world_histories import Branches, InputHistory, WorldPool
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.confidence_distributions import derive_distribution
 from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_least,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from avrare.analysis.check import baseline
+from avrare.analysis.check import baseline_files as baseline
 from avrare.analysis.check.criteria import (
     Criterion,
     Decision,

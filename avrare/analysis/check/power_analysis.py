@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
-from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.confidence_distributions import Binomial, InverseBinomial
 from avrare.analysis.check.criteria import Criterion
 from avrare.base.special_functions import beta_cdf

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from avrare.analysis.check.baseline import (
+from avrare.analysis.check.baseline_files import (
     SHARED_KEYS,
     Baseline,
     find_differences,
@@ -17,7 +17,7 @@ from avrare.analysis.check.baseline import (
 from avrare.analysis.check.criteria import Criterion
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
-from avrare.estimation.estimate import Watch, estimate_specifications
+from avrare.estimation.estimate_problem import Watch, estimate_specifications
 from avrare.estimation.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario

@@ -56,7 +56,7 @@ def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
     arrays = _select(signals, names)
     for name, array in arrays.items():
         if array.ndim == 0:
-            raise FormulaError(f"signal {name!r} is a single number", _SHAPE_HINT)
+            raise FormulaError(f"signal {name!r} is a single number, not samples over time", _SHAPE_HINT)
     single = any(array.ndim == 1 for array in arrays.values())
     shapes = {array.shape[: 1 if single else 2] for array in arrays.values()}
     if len(shapes) > 1 or (single and any(array.ndim > 1 for array in arrays.values())):

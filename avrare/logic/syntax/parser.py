@@ -12,7 +12,7 @@ from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definitions
 from avrare.logic.syntax.lint import LintWarning, find_lint_warnings
 from avrare.logic.syntax.syntax_errors import make_error, translate_error
-from avrare.logic.syntax.tokens import INFIX_LETTERS, WORDS, TokenClassifier, TokenError
+from avrare.logic.syntax.token_classes import INFIX_LETTERS, WORDS, TokenClassifier, TokenError
 from avrare.logic.syntax.transformer import FormulaTransformer
 
 if TYPE_CHECKING:

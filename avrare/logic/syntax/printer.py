@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from avrare.logic.syntax import nodes
-from avrare.logic.syntax.tokens import PREFIX_LETTERS
+from avrare.logic.syntax.token_classes import PREFIX_LETTERS
 
 _TIGHT = (nodes.Number, nodes.Signal, nodes.Call, nodes.Constant)
 

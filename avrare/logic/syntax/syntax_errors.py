@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from avrare.base.errors import FormulaError
-from avrare.logic.syntax.tokens import FUNCTIONS, WORDS
+from avrare.logic.syntax.token_classes import FUNCTIONS, WORDS
 
 _NAMES = {
     "RPAR": "a closing parenthesis",

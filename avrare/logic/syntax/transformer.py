@@ -9,7 +9,7 @@ from typing import Any
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definition, Definitions, Scope
 from avrare.logic.syntax.syntax_errors import make_error, suggest
-from avrare.logic.syntax.tokens import FUNCTIONS, MEANING, WORDS
+from avrare.logic.syntax.token_classes import FUNCTIONS, MEANING, WORDS
 
 MAX_SAMPLES = 10**14
 """Largest bound in samples: more must be a mistake and cannot index an array."""

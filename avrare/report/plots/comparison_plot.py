@@ -10,7 +10,7 @@ from typing import Any
 from avrare.analysis.compare.repetition_statistics import Summary
 from avrare.analysis.compare.study import ArmResult, Comparison
 from avrare.base.number_format import format_amount
-from avrare.report.documents.comparison_json import summarise_arms
+from avrare.report.documents.comparison_documents import summarise_arms
 from avrare.report.plots import hide_spines, make_figure
 from avrare.report.terminal.comparison_table import headline
 

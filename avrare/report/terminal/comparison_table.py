@@ -18,7 +18,7 @@ from avrare.analysis.compare.repetition_statistics import (
 from avrare.analysis.compare.study import ArmResult, Comparison
 from avrare.base.number_format import format_amount, format_narrow
 from avrare.estimation.result import Interval
-from avrare.report.documents.comparison_json import summarise_arms
+from avrare.report.documents.comparison_documents import summarise_arms
 from avrare.report.terminal.console import make_table
 
 

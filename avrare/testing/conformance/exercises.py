@@ -179,7 +179,7 @@ class Exercise:
         if subject.kind not in _EXERCISES:
             raise Skipped(f"a part of kind {subject.kind} has no states")
         if subject.kind == "controller" and not subject.component.driving:
-            raise Skipped("not made for driving: only its own simulator knows its inputs")
+            raise Skipped("this part is not made for driving, and only its own simulator knows its inputs")
         self._play, size = _EXERCISES[subject.kind]
         self._part = subject.build()
         self.tape = np.random.default_rng(1).standard_normal((self.rows, STEPS + 1, size(self._part)))

@@ -201,7 +201,7 @@ def subjects(registry: Registry, name: str, options: Mapping[str, Any]) -> list[
     for row in rows:
         if row.component is None or row.status not in ("ok", "missing dependency"):
             status = f"{row.status}: {row.detail}" if row.detail else row.status
-            raise PluginError(f"{row.name} of {row.origin}: {status}")
+            raise PluginError(f"component {row.name} of {row.origin} cannot be checked: {status}")
     if options and len(rows) > 1:
         raise UsageError(f"{name!r} has {len(rows)} components: options are for one", "name the component")
     found = [Subject(row, dict(options)) for row in rows]

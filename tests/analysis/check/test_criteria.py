@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.confidence_distributions import Binomial, LogNormal
 from avrare.analysis.check.criteria import Criterion, assess, decide_criteria, find_objections
 from avrare.analysis.check.pooling import pool

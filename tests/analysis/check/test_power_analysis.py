@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from avrare.analysis.check.baseline import BaselineEntry
+from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.confidence_distributions import Binomial, LogNormal
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.power_analysis import estimate_costs

@@ -11,7 +11,7 @@ from avrare.analysis.compare.study import StudyDesign, compare
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.budget import Budget
 from avrare.plugin.registry import default_registry
-from avrare.report.documents.comparison_json import comparison_document, summarise_arms
+from avrare.report.documents.comparison_documents import comparison_document, summarise_arms
 from avrare.testing.problems import conjunction, count_down
 
 LATTICE = count_down(5, 9, "1/5")
