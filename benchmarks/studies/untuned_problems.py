@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -168,7 +168,7 @@ class Regimes:
             chain.decay * state.x + chain.drift + chain.scale * noise[:, 0]
             for chain in (self.calm, self.wild)
         )
-        return Hidden(np.where(wild, wild_x, calm_x), wild * 1.0)
+        return Hidden(np.asarray(np.where(wild, wild_x, calm_x)), wild * 1.0)
 
     def signals(self, state: Hidden) -> dict[str, Floats]:
         """Return ``x`` (N,); the regime is hidden."""
@@ -246,10 +246,11 @@ def _modes(
     return Untuned(name, trap, system, formula, steps, probability, blind)
 
 
-def _boolean(name: str, formula: str, probability: float, level: float, drift: float) -> Untuned:
+def _boolean(name: str, formula: str, level: float, drift: float) -> Untuned:
     chain = Chain(drift=drift, scale=STEPS**-0.5)
     system = Modes((Mode(0.5, chain),), STEPS, boolean=True)
     system.levels = [level]
+    probability = (survival if "eventually" in formula else crossing)(chain, level, STEPS)
     return Untuned(name, "Boolean signal", system, formula, STEPS, probability)
 
 
@@ -258,51 +259,69 @@ def _regimes(name: str, trap: str, system: Regimes, probability: float, steps: i
     return Untuned(name, trap, system, f"always (x < {level!r})", steps, system.crossing(level, steps))
 
 
-def _never(level: float, drift: float) -> float:
-    return survival(Chain(drift=drift, scale=STEPS**-0.5), level, STEPS)
+def untuned_problems() -> dict[str, Untuned]:
+    """Return all problems by name; to find their levels takes a minute."""
+    return {name: untuned_problem(name) for name in untuned_names()}
+
+
+def untuned_names() -> tuple[str, ...]:
+    """Return the names of the problems; those of static problems begin with "static"."""
+    return tuple(_recipes())
 
 
 @cache
-def untuned_problems() -> dict[str, Untuned]:
-    """Return the problems by name."""
+def untuned_problem(name: str) -> Untuned:
+    """Return the problem of this name."""
+    return _recipes()[name]()
+
+
+@cache
+def _recipes() -> dict[str, partial[Untuned]]:
     calm, wild = Chain(decay=0.9, scale=0.3), Chain(decay=0.9, scale=0.9)
     many = Chain(decay=0.9, scale=0.19**0.5)
     hidden = Regimes(many, Chain(decay=0.9, scale=4 * 0.19**0.5), 3e-4)
     moved = Regimes(many, Chain(decay=0.9, scale=0.19**0.5, start=3.0), 1e-3)
     found = [
-        _modes("units_100", "units", Mode(2e-4, _OU), Mode(2e-4, _OU, unit=100)),
-        _modes("units_1e4", "units", Mode(2e-4), Mode(2e-4, unit=1e4)),
-        _modes("units_three", "units", Mode(3e-4, unit=30), Mode(1e-4, _OU), Mode(1e-4, unit=1e-3)),
-        _modes("units_rare", "units", Mode(1e-5, _OU), Mode(3e-4, _OU, unit=300)),
-        _modes("units_outlier", "units", Mode(1e-4, _OUTLIER, unit=50), Mode(1e-4)),
-        _modes("static_units", "units", Mode(1e-4), Mode(1e-4, unit=1e3), steps=0),
-        _modes("flat", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), blind=2e-4),
-        _modes("flat_outlier", "flat mode", Mode(3e-5), Mode(2e-4, _OUTLIER, flat), blind=2e-4),
-        _modes("static_flat", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), steps=0, blind=2e-4),
-        _modes(
-            "static_flat_20", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), steps=0, idle=18, blind=2e-4
+        partial(_modes, "units_100", "units", Mode(2e-4, _OU), Mode(2e-4, _OU, unit=100)),
+        partial(_modes, "units_1e4", "units", Mode(2e-4), Mode(2e-4, unit=1e4)),
+        partial(_modes, "units_three", "units", Mode(3e-4, unit=30), Mode(1e-4, _OU), Mode(1e-4, unit=1e-3)),
+        partial(_modes, "units_rare", "units", Mode(1e-5, _OU), Mode(3e-4, _OU, unit=300)),
+        partial(_modes, "units_outlier", "units", Mode(1e-4, _OUTLIER, unit=50), Mode(1e-4)),
+        partial(_modes, "static_units", "units", Mode(1e-4), Mode(1e-4, unit=1e3), steps=0),
+        partial(_modes, "flat", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), blind=2e-4),
+        partial(_modes, "flat_outlier", "flat mode", Mode(3e-5), Mode(2e-4, _OUTLIER, flat), blind=2e-4),
+        partial(_modes, "static_flat", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), steps=0, blind=2e-4),
+        partial(
+            _modes,
+            "static_flat_20",
+            "flat mode",
+            Mode(3e-5),
+            Mode(2e-4, _WALK, flat),
+            steps=0,
+            idle=18,
+            blind=2e-4,
         ),
-        _modes("late", "late-rising mode", Mode(1.3e-5), Mode(3.4e-4, _WALK, late)),
-        _modes("late_ou", "late-rising mode", Mode(3e-5, _OU), Mode(1e-3, _OU, late)),
-        _modes("static_late", "late-rising mode", Mode(1.3e-5), Mode(3.4e-4, _WALK, late), steps=0),
-        _modes("static_rare_1e-3", "late-rising mode", Mode(3e-5), Mode(1e-3, _WALK, late), steps=0),
-        _modes("static_rare_1e-4", "late-rising mode", Mode(3e-5), Mode(1e-4, _WALK, late), steps=0),
-        _modes("misleading", "score that falls first", Mode(3e-5), Mode(1e-4, _WALK, misleading)),
-        _modes("unequal", "unequal half spaces", Mode(1.6e-4), Mode(3e-5)),
-        _modes("unequal_four", "unequal half spaces", Mode(1e-4), Mode(5e-5), Mode(2e-5), Mode(1e-5)),
-        _modes("static_unequal", "unequal half spaces", Mode(1.6e-4), Mode(3e-5), steps=0),
-        _modes("static_unequal_10", "unequal half spaces", Mode(2e-4), Mode(2e-5), steps=0, idle=8),
-        _modes("outliers", "one outlier in one step", Mode(1e-4, _OUTLIER)),
-        _modes("outlier_walk", "one outlier in one step", Mode(1e-4, _OUTLIER), Mode(1e-4)),
-        _modes("plain_walk", "none", Mode(1e-5)),
-        _modes("plain_ou", "none", Mode(1e-4, _OU)),
-        _modes("static_plain_50", "none", Mode(1e-5), steps=0, idle=49),
-        _regimes("regimes_1e-3", "hidden regime", Regimes(calm, wild, 0.0, 0.02, 0.1), 1e-3),
-        _regimes("regimes_1e-5", "hidden regime", Regimes(calm, wild, 0.0, 0.01, 0.2), 1e-5),
-        _regimes("hidden_scale", "hidden start", hidden, 2.5e-4),
-        _regimes("hidden_start", "hidden start", moved, 1e-4),
-        _boolean("boolean_eventually", "eventually (s0 >= 1)", _never(1.0, 0.25), 1.0, 0.25),
-        _boolean("boolean_above", "eventually (s0 > 0.5)", _never(1.0, 0.22), 1.0, 0.22),
-        _boolean("boolean_always", "always (s0 < 0.5)", crossing(_WALK, 3.4, STEPS), 3.4, 0.0),
+        partial(_modes, "late", "late-rising mode", Mode(1.3e-5), Mode(3.4e-4, _WALK, late)),
+        partial(_modes, "late_ou", "late-rising mode", Mode(3e-5, _OU), Mode(1e-3, _OU, late)),
+        partial(_modes, "static_late", "late-rising mode", Mode(1.3e-5), Mode(3.4e-4, _WALK, late), steps=0),
+        partial(_modes, "static_rare_1e-3", "late-rising mode", Mode(3e-5), Mode(1e-3, _WALK, late), steps=0),
+        partial(_modes, "static_rare_1e-4", "late-rising mode", Mode(3e-5), Mode(1e-4, _WALK, late), steps=0),
+        partial(_modes, "misleading", "score that falls first", Mode(3e-5), Mode(1e-4, _WALK, misleading)),
+        partial(_modes, "unequal", "unequal modes", Mode(1.6e-4), Mode(3e-5)),
+        partial(_modes, "unequal_four", "unequal modes", Mode(1e-4), Mode(5e-5), Mode(2e-5), Mode(1e-5)),
+        partial(_modes, "static_unequal", "unequal modes", Mode(1.6e-4), Mode(3e-5), steps=0),
+        partial(_modes, "static_unequal_10", "unequal modes", Mode(2e-4), Mode(2e-5), steps=0, idle=8),
+        partial(_modes, "outliers", "one outlier in one step", Mode(1e-4, _OUTLIER)),
+        partial(_modes, "outlier_walk", "one outlier in one step", Mode(1e-4, _OUTLIER), Mode(1e-4)),
+        partial(_modes, "plain_walk", "none", Mode(1e-5)),
+        partial(_modes, "plain_ou", "none", Mode(1e-4, _OU)),
+        partial(_modes, "static_plain_50", "none", Mode(1e-5), steps=0, idle=49),
+        partial(_regimes, "regimes_1e-3", "hidden regime", Regimes(calm, wild, 0.0, 0.02, 0.1), 1e-3),
+        partial(_regimes, "regimes_1e-5", "hidden regime", Regimes(calm, wild, 0.0, 0.01, 0.2), 1e-5),
+        partial(_regimes, "hidden_scale", "hidden start", hidden, 2.5e-4),
+        partial(_regimes, "hidden_start", "hidden start", moved, 1e-4),
+        partial(_boolean, "boolean_eventually", "eventually (s0 >= 1)", 1.0, 0.25),
+        partial(_boolean, "boolean_above", "eventually (s0 > 0.5)", 1.0, 0.22),
+        partial(_boolean, "boolean_always", "always (s0 < 0.5)", 3.4, 0.0),
     ]
-    return {problem.name: problem for problem in found}
+    return {recipe.args[0]: recipe for recipe in found}

@@ -1,0 +1,172 @@
+"""How often is an interval confidently wrong on problems that nothing was tuned on?
+
+    OMP_NUM_THREADS=1 python benchmarks/untuned.py [--workers 2] [--only PATTERN] [--seeds 300]
+
+Every estimator runs with its default options and many seeds on each of the 32 problems of
+``studies/untuned_problems.py``. Every pair of problem and estimator is a file in the results folder with a
+line for each seed: what is there is not run again, so the study may be stopped and resumed. Writes
+docs/untuned.md.
+
+A result is confidently wrong (CW) if it carries no warning and its 95 % interval misses the truth by more
+than a factor of three.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from studies import pages
+from studies.untuned_problems import untuned_names, untuned_problem
+
+import avrare
+
+REPORT = Path(__file__).parent.parent / "docs" / "untuned.md"
+ESTIMATORS = ("ams", "ess", "ce")
+FACTOR = 3.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One result of an estimator.
+
+    Attributes:
+        seed: Seed of the estimate.
+        probability: Estimate.
+        low: Lower end of the interval.
+        high: Upper end.
+        blind: Bound of the failures that the score does not lead to.
+        rollouts: Cost.
+        warnings: Names of the health warnings.
+    """
+
+    seed: int
+    probability: float
+    low: float
+    high: float
+    blind: float
+    rollouts: int
+    warnings: tuple[str, ...]
+
+    def covers(self, truth: float) -> bool:
+        """Return whether the interval covers the truth."""
+        return self.low <= truth <= self.high
+
+    def far_off(self, truth: float) -> bool:
+        """Return whether the interval misses the truth by more than the factor."""
+        return self.high * FACTOR < truth or self.low > truth * FACTOR
+
+
+def main(argv: list[str]) -> None:
+    """Run the seeds that are missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--only", default="", help="cells (problem-estimator) whose name holds this")
+    parser.add_argument("--seeds", type=int, default=300, help="results of a cell")
+    parser.add_argument("--results", type=Path, default=Path(__file__).parent / "results" / "untuned")
+    parser.add_argument("--report-only", action="store_true")
+    args = parser.parse_args(argv)
+    args.results.mkdir(parents=True, exist_ok=True)
+    if not args.report_only:
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        cells = [(name, args.results, args.seeds) for name in cell_names() if args.only in name]
+        with multiprocessing.get_context("spawn").Pool(args.workers, maxtasksperchild=1) as pool:
+            for done, line in enumerate(pool.imap_unordered(run_cell, cells), start=1):
+                print(f"{done}/{len(cells)}  {line}", flush=True)
+    pages.put(REPORT, page(args.results), args.results)
+
+
+def cell_names() -> Iterator[str]:
+    """Yield the names of the cells; splitting has nothing to do on static problems."""
+    for name in untuned_names():
+        yield from (f"{name}-{kind}" for kind in ESTIMATORS if kind != "ams" or not name.startswith("static"))
+
+
+def run_cell(task: tuple[str, Path, int]) -> str:
+    """Run the seeds of a cell that its file lacks, and describe the cell in a line."""
+    cell, results, seeds = task
+    name, estimator = cell.rsplit("-", 1)
+    untuned = untuned_problem(name)
+    found = read(results / f"{cell}.jsonl")
+    with (results / f"{cell}.jsonl").open("a", encoding="utf-8") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for seed in sorted(set(range(seeds)) - {outcome.seed for outcome in found}):
+            result = avrare.estimate(untuned.problem(), estimator, seed=seed)
+            outcome = Outcome(
+                seed, result.probability, *result.interval, result.blind_bound or 0.0, result.rollouts,
+                tuple(result.health),
+            )  # fmt: skip
+            file.write(json.dumps(asdict(outcome)) + "\n")
+            file.flush()
+            found.append(outcome)
+    return row(cell, untuned.probability, found)
+
+
+def read(file: Path) -> list[Outcome]:
+    """Read the outcomes of a cell; a torn last line is left out."""
+    found = []
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
+        try:
+            fields = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        found.append(Outcome(**{**fields, "warnings": tuple(fields["warnings"])}))
+    return found
+
+
+def row(cell: str, truth: float, outcomes: list[Outcome]) -> str:
+    """Return the cell's row of the table."""
+    name, estimator = cell.rsplit("-", 1)
+    quiet = [outcome for outcome in outcomes if not outcome.warnings]
+    wrong = [outcome for outcome in quiet if outcome.far_off(truth)]
+    unsaid = [outcome for outcome in wrong if max(outcome.high, outcome.blind) * FACTOR < truth]
+    mean = sum(outcome.probability for outcome in outcomes) / len(outcomes)
+    entries = (
+        name,
+        estimator,
+        f"{truth:.2g}",
+        str(len(outcomes)),
+        f"{mean / truth:.2f}",
+        _share([outcome.covers(truth) for outcome in outcomes]),
+        _share([bool(outcome.warnings) for outcome in outcomes]),
+        _share([outcome.covers(truth) for outcome in quiet]),
+        _share([outcome in wrong for outcome in outcomes]),
+        _share([outcome in unsaid for outcome in outcomes]),
+        f"{sum(outcome.rollouts for outcome in outcomes) / len(outcomes):,.0f}",
+    )
+    return "| " + " | ".join(entries) + " |"
+
+
+def _share(hits: list[bool]) -> str:
+    return f"{100.0 * sum(hits) / len(hits):.1f}" if hits else ""
+
+
+def page(results: Path) -> str:
+    """Return the page."""
+    lines = [
+        "# Problems that nothing was tuned on",
+        "",
+        "Default options; written by `python benchmarks/untuned.py`. All shares are in percent. *CW*: no",
+        "warning, and the 95 % interval misses the truth by more than a factor of three. *CW, unsaid*:",
+        "beyond the bound for failures that the score does not lead to as well ([blind mass](blind-mass.md)).",
+        "",
+        "| problem | estimator | p | results | mean/p | covers | warned | covers when unwarned | CW "
+        "| CW, unsaid | rollouts |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for cell in cell_names():
+        outcomes = read(results / f"{cell}.jsonl")
+        if outcomes:
+            lines.append(row(cell, untuned_problem(cell.rsplit("-", 1)[0]).probability, outcomes))
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
