@@ -155,7 +155,7 @@ def page(results: Path) -> str:
         "",
         "Default options; written by `python benchmarks/untuned.py`. All shares are in percent. *CW*: no",
         "warning, and the 95 % interval misses the truth by more than a factor of three. *CW, unsaid*:",
-        "beyond the bound for failures that the score does not lead to as well ([blind mass](blind-mass.md)).",
+        "beyond the bound for failures that the score does not lead to ([blind mass](blind-mass.md)), too.",
         "",
         "| problem | estimator | p | results | mean/p | covers | warned | covers when unwarned | CW "
         "| CW, unsaid | rollouts |",
