@@ -97,11 +97,13 @@ class ScenarioProblem(Problem):
         super().__init__(stack.loop, specifications, definition.steps, score, chunk=definition.chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_problem, (self.scenario.definition, self.names, self.score)
+        return _rebuild_problem, (self.scenario.definition, self.names, self.score, self._sizes)
 
 
-def _rebuild_problem(definition: Scenario, names: tuple[str, ...], score: Any) -> Problem:
-    return ScenarioProblem(LoadedScenario(definition), names).rescored(score)
+def _rebuild_problem(definition: Scenario, names: tuple[str, ...], score: Any, sizes: Any) -> Problem:
+    problem = ScenarioProblem(LoadedScenario(definition), names).rescored(score)
+    problem._sizes = sizes
+    return problem
 
 
 def _choose_score(scenario: LoadedScenario, name: str) -> logic.Formula | str | None:

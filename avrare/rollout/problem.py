@@ -9,7 +9,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.logic.formula import Formula, FormulaMonitor
-from avrare.protocols import Floats, HasMargin, Signals, Specification, System, find_ability
+from avrare.protocols import Floats, HasMargin, Specification, System, find_ability
 from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
@@ -22,6 +22,7 @@ from avrare.rollout.scores.scored_specifications import (
     PrefixScored,
     ScoreFunction,
 )
+from avrare.rollout.scores.term_sizes import ScaledMonitor, Sizes, measure_terms, record
 
 SCORES = ("robustness", "margin", "progress")
 DEFAULT_CHUNK = 4096
@@ -38,8 +39,10 @@ class Problem:
             running score orders the particles in place of the specification's, or a name:
             "robustness" (the formula's own), "margin" (see ``MarginScored``; where the noise-free rollout
             has no margin, as "robustness"), "progress" (see ``progress_score``). By default "progress"
-            for formulas that may still become true, such as ``eventually``, else "robustness". The default
-            never runs the system; "margin" and "progress" by name run one noise-free rollout.
+            for formulas that may still become true, such as ``eventually``, else "robustness". All but
+            "robustness" by name measure each term of a formula in its own size (see ``measure_terms``). The
+            rollouts that this and "margin" and "progress" need, one or two without noise and at most 64
+            others, run once, before the first that is scored; no cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent.
 
     Raises:
@@ -76,6 +79,7 @@ class Problem:
         self.names = tuple(named)
         self.monitors: tuple[Specification, ...] = tuple(_as_monitor(spec) for spec in named.values())
         self._scored: tuple[Specification, ...] | None = None
+        self._sizes: tuple[Sizes | None, ...] | None = None
 
     @property
     def noise_size(self) -> int:
@@ -88,6 +92,18 @@ class Problem:
         if self._scored is None:
             self._scored = self._with_score()
         return self._scored
+
+    @property
+    def sizes(self) -> tuple[Sizes | None, ...]:
+        """Sizes of each specification's terms; None where the unscaled formula orders alike."""
+        if self._sizes is None:
+            self._sizes = tuple(
+                measure_terms(self.system, self.steps, spec.formula)
+                if isinstance(spec, FormulaMonitor)
+                else None
+                for spec in self.monitors
+            )
+        return self._sizes
 
     def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
         """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""
@@ -145,12 +161,12 @@ class Problem:
                 return tuple(PrefixScored(spec) for spec in self.monitors)
             case "robustness":
                 return self.monitors
-        return tuple(self._by_progress(spec, None) or spec for spec in self.monitors)
+        return tuple(
+            self._by_progress(k) or self._by_terms(k) or spec for k, spec in enumerate(self.monitors)
+        )
 
     def _with_progress(self) -> tuple[Specification, ...]:
-        carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
-        nominal = [self.system.signals(carry.system) for carry in carries]
-        scored = [self._by_progress(spec, nominal) for spec in self.monitors]
+        scored = [self._by_progress(k) for k in range(len(self.monitors))]
         for name, spec in zip(self.names, scored, strict=True):
             if spec is None:
                 raise UsageError(
@@ -160,9 +176,27 @@ class Problem:
                 )
         return tuple(spec for spec in scored if spec is not None)
 
-    def _by_progress(self, spec: Specification, nominal: list[Signals] | None) -> Specification | None:
-        shape = shape_of(spec.formula) if isinstance(spec, FormulaMonitor) else None
-        return ProgressScored(spec, shape, self.steps, nominal) if shape else None  # type: ignore[arg-type]
+    def _by_progress(self, index: int) -> Specification | None:
+        spec = self.monitors[index]
+        if not isinstance(spec, FormulaMonitor) or shape_of(spec.formula) is None:
+            return None
+        guide = self._guide(index)
+        shape = shape_of((guide or spec).formula)
+        assert shape is not None  # that of the formula: only its terms differ
+        tape = np.zeros((1, self.steps + 1, self.noise_size))
+        found = record(self.system, self.steps, spec.formula.signals, Request.replay(tape)) or {}
+        nominal = (
+            [{name: x[:, t] for name, x in found.items()} for t in range(self.steps + 1)] if found else None
+        )
+        return ProgressScored(spec, shape, self.steps, nominal, guide)
+
+    def _by_terms(self, index: int) -> Specification | None:
+        guide = self._guide(index)
+        return FormulaScored(self.monitors[index], guide) if guide else None
+
+    def _guide(self, index: int) -> ScaledMonitor | None:
+        spec, sizes = self.monitors[index], self.sizes[index]
+        return ScaledMonitor(spec.formula, sizes) if sizes and isinstance(spec, FormulaMonitor) else None
 
     def _with_margin(self) -> tuple[Specification, ...]:
         carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
@@ -178,7 +212,7 @@ class Problem:
             nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
             # Without a positive margin along the complete noise-free rollout, robustness is the score.
             lost = len(nominal) <= self.steps or nominal.min() <= 0
-            scored.append(spec if lost else MarginScored(spec, nominal))
+            scored.append(self._by_terms(index) or (spec if lost else MarginScored(spec, nominal)))
         return tuple(scored)
 
 

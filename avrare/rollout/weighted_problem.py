@@ -43,7 +43,8 @@ class WeightedProblem(Problem):
         built = _build_proposal(proposal, loop) if isinstance(proposal, Mapping) else proposal
         monitors = dict(zip(target.names, target.specifications, strict=True))
         _check_memoryless(built)
-        super().__init__(WeightedLoop(loop, built), monitors, target.steps, chunk=target.chunk)
+        # The target's monitors have its score already.
+        super().__init__(WeightedLoop(loop, built), monitors, target.steps, "robustness", chunk=target.chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return WeightedProblem, (self.target, self.proposal, self.needs)

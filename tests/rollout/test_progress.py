@@ -7,7 +7,9 @@ import avrare
 from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare.logic import FormulaMonitor
+from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request
 from avrare.rollout.scores.progress_score import ProgressScored, shape_of
 
 PENDING = [
@@ -87,8 +89,8 @@ def test_parts_are_weighted_by_their_noise_free_sizes():
     text = "(always[0:5] x > 0) and (always[0:5] y > 0) and eventually[0:9] (x > 0)"
     plain, _ = course(scored(text), signals)
     weighed, _ = course(scored(text, nominal=nominal), signals)
-    assert plain[0, -1] == pytest.approx(1 / 1.1)
-    assert weighed[0, -1] == pytest.approx(0.5)
+    assert plain[0, -1] == pytest.approx(1 - 0.99 * 0.1)
+    assert weighed[0, -1] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize(
@@ -156,3 +158,30 @@ def test_progress_by_name_needs_a_suitable_formula():
     assert isinstance(Problem(Reach(), avrare.stl("eventually (x > 4)"), 5).specifications[0], ProgressScored)
     plain = Problem(Reach(), avrare.stl("eventually (x > 4)"), 5, "robustness").specifications[0]
     assert isinstance(plain, FormulaMonitor)
+
+
+@pytest.mark.parametrize(
+    "text", ["eventually (x >= 1)", "eventually (y > 0 and x >= 1)", "not always (x < 1)"]
+)
+def test_a_margin_of_zero_holds_where_the_verdict_does(text):
+    signals = {"x": np.repeat([[0.0], [1.0]], 12, axis=1), "y": np.ones((2, 12))}
+    signals["x"][1, :5] = 0.0
+    scores, violated = course(scored(text), signals)
+    assert violated[:, -1].tolist() == [True, False]
+    assert (np.diff(scores[0]) > 0).all()
+    assert scores[1, -1] == scores[1, 4] == scores[0, 4] < scores[0, 5]
+
+
+def test_a_boolean_part_that_holds_does_not_mask_the_clock():
+    b, g = np.zeros((1, 12)), np.zeros((1, 12))
+    nominal = [{"x": b[:, 0], "y": g[:, 0]}] * 12
+    scores, violated = course(scored("(x < 0.5) until (y > 0.5)", nominal=nominal), {"x": b, "y": g})
+    assert violated[0, -1]
+    assert (np.diff(scores[0]) > 0).all()
+
+
+def test_a_part_that_holds_with_its_usual_margin_does_not_mask_the_clock_by_default():
+    problem = Problem(Reach(), avrare.stl("(x < 100) until (x > 90)"), 5)
+    scores = problem.simulate(NoiseSource(0, 1), Request.replay(np.zeros((1, 6, 1)))).scores[0]
+    assert (np.diff(scores) > 0).all()
+    assert scores[-1] == 1.0

@@ -49,13 +49,13 @@ class MonitorState(NamedTuple):
         t: Samples seen; the same for all particles of a batch.
         carried: Carry of the margins, and of the truth if the signs of the margins do not tell it.
         verdict: Verdict on the samples so far; its score is the running maximum of minus the robustness.
-        newest: (N,) margin of φ at the newest sample, for ``always φ``; else None.
+        newest: (N,) values of φ at the newest sample in each algebra, for ``always φ``; else empty.
     """
 
     t: int
     carried: tuple[_MonitorCarry, ...]
     verdict: Verdict
-    newest: Floats | None
+    newest: tuple[Floats, ...]
 
     @property
     def robustness(self) -> Floats:
@@ -104,9 +104,9 @@ class _MonitorEngine:
         t: int,
         rows: int,
         unseen: UnseenSamples | None = None,
-    ) -> tuple[tuple[_MonitorCarry, ...], list[Array], Array | None]:
-        """Settle sample ``t``; return the carry, the value in each algebra, and the body's margin."""
-        n, new, values, newest = len(self.plan.obligations), [], [], None
+    ) -> tuple[tuple[_MonitorCarry, ...], list[Array], tuple[Array, ...]]:
+        """Settle sample ``t``; return the carry, and the formula's and the body's value in each algebra."""
+        n, new, values, newest = len(self.plan.obligations), [], [], []
         for algebra, before in zip(self.algebras, carried, strict=True):
             # 1. Bring the corners to the front.
             if n:
@@ -116,12 +116,12 @@ class _MonitorEngine:
             tables = self._settle(now)
             folds = tuple([fold.settle(now, before.folds[k]) for k, fold in self._folds])
             values.append(self._value(now, folds, unseen))
-            if newest is None and self.plan.body:
-                newest = now.at(self.plan.body, t)
+            if self.plan.body:
+                newest.append(now.at(self.plan.body, t))
             # 3. Bring the particles back to the front.
             after = _MonitorCarry(tables, folds)
             new.append(_move_rows(after, n, 0) if n else after)
-        return tuple(new), values, newest
+        return tuple(new), values, tuple(newest)
 
     def _value(self, now: SampleContext, folds: _Tables, unseen: UnseenSamples | None) -> Array:
         # The nominal value (N,), or its bounds (2, N) over all unseen samples.
@@ -218,7 +218,7 @@ class RobustnessMonitor(_Monitor):
 
     def start(self, n: int) -> MonitorState:
         """Return the state of ``n`` particles before sample 0."""
-        newest = np.full(n, math.inf) if self._engine.plan.body else None
+        newest = (np.full(n, math.inf),) * len(self._engine.algebras) if self._engine.plan.body else ()
         verdict = Verdict(np.full(n, math.inf), np.zeros(n, dtype=np.bool_), np.full(n, -math.inf))
         return MonitorState(0, self._engine.start(), verdict, newest)
 
@@ -228,7 +228,11 @@ class RobustnessMonitor(_Monitor):
         It is infinite before sample 0, and None for other formulas. Unlike the running minimum it
         distinguishes particles that have been equally near to failure.
         """
-        return None if state.newest is None else flush(state.newest)
+        return flush(state.newest[0]) if state.newest else None
+
+    def holds(self, state: MonitorState) -> Bools:
+        """Return where φ is true (N,) at the newest sample, for ``always φ`` as in ``margin``."""
+        return np.asarray(~self._engine.is_false(state.newest[-1], _ZERO))
 
     def update(self, state: MonitorState, signals: Signals) -> tuple[MonitorState, Verdict]:
         """Return state and verdict after one more sample.

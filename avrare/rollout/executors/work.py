@@ -29,6 +29,10 @@ class Work:
     noise: NoiseSource
     scored: bool  # True where the estimator needs the importance score
 
+    def __post_init__(self) -> None:
+        if self.scored:
+            _ = self.problem.specifications  # measures what the score needs once, not in every process
+
     def run(self, chunk: Request) -> Rollouts:
         """Return the outcome of one chunk; the same wherever it runs."""
         return self.problem.simulate(self.noise, chunk, scored=self.scored)

@@ -6,7 +6,8 @@ Robustness of a prefix is a poor guide where a formula may still become true: ``
 violated at its start. Danger measures what is left instead. It is 1 exactly where the formula is certainly
 violated, and otherwise:
 
-- a known part that holds with margin v has danger s / (s + v), where s is its typical size;
+- a known part that holds with margin v has lost the share 1 - v / s of its typical size s, where v < s;
+  beyond that its danger stays below 0.01, so that it does not mask what is pending;
 - ``eventually`` without a witness has danger (samples seen - 1 + deficit of the newest) / samples allowed,
   the share of time that has passed, with ties broken by the distance of the newest sample;
 - ``and``, ``always`` and until have the largest danger of their operands, ``or`` the least.
@@ -25,11 +26,15 @@ import numpy as np
 
 from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.logic.monitor.monitors import RobustnessMonitor
+from avrare.logic.semantics.value_algebra import TINY
 from avrare.logic.semantics.window_operators import slide
 from avrare.logic.syntax import nodes
 from avrare.protocols import Floats, Signals, Verdict
+from avrare.rollout.scores.term_sizes import ScaledMonitor
 
 _NEARLY = math.nextafter(1.0, 0.0)
+_SAFE = 0.01
+"""Danger of a part that holds with its typical size."""
 Pair = tuple[nodes.Node, nodes.Node]
 _OPPOSITE = {"always": "eventually", "eventually": "always", "next": "s_next", "s_next": "next"}
 
@@ -71,7 +76,7 @@ def positive(node: nodes.Node, found: list[nodes.Node], negated: bool = False) -
 class Danger:
     """Danger of formulas in positive form, at every position of a window of samples."""
 
-    values: Sequence[Floats]  # per atom, (W, N) margins at the samples of the window, oldest first
+    values: Sequence[Floats]  # per atom, (W, N) margins in the window, oldest first; positive where it holds
     first: int  # index of the window's first sample in the trace
     last: int  # index of the trace's last sample
     scales: Sequence[float]  # typical size of each atom
@@ -111,7 +116,8 @@ class Danger:
         return self.first + np.arange(len(self.values[0]))
 
     def _atom(self, margin: Floats, scale: float) -> Floats:
-        held = np.minimum(scale / (scale + np.maximum(margin, 0.0)), _NEARLY)
+        lost = 1.0 - (1.0 - _SAFE) * margin / scale
+        held = np.where(margin < scale, np.minimum(lost, _NEARLY), _SAFE * scale / margin)
         return np.where(margin > 0, held, 1.0)
 
     def _deficit(self, node: nodes.Node) -> Floats:
@@ -205,19 +211,30 @@ class ProgressState:
 class ProgressScored:
     """Formula scored by its danger; 1 exactly where a complete rollout violates it.
 
-    ``nominal`` holds the signals of the noise-free rollout, which give the atoms' typical sizes; None: 1.
+    Args:
+        inner: Monitor of the formula.
+        shape: Shape of the formula, or of the guide's.
+        steps: Last step of a rollout.
+        nominal: Signals of the noise-free rollout, which give the atoms' typical sizes; None: 1.
+        guide: Monitor whose formula is scored in place of the inner one's; it decides nothing.
     """
 
     def __init__(
-        self, inner: FormulaMonitor, shape: Shape, steps: int, nominal: Sequence[Signals] | None = None
+        self,
+        inner: FormulaMonitor,
+        shape: Shape,
+        steps: int,
+        nominal: Sequence[Signals] | None = None,
+        guide: ScaledMonitor | None = None,
     ) -> None:
-        self.inner, self.shape, self.steps = inner, shape, steps
+        self.inner, self.shape, self.steps, self.guide = inner, shape, steps, guide
         formula = inner.formula
         always = [nodes.Window("always", 0, math.inf, atom) for atom in shape.atoms]
         self._atoms = [RobustnessMonitor(node, formula.closed) for node in always]
         self._scales = [1.0] * len(self._atoms)
         if nominal:
-            self._scales = [_typical_size(monitor, nominal) for monitor in self._atoms]
+            samples = [self._sample(signals, t) for t, signals in enumerate(nominal)]
+            self._scales = [_typical_size(monitor, samples) for monitor in self._atoms]
 
     def start(self, n: int) -> ProgressState:
         """Return the state before sample 0."""
@@ -227,8 +244,9 @@ class ProgressScored:
     def update(self, state: ProgressState, signals: Signals) -> tuple[ProgressState, Verdict]:
         """Return state and verdict after one more sample."""
         inner, verdict = self.inner.update(state.inner, signals)
-        pairs = [m.update(s, signals)[0] for m, s in zip(self._atoms, state.atoms, strict=True)]
-        newest = [_margin(m, s)[:, None] for m, s in zip(self._atoms, pairs, strict=True)]
+        sample = self._sample(signals, state.t)
+        pairs = [m.update(s, sample)[0] for m, s in zip(self._atoms, state.atoms, strict=True)]
+        newest = [_signed_margin(m, s)[:, None] for m, s in zip(self._atoms, pairs, strict=True)]
         keep = int(min(self.shape.window, self.steps + 1))
         values = tuple(
             np.concatenate([past, new], axis=1)[:, -keep:]
@@ -241,6 +259,9 @@ class ProgressScored:
         score = np.maximum(state.score, danger)
         new = ProgressState(inner, tuple(pairs), values, settled, score, state.t + 1)
         return new, replace(verdict, score=score)
+
+    def _sample(self, signals: Signals, t: int) -> Signals:
+        return signals if self.guide is None else self.guide.sample(signals, t)
 
     def _danger(self, values: tuple[Floats, ...], state: ProgressState) -> tuple[Floats, Floats]:
         width = values[0].shape[1]
@@ -259,6 +280,12 @@ def _margin(monitor: RobustnessMonitor, state: Any) -> Floats:
     margin = monitor.margin(state)
     assert margin is not None  # the monitor's formula is `always` of a past-only formula
     return margin
+
+
+def _signed_margin(monitor: RobustnessMonitor, state: Any) -> Floats:
+    # A margin of 0 is true in `x >= 1` and false in `x > 1`.
+    margin = _margin(monitor, state)
+    return np.where(monitor.holds(state), np.maximum(margin, TINY), np.minimum(margin, -TINY))
 
 
 def _typical_size(monitor: RobustnessMonitor, nominal: Sequence[Signals]) -> float:

@@ -1,0 +1,187 @@
+"""Scores do not depend on units: each term, and each vehicle's, is measured in its own size."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.logic import FormulaMonitor
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+STEPS = 8
+NOISE = NoiseSource(4, 2)
+
+
+class Pair:
+    """Two walks in the units given; ``gap`` holds both for a quantifier."""
+
+    noise_size = 2
+
+    def __init__(self, *units, start=(0.0, 0.0)):
+        self.units, self.start = np.array(units), np.array(start)
+
+    def initial(self, noise):
+        return np.tile(self.start, (len(noise), 1))
+
+    def step(self, state, noise):
+        return state + 0.4 * noise
+
+    def signals(self, state):
+        shown = state * self.units
+        return {"x": shown[:, 0], "y": shown[:, 1], "far(others)": shown}
+
+
+class Counting(Pair):
+    """Counts the rollouts that it starts."""
+
+    rollouts = 0
+
+    def initial(self, noise):
+        type(self).rollouts += len(noise)
+        return super().initial(noise)
+
+
+def scores(problem, rows=60):
+    request = Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
+    return problem.simulate(NOISE, request).scores
+
+
+def ranks(problem):
+    found = scores(problem)
+    return np.unique(np.round(found, 9), return_inverse=True)[1].reshape(found.shape)
+
+
+FORMULAS = [
+    "always (x < 3 and y < {y:g})",
+    "(always x < 3) and always (y < {y:g})",
+    "not (eventually (x > 3 or y >= {y:g}))",
+    "always (x < 3 or y < {y:g})",
+    "always (once[0:2] (x < 3) and y - {y:g} < 0)",
+    "eventually (x < -1 and y < -{y:g})",
+    "(x < 1) until (y > {y:g})",
+    "always (x < 1 or eventually[0:2] (y < {y:g}))",
+]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_a_smaller_unit_changes_no_order(text):
+    equal, small = (
+        Problem(Pair(1.0, unit), avrare.stl(text.format(y=3.0 * unit)), STEPS) for unit in (1.0, 1e4)
+    )
+    np.testing.assert_array_equal(ranks(small), ranks(equal))
+    raw = Problem(Pair(1.0, 1e4), avrare.stl(text.format(y=3e4)), STEPS, "robustness")
+    assert (ranks(raw) != ranks(equal)).any()
+
+
+@pytest.mark.parametrize("method", ["ams", "ess"])
+@pytest.mark.parametrize("unit", [100.0, 1e4])
+def test_an_estimate_keeps_its_bits_in_another_unit(method, unit):
+    options = {"particles": 40, "discard": 4} if method == "ams" else {"chains": 20}
+    problems = [
+        Problem(Pair(1.0, u), avrare.stl(f"always (x < 2.5 and y < {2.5 * u:g})"), STEPS) for u in (1.0, unit)
+    ]
+    found = [avrare.estimate(problem, method, seed=3, runs=4, **options) for problem in problems]
+    np.testing.assert_array_equal(found[0].run_probabilities, found[1].run_probabilities)
+    assert found[0].probability > 0.0
+    assert found[0].interval == found[1].interval
+    assert found[0].simulated_steps == found[1].simulated_steps
+    np.testing.assert_array_equal(found[0].failures.noise, found[1].failures.noise)
+
+
+def test_each_vehicle_is_measured_in_its_own_margin():
+    """One far vehicle and one near: without noise both lose nothing."""
+    formula = "always forall o in others: (far(o) < 3)"
+    system = Pair(1.0, 100.0, start=(2.0, 0.02))
+    state, noise = system.initial(np.zeros((1, 2))), np.zeros((1, 2))
+    problem = Problem(system, avrare.stl(formula), STEPS)
+    tape = np.zeros((3, STEPS + 1, 2))
+    tape[1, 1, 0] = 1.25  # the first loses half of its margin of 1
+    tape[2, 1, 1] = 0.5 / 100 / 0.4  # so does the second
+    found = problem.simulate(NOISE, Request.replay(tape)).scores
+    np.testing.assert_allclose(found[:, -1], [-1.0, -0.5, -0.5])
+    assert system.step(state, noise).shape == (1, 2)
+
+
+def test_robustness_verdict_and_failures_are_those_of_the_formula():
+    formula = avrare.stl("always (x < 1 and y < 100)")
+    scaled, raw = (Problem(Pair(1.0, 100.0), formula, STEPS, score) for score in (None, "robustness"))
+    request = Request.from_start(np.zeros(60, dtype=np.int64), np.arange(60))
+    one, two = (problem.simulate(NOISE, request) for problem in (scaled, raw))
+    np.testing.assert_array_equal(one.robustness, two.robustness)
+    np.testing.assert_array_equal(one.violated, two.violated)
+    assert 0 < one.violated.sum() < 60
+    assert (one.scores != two.scores).any()
+    np.testing.assert_allclose(two.scores[:, 0], -1.0)
+
+
+@pytest.mark.parametrize("text", ["always (x < 3)", "always (x < 3 and y < 3)", "x < 3 and y > -3"])
+def test_a_single_term_and_equal_margins_keep_their_own_score(text):
+    problem = Problem(Pair(1.0, 1.0), avrare.stl(text), STEPS)
+    assert isinstance(problem.specifications[0], FormulaMonitor)
+
+
+def test_margin_measures_each_term_in_its_own_margin():
+    margin, own = (
+        Problem(Pair(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS, score)
+        for score in ("margin", None)
+    )
+    np.testing.assert_array_equal(ranks(margin), ranks(own))
+
+
+def test_a_term_without_a_margin_is_measured_in_its_spread():
+    """Without noise y stays at its limit: its margin there tells no size."""
+    small, equal = (
+        Problem(Pair(1.0, unit), avrare.stl("always (x < 0.5 or y <= 0)"), STEPS) for unit in (1e4, 1.0)
+    )
+    np.testing.assert_array_equal(ranks(small), ranks(equal))
+    assert np.abs(scores(small)).max() < 20.0
+
+
+class Fragile(Pair):
+    """Breaks down where there is no noise at all."""
+
+    def step(self, state, noise):
+        return np.where(noise == 0.0, np.nan, super().step(state, noise))
+
+
+def test_a_broken_noise_free_run_leaves_the_spread():
+    small, equal = (
+        Problem(Fragile(1.0, unit), avrare.stl(f"always (x < 3 and y < {3 * unit:g})"), STEPS)
+        for unit in (1e4, 1.0)
+    )
+    assert np.abs(scores(small)).max() < 20.0
+    np.testing.assert_allclose(scores(small), scores(equal), rtol=1e-9)
+
+
+def test_sizes_are_measured_once_and_travel_with_the_problem():
+    Counting.rollouts = 0
+    problem = Problem(Counting(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS)
+    assert Counting.rollouts == 0
+    before = scores(problem, 5)
+    assert Counting.rollouts == 6
+    copy = pickle.loads(pickle.dumps(problem))
+    np.testing.assert_array_equal(scores(copy, 5), before)
+    assert Counting.rollouts == 11
+
+
+def test_monte_carlo_measures_nothing():
+    Counting.rollouts = 0
+    problem = Problem(Counting(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS)
+    avrare.estimate(problem, "mc", rollouts=10)
+    assert Counting.rollouts == 10
+
+
+def test_a_scenario_sends_its_sizes_to_the_workers():
+    scenario = avrare.load(SCENARIOS / "double_integrator.yaml")
+    problem = scenario.problem("clear")
+    sizes = problem.sizes[0]
+    assert sizes is not None
+    copy = pickle.loads(pickle.dumps(problem))
+    assert copy._sizes is not None
+    for one, two in zip(sizes, copy._sizes[0], strict=True):
+        np.testing.assert_array_equal(one, two)
