@@ -141,6 +141,12 @@ class ScaledMonitor:
         """Return state and verdict after one more sample."""
         return self._monitor.update(state, self.sample(signals, state.t))
 
+    def robustness(self, signals: Mapping[str, Floats]) -> Floats:
+        """Return the formula's robustness (N, steps + 1) on complete rollouts."""
+        n = len(next(iter(signals.values())))
+        sizes = {name: np.broadcast_to(x, (n, *x.shape)) for name, x in self._constants.items()}
+        return self.formula.robustness({**signals, **sizes})
+
     def sample(self, signals: Signals, t: int) -> dict[str, Any]:
         """Return the signals at sample ``t`` with the sizes among them."""
         n = len(next(iter(signals.values())))

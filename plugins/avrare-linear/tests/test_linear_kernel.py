@@ -39,6 +39,10 @@ def ramp(score):
     return avrare.Problem(Ramp(), avrare.stl("always (x < 2 * t + 1.5)"), 6, score)
 
 
+def two(text):
+    return avrare.Problem(Ramp(), avrare.stl(text), 6)
+
+
 PROBLEMS = {
     "a": (conjunction(-1.2).problem(), 0.5),
     "a, level": (conjunction(-2.0).problem(), -1.0),
@@ -47,6 +51,8 @@ PROBLEMS = {
     "i": (avrare.Problem(LogProduct(5), avrare.stl("log_product < 1.6"), 0), 0.0),
     "g, whole trace": (to_solvable(reach(1.0).problem()), -1.5),
     "margin": (ramp("margin"), 0.5),
+    "sizes": (two("always (x < 2 * t + 1.5 and not (100 * abs(x) > 700 + 200 * t))"), -0.6),
+    "sizes, whole trace": (to_solvable(two("(always x < 2 * t + 1.5) and eventually (100 * x > 650)")), -0.3),
 }
 
 
@@ -106,7 +112,7 @@ def test_chains_mix_between_separate_regions():
     assert moved > 0.1
 
 
-@pytest.mark.parametrize("name", ["a, level", "g, whole trace", "margin"])
+@pytest.mark.parametrize("name", ["a, level", "g, whole trace", "margin", "sizes", "sizes, whole trace"])
 def test_segments_agree_with_the_engine(name):
     problem, level = PROBLEMS[name]
     kernel = ExactKernel.of(problem)

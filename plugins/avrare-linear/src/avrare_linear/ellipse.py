@@ -75,13 +75,13 @@ class Slicer:
         self.conjuncts = affine.conjuncts(gaussian.steps)
 
     @staticmethod
-    def of(system: System, steps: int, formula: Formula) -> Slicer:
+    def of(system: System, steps: int, formula: Formula | AffineFormula) -> Slicer:
         """Make the slicer of a system that is affine in its noise.
 
         Raises:
             UsageError: The system or a term of the formula is not affine, or the formula reads no signal.
         """
-        affine = AffineFormula.of(formula)
+        affine = formula if isinstance(formula, AffineFormula) else AffineFormula.of(formula)
         if not affine.signals:
             raise UsageError(f"the formula reads no signal: {formula}")
         return Slicer(TrajectoryGaussian.of(system, steps, affine.signals), affine)
@@ -96,17 +96,20 @@ class Slicer:
         Args:
             tape: (M, T + 1, noise_size).
             other: (M, T + 1, noise_size).
-            level: Robustness: a number, (M,), or (M, T + 1) for a level per sample.
+            level: Robustness: a number, (M,), (M, T + 1) for a level per sample, or (M, T + 1, P) for one per
+                sample and predicate.
         """
         return self.cut(self.margins(tape), self.margins(other), level)
 
     def cut(self, along: Floats, across: Floats, level: Floats | float = 0.0) -> Segments:
         """Return the segments from the margins (M, T + 1, P) of both tapes."""
-        rows, samples = len(along), len(self.mean)
+        rows = len(along)
         shift = np.asarray(level, dtype=np.float64)
-        if shift.ndim < 2:
-            shift = np.broadcast_to(shift, (rows,))[:, None]
-        shift = np.broadcast_to(shift, (rows, samples))
+        if shift.ndim == 0:
+            shift = shift[None]
+        shift = np.broadcast_to(
+            shift.reshape(shift.shape + (1,) * (3 - shift.ndim)), (rows, *self.mean.shape)
+        )
         found = [self._arcs(part, shift, along, across) for part in self.conjuncts]
         filler = np.full((rows, 1), _TURN)  # an empty segment, in case that nothing can be violated
         low = np.concatenate([filler, *(low for low, _ in found)], axis=1)
@@ -121,7 +124,7 @@ class Slicer:
         found = []
         for first in range(0, len(shift), block):
             rows = slice(first, first + block)
-            offset = self.mean[windows, used] - shift[rows, part.windows][..., None]
+            offset = self.mean[windows, used] - shift[rows, windows, used]
             found.append(_cut(part, offset, along[rows, windows, used], across[rows, windows, used]))
         width = max(low.shape[1] for low, _ in found)
         pads = [((0, 0), (0, width - low.shape[1])) for low, _ in found]

@@ -13,9 +13,11 @@ from avrare.logic.semantics.normal_form import normalize
 from avrare.logic.syntax import nodes
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
-from avrare.rollout.scores.scored_specifications import FunctionScored, MarginScored
+from avrare.rollout.scores.scored_specifications import FormulaScored, FunctionScored, MarginScored
+from avrare.rollout.scores.term_sizes import ScaledMonitor
 from avrare_estimators.ess.chains import TURN, Draw, Kernel, Move, Points, rotated
 from avrare_linear.ellipse import Slicer, draw_angles
+from avrare_linear.predicates import AffineFormula
 
 
 @dataclass(frozen=True)
@@ -27,16 +29,18 @@ class WholeTrace:
     Attributes:
         formula: Formula that is scored.
         steps: Steps of a rollout.
+        guide: Its terms divided by their sizes, to be scored in its place; None: all sizes are equal.
     """
 
     formula: Formula
     steps: int
+    guide: ScaledMonitor | None = None
 
     def __call__(self, signals: dict[str, Any], t: int) -> Floats:
         """Return the score (N,) after sample t."""
         if t < self.steps:
             return np.full(len(next(iter(signals.values()))), -np.inf)
-        return -self.formula.robustness(signals)[:, 0]
+        return -(self.guide or self.formula).robustness(signals)[:, 0]
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,16 @@ class RobustnessLevel:
 
     Attributes:
         nominal: (T + 1,) margins of the noise-free rollout for the score "margin", else None.
+        sizes: (T + 1, P) sizes of the predicates' terms where the score divides by them, else None.
     """
 
     nominal: Floats | None = None
+    sizes: Floats | None = None
 
     def __call__(self, level: Floats) -> Floats:
-        """Return the robustness (M,), or (M, T + 1) if it varies over the samples; at least 0."""
+        """Return the robustness, at least 0: (M,), (M, T + 1), or (M, T + 1, P) by sample and predicate."""
+        if self.sizes is not None:
+            return np.maximum(-level, 0.0)[:, None, None] * self.sizes
         if self.nominal is None:
             return np.maximum(-level, 0.0)
         return np.maximum(1.0 - level, 0.0)[:, None] * self.nominal
@@ -79,13 +87,19 @@ class ExactKernel(Kernel):
         Raises:
             UsageError: The system or a predicate is not affine, or the score has no closed form.
         """
-        formula, threshold = _formula(problem), _threshold(problem)
-        if threshold is None:
+        formula, guide = _formula(problem), _guide(problem)
+        if not _has_closed_form(problem):
             raise UsageError(
                 f"the score of {problem.names[0]} has no exact slices",
                 "use to_solvable(problem), or the score robustness or margin",
             )
-        return ExactKernel(Slicer.of(problem.system, problem.steps, formula), threshold, moves)
+        affine = AffineFormula.of(formula, apart=guide is not None)
+        slicer = Slicer.of(problem.system, problem.steps, affine)
+        scored = problem.specifications[0]
+        if guide is not None:
+            return ExactKernel(slicer, RobustnessLevel(sizes=_sizes(affine, guide)), moves)
+        nominal = scored.nominal if isinstance(scored, MarginScored) else None
+        return ExactKernel(slicer, RobustnessLevel(nominal), moves)
 
     def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
         """Move along fresh ellipses, to a uniform angle on the part inside the level set."""
@@ -113,9 +127,9 @@ def to_solvable(problem: Problem) -> Problem:
         UsageError: The specification is not a formula.
     """
     formula = _formula(problem)
-    if _threshold(problem) is not None:
+    if _has_closed_form(problem):
         return problem
-    return problem.rescored(WholeTrace(formula, problem.steps))
+    return problem.rescored(WholeTrace(formula, problem.steps, _guide(problem)))
 
 
 def _formula(problem: Problem) -> Formula:
@@ -125,16 +139,31 @@ def _formula(problem: Problem) -> Formula:
     return formula
 
 
-def _threshold(problem: Problem) -> RobustnessLevel | None:
-    # None: the score has no closed form.
+def _guide(problem: Problem) -> ScaledMonitor | None:
+    scored = problem.specifications[0]
+    guide = getattr(scored.function if isinstance(scored, FunctionScored) else scored, "guide", None)
+    return guide if isinstance(guide, ScaledMonitor) else None
+
+
+def _has_closed_form(problem: Problem) -> bool:
     scored, node = problem.specifications[0], normalize(_formula(problem).node)
-    if isinstance(scored, FormulaMonitor) and (problem.steps == 0 or _never_rises(node)):
-        return RobustnessLevel()
-    if isinstance(scored, FunctionScored) and isinstance(scored.function, WholeTrace):
-        return RobustnessLevel()
-    if isinstance(scored, MarginScored) and isinstance(node, nodes.Window) and not _has_window(node.child):
-        return RobustnessLevel(scored.nominal)
-    return None
+    match scored:
+        case FunctionScored():
+            return isinstance(scored.function, WholeTrace)
+        case MarginScored():
+            return isinstance(node, nodes.Window) and not _has_window(node.child)
+        case FormulaMonitor() | FormulaScored(guide=ScaledMonitor()):
+            return problem.steps == 0 or _never_rises(node)
+    return False
+
+
+def _sizes(affine: AffineFormula, guide: ScaledMonitor) -> Floats:
+    # (T + 1, P); a comparison that the formula negates has its opposite's size.
+    known = {normalize(term, sign): size for term, size in guide.sizes.items() for sign in (True, False)}
+    ones = np.ones(len(next(iter(known.values()))))
+    return np.stack(
+        [known.get(margin.term, ones) if margin.term else ones for margin in affine.margins], axis=1
+    )
 
 
 def _never_rises(node: nodes.Node) -> bool:

@@ -32,10 +32,12 @@ class Margin:
     Attributes:
         factors: Pairs of a signal's name and its factor.
         constant: Constant term.
+        term: Comparison that it comes from, where margins of several terms are kept apart; else None.
     """
 
     factors: tuple[tuple[str, float], ...]
     constant: float
+    term: nodes.Comparison | None = None
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,14 @@ class AffineFormula:
     closed: bool
 
     @staticmethod
-    def of(formula: Formula) -> AffineFormula:
-        """Convert a formula.
+    def of(formula: Formula, *, apart: bool = False) -> AffineFormula:
+        """Convert a formula; ``apart`` keeps equal margins of different terms apart.
 
         Raises:
             UsageError: A term is not affine (sums, differences, constant factors, and abs, min, max of such),
                 or the formula has iff, xor or quantifiers.
         """
-        collector = _MarginCollector()
+        collector = _MarginCollector(apart)
         return AffineFormula(
             collector.node(normalize(formula.node)), tuple(collector.margins), formula.closed
         )
@@ -109,12 +111,15 @@ class AffineFormula:
 
 
 class _MarginCollector:
-    def __init__(self) -> None:
+    def __init__(self, apart: bool) -> None:
         self.margins: list[Margin] = []
+        self.apart = apart
+        self.term: nodes.Comparison | None = None
 
     def node(self, node: nodes.Node) -> nodes.Node:
         match node:
             case nodes.Comparison(op, left, right):
+                self.term = node if self.apart else None
                 above, below = (
                     _flatten(left, 1.0) + _flatten(right, -1.0),
                     _flatten(right, 1.0) + _flatten(left, -1.0),
@@ -150,7 +155,7 @@ class _MarginCollector:
                 factors[term.name] = factors.get(term.name, 0.0) + factor
             else:
                 constant += factor
-        margin = Margin(tuple(sorted(factors.items())), constant)
+        margin = Margin(tuple(sorted(factors.items())), constant, self.term)
         if margin not in self.margins:
             self.margins.append(margin)
         return nodes.Slot(self.margins.index(margin))
