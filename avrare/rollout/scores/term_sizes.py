@@ -15,7 +15,7 @@ import numpy as np
 
 from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.logic.monitor.monitors import MonitorState
-from avrare.logic.semantics.samples import read_trace
+from avrare.logic.semantics.input_signals import read_trace
 from avrare.logic.semantics.trace_evaluator import Evaluator
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.syntax import nodes
