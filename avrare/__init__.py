@@ -14,6 +14,7 @@ from avrare.base.moved_modules import MovedModules
 if TYPE_CHECKING:
     from avrare.base.errors import AvrareError as AvrareError
     from avrare.base.errors import FormulaError as FormulaError
+    from avrare.base.errors import HealthWarning as HealthWarning
     from avrare.base.errors import PluginError as PluginError
     from avrare.base.errors import ScenarioError as ScenarioError
     from avrare.base.errors import UsageError as UsageError
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from avrare.rollout.problem import Problem as Problem
 
 _MODULES = {
-    "avrare.base.errors": "AvrareError FormulaError PluginError ScenarioError UsageError",
+    "avrare.base.errors": "AvrareError FormulaError HealthWarning PluginError ScenarioError UsageError",
     "avrare.base.version": "__version__",
     "avrare.estimation.budget": "Budget",
     "avrare.estimation.estimate_problem": "estimate",

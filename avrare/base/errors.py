@@ -50,9 +50,16 @@ class AvrareError(Exception):
     def __reduce__(self) -> tuple[object, ...]:
         return type(self), (self.message, self.hint)
 
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
     def lines(self) -> list[str]:
         """Return the lines to print on stderr."""
         return [self.message] + ([f"hint: {self.hint}"] if self.hint else [])
+
+
+class HealthWarning(UserWarning):
+    """Reason to doubt an estimate: a health warning of a ``Result`` that ``avrare.estimate`` returns."""
 
 
 class UsageError(AvrareError):

@@ -19,8 +19,10 @@ MESSAGES = {
     "horizon_short": "the formula looks {horizon} samples ahead but a rollout has {steps} step(s): windows "
     "are clipped at its last sample",
     "solver_failures": "{fallbacks} of {solves} solves of the controller failed: it reused its last plan",
-    "not_deterministic": "the same noise gave robustness {first:.6g} and then {again:.6g}: the system "
-    "depends on more than its noise, and this result cannot be reproduced",
+    "not_deterministic": "{reason}: the system depends on more than its noise, and this result cannot be "
+    "reproduced",
+    "rounding": "{reason}: rounding depends on the batch; the estimate is sound, but a replay may differ in "
+    "the last digits",
     "all_failed": "every rollout failed: the scenario cannot show how rare failures are",
     "no_failures": "no rollout failed: the proposal does not reach a failure, and the probability is known "
     "only to lie below the upper end of the interval",

@@ -21,7 +21,7 @@ from avrare.cli.output import can_draw, print_warnings
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
 from avrare.estimation.estimate_problem import estimate_specifications
-from avrare.estimation.loop import Settings, planned
+from avrare.estimation.loop import Settings, check_system, planned
 from avrare.estimation.result import verdict, worst_verdict
 from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run
@@ -104,7 +104,9 @@ def _check_start(scenario: Any, budget: Any) -> None:
         definition.seed, definition.confidence, budget, definition.max_error_rate, definition.suppress
     )
     try:
-        estimator.init(planned(problem, estimator, settings)[1])
+        problem, plan = planned(problem, estimator, settings)
+        check_system(problem, estimator)
+        estimator.init(plan)
     except UsageError as error:
         raise UsageError(f"{definition.name}: {error.message}", error.hint) from None
 

@@ -8,6 +8,7 @@ import sys
 from avrare.base.errors import AvrareError, ExitCode
 from avrare.cli.output import print_warnings
 from avrare.scenario.load import load
+from avrare.scenario.schema import Scenario
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -17,14 +18,23 @@ def execute(args: argparse.Namespace) -> int:
     return min(failed, default=int(ExitCode.PASS))
 
 
+def _build(scenario: Scenario) -> None:
+    from avrare.estimation.estimate import check_scenario  # builds no part unless it is asked to
+    from avrare.rollout.loaded_scenario import LoadedScenario
+    from avrare.stack.builder import try_stack
+
+    built = LoadedScenario(scenario)
+    print_warnings(try_stack(scenario, built.stack, steps=3))
+    found = check_scenario(built)
+    print_warnings((f"{scenario.path}: {name}: {text}", None) for name, text in found.items())
+
+
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
         scenario = load(path, args.set, args.estimator)
         print_warnings(scenario.warnings)
         if args.build:
-            from avrare.stack.builder import build_and_try
-
-            print_warnings(build_and_try(scenario, steps=3))
+            _build(scenario)
     except AvrareError as error:
         print("\n".join(error.lines()), file=sys.stderr)
         return int(error.exit_code)

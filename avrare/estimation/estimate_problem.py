@@ -5,16 +5,17 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from avrare.base import version
-from avrare.base.errors import UsageError
+from avrare.base.errors import HealthWarning, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.loop import Progress, Settings, run
+from avrare.estimation.loop import Progress, Settings, check_system, prepare_problem, run
 from avrare.estimation.plan import Estimator, Journal
 from avrare.estimation.result import Result
 from avrare.logic.formula import find_formula
@@ -39,6 +40,8 @@ def estimate(
 ) -> Result:
     """Estimate the failure probability of ``problem``.
 
+    Each health warning of the result is also given as a ``HealthWarning``.
+
     Args:
         problem: Problem with one specification.
         estimator: Name of an installed estimator: "mc", "ams", ...
@@ -53,7 +56,8 @@ def estimate(
         **options: The estimator's options, per run: ``rollouts``, ``particles``, ``discard``, ``runs``, ...
 
     Raises:
-        UsageError: Arguments are unknown or invalid, or the checkpoint belongs to another call.
+        UsageError: Arguments are unknown or invalid, the checkpoint belongs to another call, or the system
+            breaks a rule that the estimator relies on, as by changing its state in place.
         PluginError: No installed plugin provides the estimator.
     """
     if not isinstance(problem, Problem):
@@ -69,13 +73,19 @@ def estimate(
     settings = Settings(seed, confidence, Budget.parse(budget), suppress=tuple(suppress))
     built, executor = _estimator(estimator, options), build_executor(workers)
     if checkpoint is None:
-        return run(problem, built, executor, settings)[0]
+        return _told(run(problem, built, executor, settings)[0])
     if not isinstance(checkpoint, (str, os.PathLike)):
         raise UsageError(f"checkpoint must be the path of a folder, not {checkpoint!r}")
     task = _task(problem, estimator, built, settings)
     with Checkpoint.open(Path(checkpoint), task).held() as saved:
         result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
         saved.remove()
+    return _told(result)
+
+
+def _told(result: Result) -> Result:
+    for name, message in result.health.items():
+        warnings.warn(f"{result.specification}: {name}: {message}", HealthWarning, stacklevel=3)
     return result
 
 
@@ -117,6 +127,13 @@ Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 """Called with a label and a problem as each estimate begins; gives its progress display."""
 
 
+def check_scenario(scenario: LoadedScenario) -> dict[str, str]:
+    """Return the health warnings on a scenario's system, found by a few steps; see ``check_system``."""
+    definition, estimator = scenario.definition, scenario.estimator()
+    problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
+    return check_system(prepare_problem(estimator, problem), estimator)
+
+
 def estimate_specifications(
     scenario: LoadedScenario,
     specifications: Sequence[str],
@@ -141,7 +158,6 @@ def estimate_specifications(
         budget,
         definition.max_error_rate,
         definition.suppress,
-        replay=True,
     )
     results = []
     for group in [(name,) for name in specifications] if estimator.single else [tuple(specifications)]:

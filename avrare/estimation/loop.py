@@ -10,7 +10,7 @@ from itertools import takewhile
 from typing import Any, cast
 
 from avrare.base.errors import Interrupted, UsageError
-from avrare.base.health_messages import check_names
+from avrare.base.health_messages import MESSAGES, check_names
 from avrare.estimation.budget import Budget
 from avrare.estimation.plan import Estimator, Info, Journal, Plan
 from avrare.estimation.result import Result
@@ -20,7 +20,8 @@ from avrare.rollout.executors.work import Executor, Work, check_reproduces
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare.worlds.capabilities import require
+from avrare.worlds.capabilities import declared_limits, refuse_limits, require
+from avrare.worlds.determinism import STEPS
 
 Progress = Callable[[Info], None]
 DEFAULT_MAX_ERROR_RATE = 0.01
@@ -36,7 +37,6 @@ class Settings:
         budget: Upper bound on cost.
         max_error_rate: Share of errors among the rollouts above which a result has the warning ``errors``.
         suppress: Names of health warnings to leave out.
-        replay: Replay the least robust rollout and check that it reproduces; not counted in the cost.
     """
 
     seed: int = 0
@@ -44,7 +44,6 @@ class Settings:
     budget: Budget | None = None
     max_error_rate: float = DEFAULT_MAX_ERROR_RATE
     suppress: tuple[str, ...] = ()
-    replay: bool = False
 
 
 def run(
@@ -54,10 +53,12 @@ def run(
     """Estimate the failure probability of every specification of ``problem``.
 
     ``progress`` is called after every chunk. Chunks that ``journal`` holds are not run again. ``stop`` is
-    called before every chunk: once it returns True, none begins and ``Interrupted`` is raised.
+    called before every chunk: once it returns True, none begins and ``Interrupted`` is raised. A probe of
+    the system before, and a replay of the least robust rollout after, are not counted in the cost.
     """
     given = problem
     problem, plan = planned(given, estimator, settings)
+    warnings = check_system(problem, estimator)
     work = Work(problem, plan.noise, scored=estimator.single)
     loop = _Loop(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
     executor.open(work)
@@ -65,9 +66,9 @@ def run(
         state = loop.run()
     seconds = loop.seconds
     # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
-    replayed = settings.replay and problem is given and not _stops_early(estimator)
+    replayed = problem is given and not _stops_early(estimator)
     results = [
-        examined(problem, result, column, replay=replayed, suppress=settings.suppress)
+        examined(problem, result, column, warnings, replay=replayed, suppress=settings.suppress)
         for column, result in enumerate(estimator.estimate(state))
     ]
     return [replace(result, seconds=seconds) for result in results]
@@ -82,8 +83,7 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
         )
-    needing = find_ability(estimator, NeedsCapabilities)
-    require(problem.system, estimator.name, needing.needs if needing is not None else ())
+    refuse_limits(estimator.name, declared_limits(problem.system), _needs(estimator))
     problem = prepare_problem(estimator, problem)
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
@@ -91,6 +91,22 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
         settings.max_error_rate,
     )  # fmt: skip
     return problem, plan
+
+
+def check_system(problem: Problem, estimator: Estimator) -> dict[str, str]:
+    """Return the health warnings on a prepared problem's system, found by a few steps of a few rows.
+
+    Raises:
+        UsageError: The system breaks a rule that the estimator relies on.
+    """
+    steps = min(STEPS, problem.steps)
+    found = require(problem.system, estimator.name, _needs(estimator), steps)
+    return {name: MESSAGES[name].format(reason=reason) for name, reason in found.items()}
+
+
+def _needs(estimator: Estimator) -> tuple[str, ...]:
+    needing = find_ability(estimator, NeedsCapabilities)
+    return needing.needs if needing is not None else ()
 
 
 def prepare_problem(estimator: Estimator, problem: Problem) -> Problem:

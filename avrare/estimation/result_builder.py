@@ -19,6 +19,8 @@ from avrare.rollout.problem import Problem
 
 _FALLBACK = "fallback_solves"
 _MAX_FALLBACKS = 0.01
+_ROUNDING = 1e-3
+"""Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
 
 def build_result(
@@ -45,20 +47,23 @@ def missing_worst(plan: Plan) -> Worst:
 
 
 def examined(
-    problem: Problem, result: Result, column: int, *, replay: bool, suppress: Collection[str]
-) -> Result:
+    problem: Problem, result: Result, column: int, warnings: Mapping[str, str], *, replay: bool,
+    suppress: Collection[str],
+) -> Result:  # fmt: skip
     """Add the warnings that need the problem to the result of specification number ``column``.
 
-    Among them are the ``notes`` of a simulator; ``replay``: run the least robust rollout again and compare.
+    Among them are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``: run the
+    least robust rollout again and compare, unless the system is known not to be deterministic.
     """
     found = {
         **result.health,
+        **warnings,
         **find_notes(problem.system),
         **_horizon(problem, column),
         **_solver(result.counts),
     }
-    if replay:
-        found |= _determinism(problem, result, column)
+    if replay and "not_deterministic" not in found:
+        found |= _reproduction(problem, result, column)
     return replace(result, health={name: text for name, text in found.items() if name not in suppress})
 
 
@@ -77,12 +82,21 @@ def _solver(counts: Mapping[str, int]) -> dict[str, str]:
     return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
 
 
-def _determinism(problem: Problem, result: Result, column: int) -> dict[str, str]:
+def _reproduction(problem: Problem, result: Result, column: int) -> dict[str, str]:
     first: float = result.worst.robustness
     if math.isnan(first):
         return {}
-    again: Any = problem.replay(result.worst.noise[None])
-    value = math.nan if again.error[0] else float(again.robustness[0, column])
-    if np.array_equal(first, value):
+    again = _replayed(problem, result, column)
+    if np.array_equal(first, again):
         return {}
-    return health.warn("not_deterministic", first=first, again=value)
+    # Rounding depends on the batch and on nothing else: by itself the rollout repeats.
+    spread = float(np.nanstd(result.robustness)) if np.isfinite(result.robustness).any() else 0.0
+    small = abs(first - again) <= _ROUNDING * max(abs(first), spread)
+    name = "rounding" if small and again == _replayed(problem, result, column) else "not_deterministic"
+    reason = f"a rollout of robustness {first:.6g}, replayed, differs by {abs(again - first):.2g}"
+    return health.warn(name, reason=reason)
+
+
+def _replayed(problem: Problem, result: Result, column: int) -> float:
+    outcome = problem.replay(result.worst.noise[None])
+    return math.nan if outcome.error[0] else float(outcome.robustness[0, column])

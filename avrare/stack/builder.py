@@ -102,13 +102,11 @@ def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:
             raise FormulaError(f"signal {name!r} is missing", f"{hint} instead of {{stl: ...}}")
 
 
-def build_and_try(scenario: Scenario, steps: int = 3) -> list[tuple[str, str | None]]:
-    """Build the stack, run a few noise-free steps and return warnings (message, hint) on its specifications.
+def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[str, str | None]]:
+    """Run a few noise-free steps and return warnings (message, hint) on the specifications.
 
     Only those of plugins: loading the scenario has warned of the others.
     """
-    stack = build_stack(scenario)
-    check_start(scenario, stack)
     noise = np.zeros((1, stack.loop.noise_size))
     state = stack.loop.initial(noise)
     monitors = {name: spec.start(1) for name, spec in stack.specifications.items()}

@@ -1,4 +1,4 @@
-"""Capabilities of simulators, checked before an estimator that needs them runs.
+"""Capabilities of systems, checked before an estimator that needs them runs.
 
 | capability | needed by |
 |---|---|
@@ -8,14 +8,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.protocols import HasLimits, System, find_ability, find_simulator
+from avrare.worlds.determinism import STEPS, Findings, probe
+
+_WANTS = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
+_MEND = "return new arrays from `step`, and derive every random choice from its noise"
 
 
 @dataclass(frozen=True)
@@ -33,61 +34,51 @@ class Capabilities:
     reason: str = ""
 
 
-def capabilities(system: System, steps: int = 3) -> Capabilities:
-    """Return the capabilities of ``system``, as declared (``lacks``) and as two runs on the same noise show.
-
-    Args:
-        system: Any system; its simulator may declare ``lacks``, reasons by missing capability.
-        steps: Steps of the trial, which runs 4 rollouts.
-    """
-    limited = find_ability(find_simulator(system), HasLimits)
-    lacks = dict(limited.lacks) if limited is not None else {}
+def capabilities(system: System, steps: int = STEPS) -> Capabilities:
+    """Return the capabilities of ``system``, as its simulator declares (``lacks``) and as ``probe`` finds."""
+    lacks = declared_limits(system)
     if "noise" not in lacks:
-        try:
-            reason = _difference(system, steps)
-        except UsageError:
-            raise
-        except Exception:  # an error is counted where it occurs in an estimate
-            reason = ""
-        if reason:
-            lacks = {"noise": reason, "branches": reason} | lacks
+        found = probe(system, steps)
+        lacks = {name: text for name, text in _limits(found).items() if text} | lacks
     reason = next(iter(lacks.values()), "")
     return Capabilities("branches" not in lacks, "noise" not in lacks, reason)
 
 
-def require(system: System, estimator: str, needs: Iterable[str]) -> None:
-    """Refuse a system that lacks what an estimator needs: "branches", "noise".
+def declared_limits(system: System) -> dict[str, str]:
+    """Return the reasons, by missing capability, that the system's simulator declares."""
+    limited = find_ability(find_simulator(system), HasLimits)
+    return dict(limited.lacks) if limited is not None else {}
 
-    Only simulators with ``lacks`` are tried: the state of any other is a value, which can be copied.
-    """
-    wanted = list(needs)
-    if not wanted or find_ability(find_simulator(system), HasLimits) is None:
-        return
-    can = capabilities(system)
-    missing = [need for need in wanted if not getattr(can, need)]
+
+def refuse_limits(estimator: str, lacks: Mapping[str, str], needs: Collection[str]) -> None:
+    """Raise a ``UsageError`` if an estimator of this name needs what is missing."""
+    missing = [need for need in needs if lacks.get(need)]
     if missing:
-        what = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
         raise UsageError(
-            f"{estimator} must {' and '.join(what[need] for need in missing)}, which this simulator does not "
-            f"allow: {can.reason}",
-            "estimator: {plugin: mc} needs neither",
+            f"{estimator} must {' and '.join(_WANTS[need] for need in missing)}, which this system does not "
+            f"allow: {lacks[missing[0]]}",
+            f"{_MEND}; estimator: {{plugin: mc}} needs neither",
         )
 
 
-def _difference(system: System, steps: int) -> str:
-    # Any numbers will do that are not round.
-    noise = np.sin(np.arange(1.0, 2.0 * (steps + 1) * system.noise_size + 1.0)).reshape(2, steps + 1, -1)
-    first, second = list(_run(system, noise)), list(_run(system, noise))
-    for t, (one, two) in enumerate(zip(first, second, strict=True)):
-        for name in one:
-            if not np.array_equal(one[name], two[name], equal_nan=one[name].dtype.kind == "f"):
-                return f"signal {name!r} differs at step {t} between two runs on the same noise"
-    return ""
+def require(system: System, estimator: str, needs: Collection[str], steps: int = STEPS) -> dict[str, str]:
+    """Refuse a system that lacks what an estimator needs: "branches", "noise".
+
+    "noise" is required of simulators that declare ``lacks``; of any other system a warning is enough.
+
+    Returns:
+        Reasons of the health warnings to give, by name: ``not_deterministic``, ``rounding``.
+    """
+    lacks = declared_limits(system)
+    refuse_limits(estimator, lacks, needs)
+    if "noise" in lacks:
+        return {"not_deterministic": lacks["noise"]}
+    found = probe(system, steps, branch="branches" in needs)
+    declares = find_ability(find_simulator(system), HasLimits) is not None
+    refuse_limits(estimator, _limits(found), needs if declares else set(needs) - {"noise"})
+    reasons = {"not_deterministic": found.differs, "rounding": found.rounding}
+    return {name: reason for name, reason in reasons.items() if reason}
 
 
-def _run(system: System, noise: Any) -> Iterator[dict[str, Any]]:
-    state: Any = None
-    for t in range(noise.shape[1]):
-        given = np.ascontiguousarray(noise[:, t])
-        state = system.step(state, given) if t else system.initial(given)
-        yield dict(system.signals(state))
+def _limits(found: Findings) -> dict[str, str]:
+    return {"noise": found.differs, "branches": found.in_place or found.differs or found.branches}

@@ -42,7 +42,7 @@ def test_all_specifications_share_one_pass():
     formulas = {"low": avrare.stl("always (x < 0.3)"), "high": avrare.stl("always (x < 0.9)")}
     system = systems.Counting(systems.Walk())
     low, high = monte_carlo(avrare.Problem(system, formulas, steps=20), rollouts=500)
-    assert system.rows == 500 * 20
+    assert system.rows == 500 * 20 + odd_systems.rows_of_checks(systems.Walk(), 20) + 20
     assert (low.specification, high.specification) == ("low", "high")
     assert low.probability > high.probability > 0.0
     for name, result in (("low", low), ("high", high)):
@@ -136,12 +136,11 @@ class Solving(systems.Walk):
 
 
 def test_a_system_that_is_not_a_function_of_its_noise_is_detected():
-    settings = Settings(replay=True)
-    (result,) = monte_carlo(problem(system=Forgetful()), settings, rollouts=50)
+    (result,) = monte_carlo(problem(system=Forgetful()), rollouts=50)
     assert "not_deterministic" in result.health
-    (healthy,) = monte_carlo(problem(), settings, rollouts=50)
+    (healthy,) = monte_carlo(problem(), rollouts=50)
     assert not healthy.health
-    (broken,) = monte_carlo(problem(system=systems.Fragile("nan", beyond=-9.0)), settings, rollouts=20)
+    (broken,) = monte_carlo(problem(system=systems.Fragile("nan", beyond=-9.0)), rollouts=20)
     assert list(broken.health) == ["errors"]
 
 

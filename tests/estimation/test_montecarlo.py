@@ -63,7 +63,8 @@ def test_certain_failure_and_certain_pass():
 def test_cost_is_what_was_passed_to_step():
     system = systems.Counting(systems.Walk())
     result = avrare.estimate(walk(system=system, chunk=64), rollouts=150, runs=2)
-    assert result.simulated_steps == system.rows == 300 * 100
+    assert result.simulated_steps == 300 * 100
+    assert system.rows == 300 * 100 + odd_systems.rows_of_checks(systems.Walk(), 100)
     assert result.rollouts == 300
 
 

@@ -15,6 +15,7 @@ from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
+from avrare.worlds.determinism import probe
 from avrare_estimators.config import IsConfig
 from avrare_estimators.importance.importance_sampling import ImportanceSampling
 
@@ -59,10 +60,12 @@ def test_killed_again_and_again(tmp_path, name):
 
 def test_killed_after_every_batch(tmp_path):
     whole = avrare.estimate(problem(steps=3), rollouts=60)
+    tried = problem(steps=3).system
+    probe(tried, 3, branch=False)
     for lives in range(3 * 3):
         folder = tmp_path / str(lives)
         with pytest.raises(systems.Killed):
-            avrare.estimate(problem(lives, steps=3), rollouts=60, checkpoint=folder)
+            avrare.estimate(problem(tried.lived + lives, steps=3), rollouts=60, checkpoint=folder)
         assert len(list(folder.rglob("*.npz"))) == lives // 3
         result = avrare.estimate(problem(steps=3), rollouts=60, checkpoint=folder)
         assert plain(result) == plain(whole)

@@ -12,7 +12,8 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout import engine
-from avrare.testing.faulty_systems import Walk
+from avrare.testing.faulty_systems import Counting, Walk
+from avrare.worlds.determinism import STEPS, probe
 
 
 @dataclass(frozen=True)
@@ -208,3 +209,10 @@ class OnceInAWorker(Walk):
 
 def _no_memory(*arguments):
     raise MemoryError
+
+
+def rows_of_checks(system, steps, branch=False):
+    """Rows that the checks of an estimate step: the probe before it, and the replay after it."""
+    counting = Counting(system)
+    probe(counting, min(STEPS, steps), branch=branch)
+    return counting.rows + steps

@@ -98,7 +98,7 @@ class LateCareless(Walk):
     def step(self, action, noise):
         super().step(action, noise)
         self.steps += 1
-        if self.steps > 5:
+        if self.steps > 12:
             self.x += 1e-3 * random.random()
 
 

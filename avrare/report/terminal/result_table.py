@@ -33,10 +33,11 @@ def result_table(title: str, results: Sequence[Result]) -> Table:
 
 
 def verdict_lines(name: str, results: Sequence[Result]) -> list[str]:
-    """Return ``lane_change safe_distance: pass, 0.0123 (0.01 .. 0.02)`` for each specification."""
+    """Return ``lane_change safe_distance: pass, 0.0123 (0.01 .. 0.02), few_roots`` for each specification."""
     return [
         f"{name} {one.specification}: {one.verdict or 'no threshold'}, "
         f"{format_probability(one.probability)} ({format_interval(one.interval)})"
+        + "".join(f", {warning}" for warning in one.health)
         for one in results
     ]
 

@@ -108,8 +108,7 @@ class Window:
                 "a worker process ended without an answer (killed, out of memory, or failed to start), "
                 f"{worst.losses} times on the chunk of {chunk.rows} rollouts that begins at "
                 f"run {chunk.run[0]}, stage {chunk.stage[0]}, particle {chunk.particle[0]}",
-                "run with --workers 1 to see the cause; in a script, guard the call with "
-                '`if __name__ == "__main__":`',
+                "run with --workers 1 to see the cause",
             )
 
 

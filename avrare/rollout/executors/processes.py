@@ -14,7 +14,7 @@ from avrare.base.errors import UsageError
 from avrare.rollout.executors.in_flight import Window, WorkerDied, WorkerLost
 from avrare.rollout.executors.serial import ExecutorConfig
 from avrare.rollout.executors.work import Work
-from avrare.rollout.executors.worker_process import HINT, WorkerProcess, unpack
+from avrare.rollout.executors.worker_process import HINT, WorkerProcess, exit_if_unguarded, unpack
 from avrare.rollout.request import Request, Rollouts
 
 __all__ = ["ProcessExecutor", "WorkerDied", "build"]
@@ -56,6 +56,7 @@ class ProcessExecutor:
 
     def open(self, work: Work) -> None:
         """Start the workers; a process begins with its first chunk."""
+        exit_if_unguarded()
         self._payload, self._closed = pickle_work(work), False
         # Processes read these before any of our code runs in them.
         self._added_variables = [name for name in _ONE_THREAD if name not in os.environ]

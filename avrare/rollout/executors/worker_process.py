@@ -23,6 +23,10 @@ from avrare.rollout.request import Request, Rollouts
 HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _PATIENCE = 10
 """Looks in a row that find a worker stopped (SIGSTOP) before it is given up; Ctrl-Z stops the parent too."""
+_FAREWELL = 1.0
+"""Seconds that a process whose pipe has ended may take to leave its exit code."""
+_UNGUARDED = 97
+"""Exit code of a worker whose import of the script began another estimate with workers."""
 _END = 10.0
 """Seconds that an idle process has to end."""
 
@@ -50,6 +54,12 @@ class WorkerProcess:
             self._connection.send(chunk)
             return self._connection.recv_bytes()
         except (OSError, EOFError) as error:
+            self._process.join(_FAREWELL)
+            if self._process.exitcode == _UNGUARDED:
+                raise UsageError(
+                    "worker processes import this script, and would run it again",
+                    'put the call under `if __name__ == "__main__":`, or use workers=1',
+                ) from None
             self.kill()
             raise WorkerLost from error
 
@@ -79,6 +89,12 @@ def unpack(answer: bytes) -> Rollouts:
     if isinstance(outcome, BaseException):
         raise outcome
     return outcome  # type: ignore[no-any-return]
+
+
+def exit_if_unguarded() -> None:
+    """End this process if it is a worker that still imports the script, which nothing guards."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        os._exit(_UNGUARDED)
 
 
 def _start_without_interrupt(process: multiprocessing.process.BaseProcess) -> None:

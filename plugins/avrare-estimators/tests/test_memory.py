@@ -39,7 +39,8 @@ class Mortal(systems.Counting):
 def estimate(lives=10**9, system=None, formula="always (x < 0.9)", chunk=25, **options):
     counting = Mortal(lives, system or systems.Walk())
     problem = avrare.Problem(counting, avrare.stl(formula), steps=STEPS, chunk=chunk)
-    return avrare.estimate(problem, "ams", **{**OPTIONS, **options}), counting.rows
+    result = avrare.estimate(problem, "ams", **{**OPTIONS, **options})
+    return result, counting.rows - odd_systems.rows_of_checks(counting.system, STEPS, branch=True)
 
 
 def plain(result):

@@ -61,7 +61,7 @@ def test_all_outcomes_come_in_order(deaths):
 @pytest.mark.parametrize("culprit", [0, 5, 9])
 def test_a_chunk_that_always_kills_its_worker_is_named(culprit):
     crew = Crew({culprit: 99})
-    with pytest.raises(WorkerDied, match=f"{MOST_LOSSES} times on .* particle {culprit}$"):
+    with pytest.raises(WorkerDied, match=f"{MOST_LOSSES} times on .* particle {culprit}\n"):
         outcomes(Window(crew, 3))
     assert crew.submitted.count(culprit) == MOST_LOSSES
 
