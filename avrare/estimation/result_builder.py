@@ -63,7 +63,7 @@ def examined(
         **_solver(result.counts),
     }
     if replay and "not_deterministic" not in found:
-        found |= _reproduction(problem, result, column)
+        found |= _reproduction(problem, result, column, rounds="rounding" in found)
     return replace(result, health={name: text for name, text in found.items() if name not in suppress})
 
 
@@ -82,7 +82,7 @@ def _solver(counts: Mapping[str, int]) -> dict[str, str]:
     return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
 
 
-def _reproduction(problem: Problem, result: Result, column: int) -> dict[str, str]:
+def _reproduction(problem: Problem, result: Result, column: int, *, rounds: bool) -> dict[str, str]:
     first: float = result.worst.robustness
     if math.isnan(first):
         return {}
@@ -91,7 +91,7 @@ def _reproduction(problem: Problem, result: Result, column: int) -> dict[str, st
         return {}
     # Rounding depends on the batch and on nothing else: by itself the rollout repeats.
     spread = float(np.nanstd(result.robustness)) if np.isfinite(result.robustness).any() else 0.0
-    small = abs(first - again) <= _ROUNDING * max(abs(first), spread)
+    small = rounds or abs(first - again) <= _ROUNDING * max(abs(first), spread)
     name = "rounding" if small and again == _replayed(problem, result, column) else "not_deterministic"
     reason = f"a rollout of robustness {first:.6g}, replayed, differs by {abs(again - first):.2g}"
     return health.warn(name, reason=reason)

@@ -191,7 +191,7 @@ class EstimatorConformance:
         system = systems.Counting(self.reference.system)
         problem = Audited(system, stl(self.reference.formula), self.reference.steps, self.reference.score)
         result = self.estimate(problem)
-        assert result.simulated_steps == system.rows, "simulated_steps is not what the system stepped"
+        assert result.simulated_steps == problem.stepped, "simulated_steps is not what the system stepped"
         assert result.rollouts == problem.rollouts, "rollouts is not the number of starts and branches"
 
     @pytest.mark.parametrize("kind", ["steps", "rollouts"])

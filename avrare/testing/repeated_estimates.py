@@ -50,19 +50,30 @@ def coverage_at_most(hits: int, trials: int, coverage: float) -> float:
 
 
 class Audited(Problem):
-    """Problem that counts its rollouts in this process.
+    """Problem that counts its rollouts in this process, but for replays.
 
     Attributes:
         rollouts: Number of starts and branches.
         errors: Number of rollouts that ended in an error.
+        stepped: Rows stepped, where the system counts its ``rows``.
     """
 
     rollouts = 0
     errors = 0
+    stepped = 0
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Simulate as ``Problem`` does, and count."""
+        before = getattr(self.system, "rows", 0)
         outcome = super().simulate(noise, request, scored=scored)
         self.rollouts += request.rows
         self.errors += int(outcome.error.sum())
+        self.stepped += getattr(self.system, "rows", 0) - before
+        return outcome
+
+    def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
+        """Replay as ``Problem`` does: a check of a result is no part of its cost."""
+        before = self.rollouts, self.errors, self.stepped
+        outcome = super().replay(tape, keep_carries=keep_carries)
+        self.rollouts, self.errors, self.stepped = before
         return outcome

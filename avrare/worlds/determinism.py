@@ -191,7 +191,7 @@ class _Difference:
     small: bool
 
     def __str__(self) -> str:
-        return f"signal {self.signal!r} differs at step {self.step} by {self.size:.2g}"
+        return f"signal {self.signal!r} differs from step {self.step} on by up to {self.size:.2g}"
 
 
 def _find_difference(wanted: Samples, found: Samples, since: int = 0) -> _Difference | None:
@@ -202,15 +202,13 @@ def _find_difference(wanted: Samples, found: Samples, since: int = 0) -> _Differ
                 steps.setdefault(name, t)
     sizes = {}
     for name in steps:
-        one, two = (
-            np.array([sample[name] for sample in samples], dtype=float) for samples in (wanted, found)
-        )
-        error = np.abs(one - two)[(one != two) & ~(np.isnan(one) & np.isnan(two))]
-        sizes[name] = float(error.max()), bool(error.max() <= _ROUNDING * np.nanmax(np.abs(one)))
+        first, second = (np.array([one[name] for one in samples], dtype=float) for samples in (wanted, found))
+        error = np.abs(first - second)[(first != second) & ~(np.isnan(first) & np.isnan(second))].max()
+        sizes[name] = float(error), bool(error <= _ROUNDING * np.nanmax(np.abs(first)))
     if not sizes:
         return None
-    first = next(iter(steps))
-    return _Difference(first, steps[first], sizes[first][0], all(small for _, small in sizes.values()))
+    signal = next(iter(steps))
+    return _Difference(signal, steps[signal], sizes[signal][0], all(small for _, small in sizes.values()))
 
 
 def _find_cause(play: Callable[[], object]) -> str:

@@ -58,7 +58,7 @@ def test_other_estimators_accept_worlds(toys):
 
 def test_a_nondeterministic_world_is_refused_by_splitting_before_anything_runs(toys):
     with pytest.raises(
-        UsageError, match=r"ams must continue rollouts from others.*signal 'x' differs at step"
+        UsageError, match=r"ams must continue rollouts from others.*signal 'x' differs from step"
     ):
         estimate(as_system(toys.Careless), **AMS)
     assert estimate(as_system(toys.Careless), "mc", rollouts=20).errors == 0
@@ -103,7 +103,7 @@ def test_capabilities(toys):
     assert (can.branches, can.noise, can.reason) == (True, True, "")
     can = capabilities(as_system(toys.Careless))
     assert (can.branches, can.noise) == (False, False)
-    assert "signal 'x' differs at step 1" in can.reason
+    assert "signal 'x' differs from step 1" in can.reason
     assert capabilities(toys.BatchWalk()).branches
 
 

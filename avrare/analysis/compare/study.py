@@ -174,7 +174,7 @@ def _require_one_accepted(results: Mapping[str, ArmResult]) -> None:
     if len(refusals) < len(results):
         return
     first = next(iter(refusals.values()))
-    text = "; ".join(f"{label}: {error}" for label, error in refusals.items())
+    text = "; ".join(f"{label}: {error.message}" for label, error in refusals.items())
     failure = AvrareError(f"no estimator can take this problem: {text}", first.hint)
     failure.exit_code = first.exit_code
     raise failure

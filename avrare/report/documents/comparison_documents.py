@@ -53,7 +53,7 @@ def _encode_arm(result: ArmResult, summary: Summary | None) -> dict[str, Any]:
         "label": result.arm.label,
         "estimator": result.arm.name,
         "options": result.arm.config.model_dump(mode="json"),
-        "refusal": str(result.refusal) if result.refusal else None,
+        "refusal": result.refusal.message if result.refusal else None,
         "summary": asdict(summary) if summary else None,
         "repetitions": [{**asdict(one), "seconds": round(one.seconds, 3)} for one in result.repetitions],
     }

@@ -90,7 +90,7 @@ def _rows(comparison: Comparison, columns: Sequence[_Column]) -> list[tuple[ArmR
 def summary_lines(comparison: Comparison) -> list[str]:
     """Return ``mc: 0.012 (0.0098..0.014)`` for each estimator, or why it was refused."""
     return [
-        f"{result.arm.label}: {result.refusal or _in_line(cell)}"
+        f"{result.arm.label}: {result.refusal.message if result.refusal else _in_line(cell)}"
         for result, (cell,) in _rows(comparison, [("", _mean)])
     ]
 
@@ -100,7 +100,7 @@ def note_lines(comparison: Comparison) -> list[str]:
     labels = [result.arm.label for result in comparison.arms]
     summaries = summarise_arms(comparison)
     lines = [
-        f"{result.arm.label} cannot take this problem: {result.refusal}"
+        f"{result.arm.label} cannot take this problem: {result.refusal.message}"
         for result in comparison.arms
         if result.refusal
     ]

@@ -165,8 +165,9 @@ def test_an_interactive_session_gets_the_reason_for_no_workers(tmp_path, how):
 def test_an_unguarded_script_gets_a_hint_about_the_guard(tmp_path):
     done = run_script(tmp_path, PROGRAM + "main()")
     assert done.returncode == 0
-    assert "WorkerDied" in done.stdout
+    assert done.stdout.count("UsageError worker processes import this script") == 2
     assert "__main__" in done.stdout
+    assert "Traceback" not in done.stderr
 
 
 def test_errors_survive_pickling():
