@@ -19,7 +19,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _build(scenario: Scenario) -> None:
-    from avrare.estimation.estimate import check_scenario  # builds no part unless it is asked to
+    from avrare.estimation.estimate_problem import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.stack.builder import try_stack
 
