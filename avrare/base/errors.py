@@ -10,6 +10,8 @@ import difflib
 from collections.abc import Iterable
 from enum import IntEnum
 
+from avrare.base.visible_text import spell_controls
+
 
 class ExitCode(IntEnum):
     """Exit codes of the command line."""
@@ -54,8 +56,8 @@ class AvrareError(Exception):
         return "\n".join(self.lines())
 
     def lines(self) -> list[str]:
-        """Return the lines to print on stderr."""
-        return [self.message] + ([f"hint: {self.hint}"] if self.hint else [])
+        """Return the lines to print on stderr, with control characters spelt out."""
+        return [*map(spell_controls, [self.message] + ([f"hint: {self.hint}"] if self.hint else []))]
 
 
 class HealthWarning(UserWarning):

@@ -9,12 +9,14 @@ from pathlib import Path
 
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
+from avrare.base.visible_text import spell_controls
 
 
 def print_warnings(warnings: Iterable[tuple[str, str | None]]) -> None:
     """Print (message, hint) pairs on stderr, each pair once."""
     for message, hint in dict.fromkeys(warnings):
-        print(f"warning: {message}" + (f"\nhint: {hint}" if hint else ""), file=sys.stderr)
+        text = f"warning: {message}" + (f"\nhint: {hint}" if hint else "")
+        print(spell_controls(text), file=sys.stderr)
 
 
 def write_file(path: Path | str, text: str, hint: str) -> None:

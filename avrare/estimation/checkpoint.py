@@ -24,18 +24,22 @@ import numpy as np
 
 from avrare.base.atomic_files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
 from avrare.base.errors import ExitCode, UsageError
+from avrare.base.stored_files import Arrays, parse_arrays, read_json
 from avrare.rollout.request import ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"
 INDEX = "checkpoint.json"
-SCHEMA = 1
+SCHEMA = 2
+"""Since 2 each chunk has a checksum; 1 is read."""
 SCENARIO = "scenario.yaml"
 _OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+)?")
 """Names of checkpoint files, and of temporary ones that a killed process has left."""
 _MAX_DIFFERENCES = 5
+_AFRESH = "start afresh in another folder"
 
 # Members of a chunk's file, beside ``ARRAYS`` and the counters.
 _KEY, _SECONDS, _STEPS, _EVERY, _MESSAGES = "key", "seconds", "simulated_steps", "every", "messages"
+_CHECKSUM = "checksum"
 _COUNT = "count."
 
 
@@ -51,6 +55,7 @@ class Checkpoint:
 
     folder: Path
     task: Mapping[str, Any]
+    sealed: bool = True  # each chunk has a checksum
 
     @staticmethod
     def open(folder: Path, task: Mapping[str, Any], about: Mapping[str, Any] | None = None) -> Checkpoint:
@@ -71,7 +76,7 @@ class Checkpoint:
                 f"{folder}: this checkpoint belongs to another estimate: {listed}",
                 "undo the change to resume, or choose another folder to start afresh",
             )
-        return Checkpoint(folder, wanted)
+        return Checkpoint(folder, wanted, sealed=stored is None or stored["schema"] != 1)
 
     def journal(self, name: str) -> FileJournal:
         """Return the journal of one of the estimates of the task."""
@@ -81,7 +86,7 @@ class Checkpoint:
             for temporary in folder.glob(".*.npz.*"):  # left by a killed process
                 temporary.unlink()
         owner = hashlib.sha256(json.dumps([self.task, name], sort_keys=True).encode()).hexdigest()[:32]
-        return FileJournal(folder, owner)
+        return FileJournal(folder, owner, self.sealed)
 
     @property
     def chunks(self) -> int:
@@ -119,6 +124,7 @@ class FileJournal:
 
     folder: Path
     owner: str  # identity of the estimate, part of every key
+    sealed: bool = True
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
         """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
@@ -128,7 +134,7 @@ class FileJournal:
                 return None
             content = path.read_bytes()
         try:
-            return decode(content, self._key(chunk))
+            return decode(content, self._key(chunk), self.sealed)
         except ValueError as error:
             hint = "remove this file: its rollouts are then run again"
             raise UsageError(f"{path}: {error}", hint) from None
@@ -145,7 +151,7 @@ class FileJournal:
         newest = max(self.folder.glob("*.npz"), default=None)
         try:
             return decode_seconds(newest.read_bytes()) if newest else 0.0
-        except (OSError, ValueError):  # reported when the chunk is read
+        except (OSError, ValueError, TypeError):  # reported when the chunk is read
             return 0.0
 
     def _path(self, stage: int, index: int) -> Path:
@@ -160,19 +166,17 @@ def _explain_folder_errors(folder: Path) -> AbstractContextManager[None]:
 
 
 def read_index(folder: Path) -> dict[str, Any] | None:
-    """Return ``task`` and ``about`` of the checkpoint in ``folder``, None where there is none."""
+    """Return ``schema``, ``task`` and ``about`` of a checkpoint in ``folder``, None where there is none."""
     path = folder / INDEX
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        schema, index = content["schema"], {key: dict(content[key]) for key in ("task", "about")}
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError):
-        raise UsageError(f"{path}: this is not a checkpoint", "start afresh in another folder") from None
-    if schema != SCHEMA:
-        raise UsageError(f"{path}: written by another version of avrare (schema {schema!r})")
+    with explain_file_errors(f"{path}: cannot be read"):
+        if not path.exists():
+            return None
+    index = read_json(path, _AFRESH)
+    if not all(isinstance(index.get(key), dict) for key in ("task", "about")):
+        raise UsageError(f"{path}: this is not a checkpoint", _AFRESH)
+    if index.get("schema") not in (1, SCHEMA):
+        text = f"{path}: written by another version of avrare (schema {index.get('schema')!r})"
+        raise UsageError(text, "resume with that version, or start afresh in another folder")
     return index
 
 
@@ -212,39 +216,75 @@ def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
         _EVERY: np.array(outcome.every),
         _MESSAGES: np.array(outcome.messages, dtype=np.str_),
     }
+    arrays[_CHECKSUM] = np.array(_checksum(arrays))
     content = io.BytesIO()
     np.savez(content, **arrays)
     return content.getvalue()
 
 
-def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
-    """Return outcome and seconds; ValueError if they are damaged or of another estimate or chunk."""
+def decode(content: bytes, key: str, sealed: bool = True) -> tuple[Rollouts, float]:
+    """Return outcome and seconds; ValueError if they are damaged or of another estimate or chunk.
+
+    Without ``sealed`` the checksum may be missing.
+    """
     arrays = _arrays(content)
-    try:
-        outcome = Rollouts(
-            **{name: arrays[name] for name in ARRAYS},
-            simulated_steps=int(arrays[_STEPS]),
-            every=int(arrays[_EVERY]),
-            counts={n.removeprefix(_COUNT): v for n, v in arrays.items() if n.startswith(_COUNT)},
-            messages=tuple(str(text) for text in arrays[_MESSAGES]),
-        )
-        found, seconds = str(arrays[_KEY]), float(arrays[_SECONDS])
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"not an outcome of rollouts: {error}") from None
-    if found != key:
+    missing = {*ARRAYS, _STEPS, _EVERY, _MESSAGES, _KEY, _SECONDS} - set(arrays)
+    if missing:
+        raise ValueError(f"damaged: {', '.join(sorted(missing))} is missing")
+    checksum = arrays.pop(_CHECKSUM, None)
+    if str(checksum) != _checksum(arrays) and (sealed or checksum is not None):
+        raise ValueError("damaged: its checksum does not fit")
+    counts = {name.removeprefix(_COUNT): v for name, v in arrays.items() if name.startswith(_COUNT)}
+    _check_types(arrays, counts)
+    if str(arrays[_KEY]) != key:
         raise ValueError("the chunk belongs to another estimate")
-    return outcome, seconds
+    fields: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
+    outcome = Rollouts(
+        **fields,
+        simulated_steps=int(arrays[_STEPS]),
+        every=int(arrays[_EVERY]),
+        counts=counts,
+        messages=tuple(str(text) for text in arrays[_MESSAGES]),
+    )
+    return outcome, float(arrays[_SECONDS])
 
 
 def decode_seconds(content: bytes) -> float:
     """Return only the seconds, 0 where they are missing; ValueError if the bytes are damaged."""
-    arrays = _arrays(content)
-    return float(arrays[_SECONDS]) if _SECONDS in arrays else 0.0
+    return float(_arrays(content).get(_SECONDS, 0.0))
 
 
-def _arrays(content: bytes) -> dict[str, Any]:
+_TYPES = {
+    "robustness": ("float64", 2), "violated": ("bool", 2), "error": ("bool", 1), "scores": ("float64", 2),
+    "log_weight": ("float64", 1), _STEPS: ("int64", 0), _EVERY: ("int64", 0), _SECONDS: ("float64", 0),
+}  # fmt: skip
+"""Type and rank of an array."""
+
+
+def _check_types(arrays: Arrays, counts: Arrays) -> None:
+    for name, (dtype, rank) in _TYPES.items():
+        if (str(arrays[name].dtype), arrays[name].ndim) != (dtype, rank):
+            raise ValueError(f"damaged: {name} has type {arrays[name].dtype} and shape {arrays[name].shape}")
+    rows = len(arrays["error"])
+    fits = arrays["robustness"].shape == arrays["violated"].shape
+    fits &= len(arrays["robustness"]) == len(arrays["scores"]) == rows
+    fits &= len(arrays["log_weight"]) in (0, rows)
+    fits &= all(values.dtype.kind in "iu" and values.shape == (rows,) for values in counts.values())
+    fits &= arrays[_MESSAGES].dtype.kind == "U" and arrays[_MESSAGES].ndim == 1
+    if not fits or not 0.0 <= float(arrays[_SECONDS]) < np.inf:
+        raise ValueError("damaged: its arrays do not fit each other")
+
+
+def _checksum(arrays: Mapping[str, Any]) -> str:
+    hashed = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        hashed.update(f"{name} {array.dtype.str} {arrays[name].shape} ".encode() + array.tobytes())
+    return hashed.hexdigest()
+
+
+def _arrays(content: bytes) -> Arrays:
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except Exception as error:  # zipfile and NumPy raise many kinds of errors for a damaged file
-        raise ValueError(f"damaged: {' '.join(str(error).split())}") from None
+        return parse_arrays(content)
+    except ValueError as error:
+        raise ValueError(f"damaged: {error}") from None

@@ -177,11 +177,18 @@ class _Loop:
             if found is None:
                 return
             outcome, seconds = found
+            self._check_shape(f"{stage:06d}-{index:06d}", chunk, outcome)
             # A law that was learnt again may differ: check each stage that draws under one.
             if index == 0 and (stage == 0 or chunk.law is not None):
                 check_reproduces(self.work, chunk, outcome)
             self.began = time.perf_counter() - seconds
             yield outcome
+
+    def _check_shape(self, name: str, chunk: Request, outcome: Rollouts) -> None:
+        wanted = (chunk.rows, len(self.plan.names)), self.plan.steps + 1 if self.work.scored else 0
+        if (outcome.robustness.shape, outcome.scores.shape[1]) != wanted:
+            hint = "remove this file: its rollouts are then run again"
+            raise UsageError(f"{name}.npz of the checkpoint is damaged: it is of another shape", hint)
 
     def _out_of_time(self, info: Info) -> bool:
         budget = self.plan.budget

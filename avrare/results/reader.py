@@ -5,10 +5,7 @@ Whatever cannot be read raises ``UsageError``; missing provenance, failures and 
 
 from __future__ import annotations
 
-import json
 import shlex
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
+from avrare.base.stored_files import read_arrays, read_json
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.estimation.result import Failures, Worst
 
@@ -114,7 +112,7 @@ class RunFolder:
     def provenance(self) -> Provenance:
         """Content of provenance.json."""
         file = self.path / "provenance.json"
-        content = read_json(file) if file.is_file() else {}
+        content = read_json(file, RUN_AGAIN) if file.is_file() else {}
         budget, python, command = (content.get(key) for key in ("budget", "python", "command"))
         return Provenance(
             command=tuple(map(str, command)) if isinstance(command, list) else (),
@@ -195,7 +193,7 @@ def read_run_folder(path: Path) -> RunFolder:
         raise UsageError(
             f"{path}: no result.json in it", hint or "give the folder that `avrare run --out` has written"
         )
-    content = read_json(file)
+    content = read_json(file, RUN_AGAIN)
     if not {"scenario", "estimates", "fingerprint", "seed", "versions"} <= set(content):
         raise UsageError(f"{file}: this is not a result of avrare run", RUN_AGAIN)
     try:
@@ -209,7 +207,7 @@ def read_run_folder(path: Path) -> RunFolder:
 
 def read_versions(path: Path) -> dict[str, str]:
     """Return the versions with which a run was made; nothing else in its result.json is checked."""
-    versions = read_json(path / "result.json").get("versions")
+    versions = read_json(path / "result.json", RUN_AGAIN).get("versions")
     if not isinstance(versions, dict):
         raise UsageError(f"{path / 'result.json'}: cannot be read: it names no versions", RUN_AGAIN)
     return {str(name): str(version) for name, version in versions.items()}
@@ -232,17 +230,6 @@ def _date(text: Any) -> datetime | None:
         return None
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a file that holds a JSON object."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: cannot be read: {error}", RUN_AGAIN) from None
-    if not isinstance(content, dict):
-        raise UsageError(f"{path}: this is not a JSON object", RUN_AGAIN)
-    return content
-
-
 def read_failures(folder: Path) -> dict[str, Failures]:
     """Return the stored failures of each specification; empty where nothing failed."""
     return _read(folder / FAILURES_FILE, FAILURE_FIELDS, _to_failures)
@@ -254,7 +241,7 @@ def read_rollouts(folder: Path) -> dict[str, RolloutSample]:
 
 
 def _read(path: Path, fields: Sequence[str], convert: Callable[..., _Stored | None]) -> dict[str, _Stored]:
-    arrays, suffix, found = read_arrays(path) if path.exists() else {}, f".{fields[0]}", {}
+    arrays, suffix, found = read_arrays(path, RUN_AGAIN) if path.exists() else {}, f".{fields[0]}", {}
     for name in [key.removesuffix(suffix) for key in arrays if key.endswith(suffix)]:
         stored = convert(*(arrays.get(f"{name}.{field}", np.array("missing")) for field in fields))
         if stored is None:
@@ -264,9 +251,9 @@ def _read(path: Path, fields: Sequence[str], convert: Callable[..., _Stored | No
 
 
 def _to_failures(noise: NDArray[Any], robustness: NDArray[Any], count: NDArray[Any]) -> Failures | None:
-    kinds = [array.dtype.kind for array in (noise, robustness, count)]
     fit = noise.ndim == 3 and robustness.shape == noise.shape[:1] and count.shape == ()
-    valid = fit and len(noise) and kinds == ["f", "f", "i"] and np.isfinite(noise).all()
+    types = noise.dtype == robustness.dtype == np.float64 and count.dtype.kind == "i"
+    valid = fit and types and len(noise) and np.isfinite(noise).all() and not np.isnan(robustness).any()
     return Failures(noise, robustness, int(count)) if valid else None
 
 
@@ -298,18 +285,3 @@ def select_failure(
         hint = f"it has {count} failures, numbered from 0"
         raise UsageError(f"{folder}: {name} has no failure {index}", hint)
     return name, int(np.argmin(stored[name].robustness)) if index is None else index
-
-
-def read_arrays(path: Path, hint: str = RUN_AGAIN) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an npz file; nothing is ever unpickled."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {str(name): np.asarray(stored[name]) for name in stored}
-    except (
-        OSError, ValueError, KeyError, TypeError, EOFError, MemoryError, RuntimeError,
-        zipfile.BadZipFile, zlib.error,
-    ) as error:  # fmt: skip
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        if "pickle" in reason:  # NumPy's advice is to trust the file
-            reason = "it holds something else than arrays"
-        raise UsageError(f"{path}: cannot be read: {reason}", hint) from None

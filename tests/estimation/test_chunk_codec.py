@@ -1,8 +1,11 @@
 """Outcomes as bytes: the same come back, or none."""
 
+import io
+
 import numpy as np
 import pytest
 
+import damage
 from avrare.estimation.checkpoint import decode, decode_seconds, digest, encode
 from avrare.rollout.request import Request, Rollouts
 
@@ -87,3 +90,37 @@ def test_the_digest_distinguishes_requests():
     ]  # fmt: skip
     assert len({digest(one) for one in others}) == len(others)
     assert digest(request()) == digest(request())
+
+
+def refused(content):
+    try:
+        decode(content, "key")
+    except ValueError as error:
+        return "damaged" in str(error)
+    return False
+
+
+def test_arrays_of_another_shape_type_or_value_are_refused():
+    """The sums of the file fit: it was written anew, with one array changed."""
+    content, random = encode(OUTCOME, "key", 1.25), np.random.default_rng(25)
+    for seed in range(300):
+        changed = damage.damage_arrays(content, random)
+        try:
+            outcome, seconds = decode(changed, "key")
+        except ValueError:
+            continue
+        assert same(outcome, OUTCOME), seed
+        assert seconds == 1.25, seed
+
+
+def test_a_changed_number_is_refused_though_all_types_fit():
+    with np.load(io.BytesIO(encode(OUTCOME, "key", 1.25))) as file:
+        arrays = dict(file)
+    arrays["robustness"] = arrays["robustness"] + 1e-9
+    changed, unsealed = io.BytesIO(), io.BytesIO()
+    np.savez(changed, **arrays)
+    del arrays["checksum"]
+    np.savez(unsealed, **arrays)
+    assert refused(changed.getvalue())
+    assert refused(unsealed.getvalue())
+    assert decode(unsealed.getvalue(), "key", sealed=False)[1] == 1.25  # of the first release

@@ -9,7 +9,7 @@ from rich.console import Console
 import avrare
 from avrare.base.number_format import format_probability
 from avrare.estimation.plan import Info
-from avrare.report.terminal.console import print_table
+from avrare.report.terminal.console import make_console, make_table, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import blind_lines, note_lines, result_table
 
@@ -105,3 +105,18 @@ def test_worst_is_the_least_robust(problem):
     result = avrare.estimate(problem, "mc", rollouts=200, seed=1)
     assert result.worst.robustness == np.nanmin(result.robustness)
     assert problem.robustness(result.worst.noise[None])[0] == result.worst.robustness
+
+
+@pytest.mark.parametrize("mode", ["plain", "auto"])
+def test_a_name_cannot_command_the_terminal(mode, capsys):
+    console = make_console(mode)
+    table = make_table("title \x1b[2J", ["name"])
+    table.add_row("\x1b[31mred")
+    print_table(console, table)
+    print_lines(console, ["\x1b]0;owned\x07", "\ttab"])
+    print("\n".join(avrare.UsageError("bad \x1b[31mname", "\x9b1m").lines()))
+    out = capsys.readouterr().out
+    for text in ("\x1b[31m", "\x1b[2J", "\x1b]", "\x07", "\x9b"):
+        assert text not in out
+    for text in ("\\x1b[2J", "\\x1b[31", "\\x1b]0;owned", "bad \\x1b[31mname", "\\x9b1m"):
+        assert text in out

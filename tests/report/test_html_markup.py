@@ -15,6 +15,11 @@ def test_text_and_attributes_are_escaped_and_markup_is_not():
     assert isinstance(found, Markup)
 
 
+def test_a_name_cannot_command_a_terminal_or_turn_the_text_around():
+    found = tag("p", "\x1b[31mred\u202e\n", title="\x07")
+    assert found == '<p title="\\x07">\\x1b[31mred\\u202e\n</p>'
+
+
 def test_no_text_ends_a_block_of_data():
     block = json_block({"name": "</script><script>alert(1)"})
     assert block.count("<") == 2

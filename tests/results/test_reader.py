@@ -6,8 +6,10 @@ import zlib
 import numpy as np
 import pytest
 
+from avrare.base import stored_files
 from avrare.base.errors import UsageError
-from avrare.results.reader import read_arrays, read_failures, read_json, read_rollouts, read_run_folder
+from avrare.base.stored_files import read_arrays, read_json
+from avrare.results.reader import read_failures, read_rollouts, read_run_folder
 
 ESTIMATE = {
     "specification": "left", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.05],
@@ -46,7 +48,7 @@ def test_a_result_without_estimates(tmp_path):
 def test_very_deeply_nested_json_is_refused(tmp_path):
     (tmp_path / "x.json").write_text("[" * 100_000)
     with pytest.raises(UsageError, match="cannot be read"):
-        read_json(tmp_path / "x.json")
+        read_json(tmp_path / "x.json", "remove it")
 
 
 def test_any_damaged_byte_of_an_archive_is_reported_or_harmless(tmp_path):
@@ -60,14 +62,14 @@ def test_any_damaged_byte_of_an_archive_is_reported_or_harmless(tmp_path):
         except UsageError as error:
             told.append(error)
     assert {error.hint for error in told} == {"remove it"}
-    assert zlib.error in {type(error.__context__) for error in told}
+    assert zlib.error in {type(error.__cause__.__cause__) for error in told}
 
 
 def test_a_single_array_is_not_an_archive(tmp_path):
     with (tmp_path / "x.npz").open("wb") as file:
         np.save(file, np.zeros(3))
     with pytest.raises(UsageError, match=r"x\.npz: cannot be read"):
-        read_arrays(tmp_path / "x.npz")
+        read_arrays(tmp_path / "x.npz", "remove it")
 
 
 @pytest.mark.parametrize(
@@ -117,3 +119,21 @@ def test_the_hint_on_a_run_that_is_not_finished_names_its_folder(tmp_path):
     with pytest.raises(UsageError) as caught:
         read_run_folder(tmp_path / "my run")
     assert f"avrare run --resume '{tmp_path}/my run' resumes it" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "text", ['{"a": ' + "[" * 70 + "]" * 70 + "}", '{"a": "\\ud800"}', '{"a": 1' + "0" * 5000 + "}"]
+)
+def test_what_could_not_be_copied_or_written_again_is_refused(tmp_path, text):
+    (tmp_path / "x.json").write_text(text)
+    with pytest.raises(UsageError, match=r"x\.json: cannot be read"):
+        read_json(tmp_path / "x.json", "remove it")
+
+
+def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(stored_files, "_MOST_EXPANDED", 2**20)
+    np.savez_compressed(tmp_path / "bomb.npz", a=np.zeros(2**20))
+    with pytest.raises(UsageError, match="would expand to"):
+        read_arrays(tmp_path / "bomb.npz", "remove it")
+    np.savez(tmp_path / "large.npz", a=np.zeros(2**20))
+    assert read_arrays(tmp_path / "large.npz", "remove it")["a"].shape == (2**20,)

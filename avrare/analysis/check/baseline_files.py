@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
 from avrare.analysis.check.confidence_distributions import (
     ConfidenceDistribution,
     decode_distribution,
@@ -22,6 +24,7 @@ from avrare.analysis.check.confidence_distributions import (
 )
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
+from avrare.base.stored_files import read_json
 from avrare.estimation.result import Result, finite
 from avrare.results.run_folder import provenance
 from avrare.scenario.fingerprint import digests, fingerprint
@@ -58,6 +61,46 @@ class BaselineEntry:
         )  # fmt: skip
 
 
+class _StoredEntry(BaseModel):
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    specification: str
+    probability: float = Field(ge=0.0, le=1.0)
+    evidence: dict[str, Any]
+    relative_error: float | None
+    rollouts: int = Field(ge=1)
+    simulated_steps: int = Field(ge=0)
+    seconds: float = Field(ge=0.0)
+    health: list[str]
+    relation: str
+
+    def entry(self) -> BaselineEntry:
+        error = float("nan") if self.relative_error is None else self.relative_error
+        return BaselineEntry(
+            self.specification, self.probability, decode_distribution(self.evidence), error,
+            self.rollouts, self.simulated_steps, self.seconds, tuple(self.health), self.relation,
+        )  # fmt: skip
+
+
+class _StoredBaseline(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    schema_: int = Field(alias="schema")
+    estimates: list[_StoredEntry]
+    resolved: dict[str, Any]
+    versions: dict[str, str]
+    commit: str | None
+    files: dict[str, str] = {}
+
+    @field_validator("resolved")
+    @classmethod
+    def _has_specifications(cls, resolved: dict[str, Any]) -> dict[str, Any]:
+        named = resolved.get("specifications")
+        if not isinstance(named, dict) or not all(isinstance(one, dict) for one in named.values()):
+            raise ValueError("it holds no specifications")
+        return resolved
+
+
 @dataclass(frozen=True)
 class Baseline:
     """Saved run."""
@@ -83,18 +126,20 @@ def read_newest(folder: Path) -> Baseline | None:
 
 def read(path: Path) -> Baseline:
     """Read one baseline; UsageError if it cannot be read."""
+    content = read_json(path, _HINT)
+    if content.get("schema", SCHEMA) != SCHEMA:
+        text = f"{path}: has schema {content['schema']!r}, this avrare reads schema {SCHEMA}"
+        raise UsageError(text, _HINT)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["schema"] != SCHEMA:
-            raise UsageError(f"has schema {content['schema']!r}, this avrare reads schema {SCHEMA}")
-        entries = {entry["specification"]: _decode_entry(entry) for entry in content["estimates"]}
-        resolved, versions = dict(content["resolved"]), dict(content["versions"])
-        return Baseline(path, resolved, versions, content["commit"], entries, dict(content.get("files", {})))
+        stored = _StoredBaseline.model_validate(content)
+        entries = {one.specification: one.entry() for one in stored.estimates}
+    except ValidationError as error:
+        first = error.errors()[0]
+        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise UsageError(f"{path}: not a baseline that can be read: {reason}", _HINT) from None
     except UsageError as error:
         raise UsageError(f"{path}: {error.message}", _HINT) from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise UsageError(f"{path}: not a baseline that can be read: {reason}", _HINT) from None
+    return Baseline(path, stored.resolved, stored.versions, stored.commit, entries, stored.files)
 
 
 def save(folder: Path, scenario: Scenario, results: Sequence[Result]) -> Path:
@@ -133,16 +178,6 @@ def _encode_result(result: Result) -> dict[str, Any]:
     }
     del content["distribution"]
     return dict(finite(content))
-
-
-def _decode_entry(content: Mapping[str, Any]) -> BaselineEntry:
-    error = content["relative_error"]
-    return BaselineEntry(
-        str(content["specification"]), float(content["probability"]),
-        decode_distribution(content["evidence"]), float("nan") if error is None else float(error),
-        int(content["rollouts"]), int(content["simulated_steps"]), float(content["seconds"]),
-        tuple(content["health"]), str(content["relation"]),
-    )  # fmt: skip
 
 
 def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specifications: list[str]) -> list[str]:

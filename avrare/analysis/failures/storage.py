@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from avrare.analysis.failures.failure import Failure
 from avrare.base.atomic_files import explain_file_errors, write_atomic
 from avrare.base.errors import UsageError
-from avrare.results.reader import read_arrays
+from avrare.base.stored_files import parse_json, read_arrays
+from avrare.base.visible_text import spell_controls
 
 PREFIX = "avrare1."
 """Start of every blob: the format version, without a dash so that no parser takes it for an option."""
@@ -28,8 +29,6 @@ PREFIX = "avrare1."
 _MAX_BYTES = 2**28
 _DTYPES = {"noise": "<f8", "checksums": "<u4", "values": "<f4"}
 _AXES = {"noise": 2, "checksums": 1, "values": 2}
-_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160))}
-"""Control characters, which a terminal would obey."""
 _ID = re.compile(r"[0-9a-f]{1,8}")
 _HINT = "copy all of it, or write it to a file and give --blob @FILE"
 
@@ -196,16 +195,13 @@ def _from_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) 
 
 def _read_header(content: bytes | str) -> dict[str, Any]:
     try:
-        header = json.loads(content)
-    except (ValueError, RecursionError):
-        header = None
-    if not isinstance(header, dict):
-        raise _CorruptFailureError("unreadable header")
-    return header
+        return parse_json(content)
+    except ValueError as error:
+        raise _CorruptFailureError(f"unreadable header: {error}") from None
 
 
 def _escape(value: Any) -> str:
-    return str(value).translate(_ESCAPES)
+    return spell_controls(str(value)).replace("\n", "\\x0a").replace("\t", "\\x09")
 
 
 def _read_shape(header: Mapping[str, Any], name: str) -> tuple[int, ...]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
 from typing import Any
+
+from pydantic import TypeAdapter
 
 from avrare.results.reader import RunFolder, StoredEstimate, read_run_folder
 
@@ -39,15 +41,31 @@ class HistoryEntry:
     health: str  # names of the warnings, separated by commas
     verdict: str  # "pass", "fail", "inconclusive", or empty
 
+    @staticmethod
+    def from_row(row: Sequence[Any]) -> HistoryEntry:
+        """Return the entry in a row of the database; ValueError if a value cannot be one."""
+        found = TypeAdapter(HistoryEntry).validate_python(dict(zip(FIELDS, row, strict=True)))
+        datetime.fromisoformat(found.written)
+        if not all(0.0 <= one <= 1.0 for one in (found.probability, found.low, found.high, found.confidence)):
+            raise ValueError("a probability is not between 0 and 1")
+        if found.verdict not in ("", "pass", "fail", "inconclusive"):
+            raise ValueError(f"verdict {found.verdict!r} is unknown")
+        return found
+
     @property
     def when(self) -> datetime:
         """Time of the run as a datetime."""
-        return datetime.fromisoformat(self.written)
+        found = datetime.fromisoformat(self.written)
+        return found if found.tzinfo else found.replace(tzinfo=UTC)
 
     @property
     def commit(self) -> str:
         """Short commit, with a star for uncommitted changes."""
         return f"{self.revision[:10] or 'no commit'}{'*' if self.changed else ''}"
+
+
+FIELDS = tuple(one.name for one in fields(HistoryEntry))
+"""Columns of the database."""
 
 
 def read_entries(folder: Path) -> list[HistoryEntry]:

@@ -9,12 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from avrare.analysis.history.entry import HistoryEntry
+from avrare.analysis.history.entry import FIELDS, HistoryEntry
 from avrare.base.errors import PluginError, UsageError
 
 DEFAULT = ".avrare/history.sqlite"
 _TABLE = "avrare_history"
-_NAMES = [one.name for one in fields(HistoryEntry)]
 _COLUMN_TYPES = {"str": "VARCHAR(255)", "int": "BIGINT", "float": "DOUBLE PRECISION", "bool": "INTEGER"}
 _LOCK_TIMEOUT = 30.0
 """Seconds to wait for another process that is writing."""
@@ -47,8 +46,8 @@ class HistoryStore:
 
     def add(self, entries: Sequence[HistoryEntry]) -> int:
         """Add the entries that are not stored yet and return their number."""
-        places = ", ".join(f":{name}" for name in _NAMES)
-        statement = f"INSERT INTO {_TABLE} ({', '.join(_NAMES)}) VALUES ({places})"
+        places = ", ".join(f":{name}" for name in FIELDS)
+        statement = f"INSERT INTO {_TABLE} ({', '.join(FIELDS)}) VALUES ({places})"
         return sum(
             self._connection.insert(statement, vars(entry) | {"changed": int(entry.changed)})
             for entry in entries
@@ -57,12 +56,19 @@ class HistoryStore:
 
     def read(self, scenario: str | None = None) -> list[HistoryEntry]:
         """Return the entries of a scenario, or of all."""
-        statement = f"SELECT {', '.join(_NAMES)} FROM {_TABLE}"
+        statement = f"SELECT {', '.join(FIELDS)} FROM {_TABLE}"
         if scenario is not None:
             statement += " WHERE scenario = :scenario"
         rows = self._connection.run(statement, {"scenario": scenario} if scenario is not None else {})
-        found = [dict(zip(_NAMES, row, strict=True)) for row in rows]
-        return [HistoryEntry(**{**row, "changed": bool(row["changed"])}) for row in found]
+        return [self._entry(row) for row in rows]
+
+    def _entry(self, row: Sequence[Any]) -> HistoryEntry:
+        try:
+            return HistoryEntry.from_row(row)
+        except ValueError as error:
+            reason = " ".join(str(error).split())[:200]
+            text = f"{self.location}: entry {str(row[0])[:32]!r} is damaged: {reason}"
+            raise UsageError(text, "restore the history, or add its runs to a new one") from None
 
     def scenarios(self) -> list[str]:
         """Return the names of all scenarios."""
@@ -86,7 +92,7 @@ class _SqliteConnection:
     def run(self, statement: str, values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
         try:
             return self._database.execute(statement, dict(values)).fetchall()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeError, OverflowError) as error:
             raise UsageError(f"{self.path}: {error}", "is this a history file of avrare?") from None
 
     def create_table(self, statement: str) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from html import escape
 from typing import Any
 
+from avrare.base.visible_text import spell_controls
+
 _VOID = frozenset({"br", "hr", "img", "input", "meta", "line", "path", "rect", "wbr"})
 
 
@@ -39,11 +41,15 @@ def json_block(content: Any) -> Markup:
     return Markup(f'<script type="application/json">{text.replace("<", chr(92) + "u003c")}</script>')
 
 
+def _escape(value: Any) -> str:
+    return escape(spell_controls(str(value)))
+
+
 def _format_attribute(key: str, value: Any) -> str:
     if value is None or value is False:
         return ""
     name = key.rstrip("_").replace("_", "-")
-    return f" {name}" if value is True else f' {name}="{escape(str(value))}"'
+    return f" {name}" if value is True else f' {name}="{_escape(value)}"'
 
 
 def _format_child(child: Any) -> str:
@@ -51,4 +57,4 @@ def _format_child(child: Any) -> str:
         return ""
     if isinstance(child, Markup):
         return child
-    return escape(str(child)) if isinstance(child, (str, int, float)) else join(child)
+    return _escape(child) if isinstance(child, (str, int, float)) else join(child)

@@ -6,9 +6,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
+from rich.segment import Segment
 from rich.table import Table
+
+from avrare.base.visible_text import spell_controls
 
 Mode = Literal["auto", "plain", "quiet"]
 VERDICT_COLOURS = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
@@ -18,8 +21,16 @@ _MAX_WIDTH = 10_000
 def make_console(mode: Mode) -> Console:
     """Return a console on stdout; in plain mode without colours on any terminal."""
     if mode == "plain":
-        return Console(soft_wrap=True, highlight=False, color_system=None, force_terminal=False)
-    return Console(soft_wrap=True, highlight=False)
+        return _Console(soft_wrap=True, highlight=False, color_system=None, force_terminal=False)
+    return _Console(soft_wrap=True, highlight=False)
+
+
+class _Console(Console):
+    """Console on which a name from a file cannot command the terminal."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(spell_controls(segment.text), segment.style)
 
 
 def make_table(

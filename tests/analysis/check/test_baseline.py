@@ -50,11 +50,14 @@ def test_the_default_folder_is_next_to_the_scenario(scenario, tmp_path):
 @pytest.mark.parametrize(
     ("break_it", "message"),
     [
-        (lambda text: text[:40], "not a baseline that can be read"),
-        (lambda text: "[]", "not a baseline"),
+        (lambda text: text[:40], "cannot be read: "),
+        (lambda text: "[]", "not a JSON object"),
         (lambda text: text.replace('"schema": 1', '"schema": 2'), "has schema 2"),
         (lambda text: text.replace('"law": "binomial"', '"law": "levy"'), "not an estimate"),
-        (lambda text: json.dumps({**json.loads(text), "estimates": [{}]}), "'specification' is missing"),
+        (
+            lambda text: json.dumps({**json.loads(text), "estimates": [{}]}),
+            r"estimates\.0\.specification: Field",
+        ),
     ],
 )
 def test_a_damaged_file_is_refused_with_its_name(scenario, estimate, tmp_path, break_it, message):

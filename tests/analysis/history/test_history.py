@@ -278,3 +278,27 @@ def test_names_with_markup_and_formulas_can_be_plotted(write, told):
     code, out, _ = told()
     assert (code, "[/x] $\\foo$" in out) == (0, True)
     assert told("--plot", "trend.png")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("written", "'2026-99-99'"), ("probability", "'high'"), ("high", "1.5"), ("verdict", "'red'"),
+        ("rollouts", "2.5"), ("scenario", "CAST(x'fffe' AS TEXT)"), ("health", "x'fffe'"),
+    ],
+)  # fmt: skip
+def test_a_damaged_entry_is_named(write, told, column, value):
+    assert told("add", write(1))[0] == 0
+    with sqlite3.connect(".avrare/history.sqlite") as database:
+        database.execute(f"UPDATE avrare_history SET {column} = {value}")
+    code, _, err = told()
+    assert code == 4
+    assert ".avrare/history.sqlite: " in err
+
+
+def test_a_time_without_a_zone_is_read_as_universal_time(write, told):
+    for day in (1, 2):
+        assert told("add", write(day))[0] == 0
+    with sqlite3.connect(".avrare/history.sqlite") as database:
+        database.execute("UPDATE avrare_history SET written = '2026-09-23T12:00:00' WHERE rowid = 1")
+    assert told("drive")[0] == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
+from avrare.base.stored_files import parse_arrays
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -66,11 +66,10 @@ def load(path: Path) -> Network:
         UsageError: The file was not written by ``save``.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return _assemble(path, {name: file[name] for name in file.files})
+        return _assemble(path, parse_arrays(path.read_bytes()))
     except KeyError as error:
         raise UsageError(f"{path}: not a policy: {error.args[0]!r} is missing") from None
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, OSError, TypeError, LookupError, ArithmeticError) as error:
         raise UsageError(f"{path}: not a policy: {error}") from None
 
 

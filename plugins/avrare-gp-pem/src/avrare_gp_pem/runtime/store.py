@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.stored_files import parse_arrays
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
 from avrare_gp_pem.runtime.networks import Networks, networks
@@ -60,8 +61,7 @@ def load(path: Path) -> FittedPem:
         UsageError: The file was not written by ``save``.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = parse_arrays(path.read_bytes())
         version = int(arrays["format"])
         if version not in (1, FORMAT):
             raise UsageError(f"{path}: model format {version}, this version reads 1 and {FORMAT}")

@@ -1,0 +1,101 @@
+"""Strict readers of JSON and npz files, which may be damaged or of a stranger.
+
+Bounded in size and depth, nothing is ever unpickled. ``parse_...`` raise ``ValueError``, ``read_...`` say
+which file it is.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+
+Arrays = dict[str, NDArray[Any]]
+_Content = TypeVar("_Content")
+_MOST_JSON = 2**26
+"""Bytes of a JSON file."""
+_MOST_DEPTH = 64
+"""Levels of lists and objects: what is deeper cannot be copied or written again."""
+_MOST_EXPANDED = 2**30
+"""Bytes to which a small npz file may expand."""
+_KINDS = "biufU"
+
+
+def read_json(path: Path, hint: str) -> dict[str, Any]:
+    """Read a file that holds a JSON object."""
+    return _explained(path, hint, lambda: parse_json(_read(path, _MOST_JSON)))
+
+
+def read_arrays(path: Path, hint: str) -> Arrays:
+    """Read all arrays of an npz file."""
+    return _explained(path, hint, lambda: parse_arrays(path.read_bytes()))
+
+
+def parse_json(content: bytes | str) -> dict[str, Any]:
+    """Return the JSON object in ``content``."""
+    text = content if isinstance(content, str) else content.decode("utf-8")
+    try:
+        found = json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if not isinstance(found, dict):
+        raise ValueError("this is not a JSON object")
+    level: list[Any] = [found]
+    for _ in range(_MOST_DEPTH):
+        level = [
+            child
+            for one in level
+            if isinstance(one, (dict, list))
+            for child in (one.values() if isinstance(one, dict) else one)
+        ]
+    if level:
+        raise ValueError(f"it is nested more than {_MOST_DEPTH} levels deep")
+    if "\\u" in text:  # half of a surrogate pair cannot be written again
+        json.dumps(found, ensure_ascii=False).encode()
+    return found
+
+
+def parse_arrays(content: bytes) -> Arrays:
+    """Return the arrays of an npz file: of numbers, truth values and texts."""
+    if not zipfile.is_zipfile(io.BytesIO(content)):
+        raise ValueError("it holds something else than arrays, or is cut short")
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            expanded = sum(member.file_size for member in archive.infolist())
+        if expanded > max(_MOST_EXPANDED, 4 * len(content)):
+            raise ValueError(f"it would expand to {expanded / 2**30:.1f} GiB")
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            arrays = {str(name): np.asarray(file[name]) for name in file.files}
+    except Exception as error:  # zipfile and NumPy raise many kinds of errors for a damaged file
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        # NumPy's advice is to trust the file
+        reason = "it holds something else than arrays" if "pickle" in reason else reason
+        raise ValueError(reason) from error
+    for name, array in arrays.items():
+        if array.dtype.kind not in _KINDS:
+            raise ValueError(f"{name} is of type {array.dtype}")
+    return arrays
+
+
+def _read(path: Path, most: int) -> bytes:
+    with path.open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f"it is larger than {most / 2**20:.0f} MiB")
+    return content
+
+
+def _explained(path: Path, hint: str, read: Callable[[], _Content]) -> _Content:
+    try:
+        return read()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise UsageError(f"{path}: cannot be read: {reason}", hint) from error

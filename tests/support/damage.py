@@ -1,0 +1,125 @@
+"""Damage to files that a disk or a stranger may have done: seeded mutations of JSON, npz and SQLite files."""
+
+import copy
+import io
+import json
+import sqlite3
+
+import numpy as np
+
+DEEP = "deep"
+JSON_VALUES = [
+    None, {}, [], "", "x", -1, 0, 3, 1e308, -0.5, True, float("nan"), float("inf"), 10**400, "[bold red]",
+    "\x1b[31mred\x1b[0m", "<script>alert(1)</script>", "\ud800", "../../up", [[]],
+    {"a": 1}, "2026-99-99", DEEP,
+]  # fmt: skip
+
+
+def damage_json(content, random):
+    """Replace, remove or repeat one value of a JSON file; or damage its bytes."""
+    if random.random() < 0.2:
+        return damage_bytes(content, random)
+    tree = copy.deepcopy(json.loads(content))
+    places = list(_places(tree))
+    parent, key = places[random.integers(len(places))]
+    what = random.integers(10)
+    if what == 0:
+        del parent[key]
+    elif what == 1 and isinstance(parent, dict):
+        parent[str(random.integers(100))] = parent.pop(key)
+    else:
+        parent[key] = JSON_VALUES[random.integers(len(JSON_VALUES))]
+    text = json.dumps(tree)
+    return text.replace('"deep"', "[" * 900 + "]" * 900 if random.random() < 0.5 else "[" * 99_999).encode()
+
+
+def _places(tree):
+    for key in list(tree) if isinstance(tree, dict) else range(len(tree)):
+        yield tree, key
+        if isinstance(tree[key], (dict, list)):
+            yield from _places(tree[key])
+
+
+def damage_arrays(content, random):
+    """Change rank, length, type or numbers of one array of an npz file, with sums that fit; or its bytes."""
+    if random.random() < 0.2:
+        return damage_bytes(content, random)
+    with np.load(io.BytesIO(content)) as file:
+        arrays = dict(file)
+    names = list(arrays)
+    name = names[random.integers(len(names))]
+    array = arrays[name]
+    flat = array.reshape(-1)
+    other = names[random.integers(len(names))]
+    number = array.dtype.kind in "fiu" and flat.size
+    changes = [
+        lambda: array[None], lambda: flat, lambda: flat[:-1], lambda: np.concatenate([flat, flat]),
+        lambda: np.array(7), lambda: np.array("text"), lambda: array.astype("U8"), lambda: arrays[other],
+        lambda: np.zeros(0), lambda: np.zeros((0, 5, 0)), lambda: array.astype(bool),
+        lambda: array.astype(np.float32) if number else array[..., None],
+        lambda: np.full_like(array, np.nan) if array.dtype.kind == "f" else array[..., None],
+        lambda: array + 1 if number else np.array(["\x1b[31m"]), lambda: np.array(b"bytes"),
+        lambda: np.array("[" * 99_999), lambda: np.array("{}"), lambda: np.array([object()]),
+        lambda: array.astype(complex) if number else np.array("null"),
+        lambda: np.full((), 2**62), lambda: np.full((), -(2**40)),
+        lambda: np.zeros(3, dtype=[("a", "f8")]), lambda: _nudged(array) if number else np.array(1.5),
+    ]  # fmt: skip
+    if random.random() < 0.1:
+        del arrays[name]
+    else:
+        arrays[name] = changes[random.integers(len(changes))]()
+    changed = io.BytesIO()
+    np.savez(changed, **arrays)
+    return changed.getvalue()
+
+
+def _nudged(array):
+    changed = array.copy()
+    changed.reshape(-1)[0] += 1
+    return changed
+
+
+def damage_history(content, random, path):
+    """Put a wrong value into one column of a history file; or damage its bytes."""
+    if random.random() < 0.3:
+        return damage_bytes(content, random)
+    path.write_bytes(content)
+    database = sqlite3.connect(path)
+    columns = [row[1] for row in database.execute("PRAGMA table_info(avrare_history)")]
+    values = [
+        "x",
+        b"\xff\xfe",
+        3,
+        -1.5,
+        1e300,
+        "",
+        "2026-99-99",
+        "2026-11-21T19:57:03",
+        "\x1b[31m",
+        "[red]",
+        2**62,
+    ]
+    value = values[random.integers(len(values))]
+    column = columns[random.integers(len(columns))]
+    database.execute(f"UPDATE avrare_history SET {column} = ? WHERE rowid = 1", (value,))
+    if isinstance(value, bytes):
+        database.execute(f"UPDATE avrare_history SET {column} = CAST({column} AS TEXT) WHERE rowid = 1")
+    database.commit()
+    database.close()
+    return path.read_bytes()
+
+
+def damage_bytes(content, random):
+    """Flip, cut, insert or zero some bytes."""
+    changed = bytearray(content)
+    at = int(random.integers(len(changed)))
+    match random.integers(4):
+        case 0:
+            changed[at] ^= 1 << int(random.integers(8))
+        case 1:
+            del changed[at:]
+        case 2:
+            changed[at:at] = random.bytes(3)
+        case _:
+            changed[at : at + 20] = bytes(20)
+    return bytes(changed)
