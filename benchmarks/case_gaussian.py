@@ -31,7 +31,8 @@ from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import normal
 from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.estimator import EssState, NestedLevels
+from avrare_estimators.ess.estimator import NestedLevels
+from avrare_estimators.ess.state import EssState
 from avrare_linear.simulator import system_of
 from avrare_linear.synthesis import Effort, synthesise
 

@@ -29,7 +29,8 @@ from avrare.estimation.loop import run as estimate_with
 from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.estimator import EssState, NestedLevels
+from avrare_estimators.ess.estimator import NestedLevels
+from avrare_estimators.ess.state import EssState
 from avrare_glider.nominal import nominal
 
 ROOT = Path(__file__).parents[1]

@@ -7,7 +7,7 @@ from statistics import fmean, median, pstdev
 
 from avrare.base.health_messages import MESSAGES
 
-FEWEST_ROOTS = 5
+FEWEST_ROOTS = 15
 MOST_TIES = 2.0
 """Ratio of discarded to requested particles, median over the levels."""
 LARGEST_SPREAD = 0.7

@@ -56,16 +56,18 @@ class NoiseSource:
     Args:
         seed: Non-negative integer.
         noise_size: Numbers per step and particle.
+        first_run: Run of the seed that this source calls run 0.
 
     Raises:
         UsageError: The seed is negative or no integer.
     """
 
-    def __init__(self, seed: int, noise_size: int) -> None:
+    def __init__(self, seed: int, noise_size: int, first_run: int = 0) -> None:
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise UsageError(f"seed must be an integer of at least 0, not {seed!r}")
         self.seed = int(seed)
         self.noise_size = noise_size
+        self.first_run = first_run
 
     def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
         """Return standard normals (*S, noise_size) of addresses that broadcast to the shape S."""
@@ -87,7 +89,9 @@ class NoiseSource:
     ) -> tuple[Floats, Floats]:
         # Two arrays (*S, count) of uniforms in the open interval (0, 1), 53 bits each.
         runs, inverse = np.unique(run, return_inverse=True)
-        keys = np.array([_run_key(self.seed, int(r)) for r in runs], dtype=np.uint64).reshape(-1, 2)
+        keys = np.array(
+            [_run_key(self.seed, self.first_run + int(r)) for r in runs], dtype=np.uint64
+        ).reshape(-1, 2)
         keys = keys[inverse.reshape(np.shape(run))]
         address = [np.asarray(part, dtype=np.uint64)[..., None] for part in (step, particle, stage)]
         c0, c1, c2, c3 = np.broadcast_arrays(np.arange(count, dtype=np.uint64), *address, keys[..., :1])[:4]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from avrare.base.errors import AvrareError
 from avrare_estimators.importance.proposals import validate_proposal
 
+LEAST_RUNS_OF_LOOK = 5
+"""Fewer runs say too little of their own scatter."""
 KernelName = Literal["pcn", "shrink", "lipschitz", "surrogate", "lipschitz_growing", "bayesian"]
 
 
@@ -17,12 +19,54 @@ class _Config(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class AmsConfig(_Config):
+class _RunsConfig(_Config):
+    """Options of estimates by independent runs of a size that a pilot may raise."""
+
+    size: ClassVar[str]
+    """Name of the option that sets the size of a run."""
+    runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
+    relative_error: float | None = Field(
+        default=None, ge=1e-3, lt=1.0,
+        description="stop at the first look at which the runs' standard error is at most this share of their "
+        "mean; looks come after at least `runs` runs, then at twice as many, ...",
+    )  # fmt: skip
+    most_runs: int = Field(default=320, ge=2, le=10**6, description="the most runs; with relative_error")
+    grow: bool | None = Field(
+        default=None,
+        description="up to 8 times larger runs where a pilot, which does not count, promises few roots "
+        "(default: unless the size of a run is given)",
+    )
+
+    @property
+    def most(self) -> int:
+        """Largest number of runs."""
+        return self.runs if self.relative_error is None else self.most_runs
+
+    @model_validator(mode="after")
+    def _runs_suffice_to_stop(self) -> Self:
+        if self.relative_error is not None and not LEAST_RUNS_OF_LOOK <= self.runs <= self.most_runs:
+            raise ValueError(
+                f"relative_error needs {LEAST_RUNS_OF_LOOK} to most_runs ({self.most_runs}) runs before it may "
+                f"stop, not {self.runs}"
+            )
+        if self.grow is None:
+            # Not by assignment: an option that is not given must not count as given.
+            self.__dict__["grow"] = self.size not in self.model_fields_set and self._may_grow
+        elif self.grow and not self._may_grow:
+            raise ValueError("grow needs a pilot, and this variant has none")
+        return self
+
+    @property
+    def _may_grow(self) -> bool:
+        return True
+
+
+class AmsConfig(_RunsConfig):
     """Adaptive multilevel splitting (stl-ams, Algorithm 2, in its unbiased form)."""
 
+    size = "particles"
     particles: int = Field(default=250, ge=2, description="N, particles of a run")
     discard: int = Field(default=25, ge=1, description="K, particles discarded at each level (more on ties)")
-    runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
     variant: Literal["unbiased", "published"] = Field(
         default="unbiased",
         description="published: Algorithm 2 of stl-ams as its code ran it, for comparison: K + 1 discarded, "
@@ -37,6 +81,10 @@ class AmsConfig(_Config):
         "every second, fourth, ... step are stored and the steps in between are simulated again",
     )  # fmt: skip
 
+    @property
+    def _may_grow(self) -> bool:
+        return self.variant == "unbiased"
+
     @model_validator(mode="after")
     def _discard_fewer_than_all(self) -> AmsConfig:
         if self.discard >= self.particles:
@@ -44,9 +92,10 @@ class AmsConfig(_Config):
         return self
 
 
-class EssConfig(_Config):
+class EssConfig(_RunsConfig):
     """Nested levels (holmes-diaconis-ross) with Markov chains on the noise tape (stl-ess)."""
 
+    size = "chains"
     chains: int = Field(
         default=50, ge=2, le=1_000_000,
         description="parallel chains of a run; level_probability sets their length",
@@ -56,7 +105,6 @@ class EssConfig(_Config):
         default=0.1, ge=1e-3, le=0.5,
         description="share of the samples above the next level; a chain gives 1 / this samples a level",
     )  # fmt: skip
-    runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
     kernel: KernelName = Field(
         default="pcn",
         description="how a chain moves. Valid: pcn, shrink, lipschitz, surrogate; biased, to compare with "
@@ -95,6 +143,10 @@ class EssConfig(_Config):
         if self.bracket is not None and self.kernel != "shrink":
             raise ValueError(f"bracket is no option of kernel {self.kernel}")
         return self
+
+    @property
+    def _may_grow(self) -> bool:
+        return self.second_pass
 
     @property
     def length(self) -> int:

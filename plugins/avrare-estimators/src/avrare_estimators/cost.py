@@ -27,13 +27,24 @@ def affordable_runs(plan: Plan, runs: int, method: str, rollouts: int, stages: f
         return runs
     if budget.kind == "seconds":
         raise _needs_known_cost(method, "run")
-    cost = round(stages * max(plan.steps, 1)) if budget.kind == "steps" else rollouts
-    if budget.amount < cost:
+    paid = paid_runs(plan, rollouts, stages)
+    if not paid:
         raise UsageError(
             f"a budget of {budget.kind}={budget.amount:g} does not pay for one run of {size}",
-            f"raise it to {cost} or lower the {size.split()[-1]}",
+            f"raise it to {_cost(plan, rollouts, stages)} or lower the {size.split()[-1]}",
         )
-    return int(budget.amount // cost)
+    return paid
+
+
+def paid_runs(plan: Plan, rollouts: int, stages: float) -> int:
+    """Return the number of runs that the plan's budget pays for, maybe 0."""
+    assert plan.budget is not None
+    return int(plan.budget.amount // _cost(plan, rollouts, stages))
+
+
+def _cost(plan: Plan, rollouts: int, stages: float) -> int:
+    assert plan.budget is not None
+    return round(stages * max(plan.steps, 1)) if plan.budget.kind == "steps" else rollouts
 
 
 def affordable_rollouts(plan: Plan, rollouts: int, runs: int, stages: int) -> int:

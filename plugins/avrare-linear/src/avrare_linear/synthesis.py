@@ -23,7 +23,7 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare_estimators.ess.chains import rotated
-from avrare_estimators.ess.level_pass import EssState
+from avrare_estimators.ess.state import EssState
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.estimator import LinearLevels
 from avrare_linear.estimator_config import LinearEssConfig

@@ -16,9 +16,13 @@ from avrare_estimators.ams.state import AmsState, Branches
 from avrare_estimators.ams.summary import summarise
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.cost import affordable_runs
+from avrare_estimators.looks import LEAST_RUNS, Looks, Pilot
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
+
+_PILOT_RUN = 2**31
+"""Address of the pilot's noise, far from the runs that count."""
 
 
 def build(config: AmsConfig, scene: object | None = None) -> Splitting:
@@ -44,21 +48,20 @@ class Splitting:
 
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """Return the state before the first rollout, and what to show."""
-        particles = self.config.particles
-        runs = affordable_runs(
-            plan, self.config.runs, "splitting", _ROLLOUTS_OF_RUN * particles, _STEPS_OF_RUN * particles,
-            f"{particles} particles",
-        )  # fmt: skip
-        return AmsState.begin(plan, runs, particles), Info()
+        if self.config.grow and plan.steps and self._most_runs(plan, pilots=1) >= LEAST_RUNS:
+            return AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN), Info()
+        return self._begin_counting(plan), Info()
 
     def ask(self, state: AmsState) -> Request | None:
         """Ask for the first N rollouts of every run, then for the successors of the discarded."""
         pending = state.pending
         if not len(pending.slots):
             return None
-        run, particle = np.divmod(pending.slots, self.config.particles)
+        run, particle = np.divmod(pending.slots, state.particles)
         stage = np.full(len(pending.slots), state.stage)
-        request = Request(run, stage, particle, pending.start, keep_carries=True, every=state.every)
+        request = Request(
+            run + state.first_run, stage, particle, pending.start, keep_carries=True, every=state.every
+        )
         if not state.stage:
             return replace(request, most_bytes=self._bytes_per_slot(state))
         branch = pending.parents, pending.start, state.every
@@ -71,21 +74,67 @@ class Splitting:
             state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
         if state.stage == 0:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
+            first = np.concatenate([state.first, first])
             state = replace(state, every=rollouts.every, first=first, fresh=state.fresh.plus(rollouts))
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
         state, survivors = self._advance_level(state)
-        return state, self._info(state, survivors)
+        info = self._info(state, survivors)
+        return (state if len(state.pending.slots) else self._continue(state)), info
 
     def estimate(self, state: AmsState) -> list[Result]:
         """Return the mean of the runs with its interval."""
         return [summarise(self.name, self.config, state)]
 
+    def _continue(self, state: AmsState) -> AmsState:
+        """Begin the runs that count after the pilot, or further ones; change nothing where none are wanted."""
+        if state.looks is None:
+            return self._after_pilot(state)
+        more = state.looks.missing(
+            state.runs, lambda: summarise(self.name, self.config, state).relative_error
+        )
+        return state.extended(more) if more else state
+
+    def _after_pilot(self, state: AmsState) -> AmsState:
+        found, plan = summarise(self.name, self.config, state), state.plan
+        roots = found.diagnostics["roots"][0] if found.probability else 0
+        pilot = Pilot(state.tally.rollouts, roots, found.relative_error**2)
+        # With a budget, larger runs are fewer.
+        growth = pilot.wanted_growth
+        while growth > 1 and self._most_runs(plan, pilots=1, growth=growth) < LEAST_RUNS:
+            growth -= 1
+        counting = self._begin_counting(plan, replace(pilot, growth=growth))
+        return replace(counting, tally=state.tally)
+
+    def _begin_counting(self, plan: Plan, pilot: Pilot | None = None) -> AmsState:
+        growth = pilot.growth if pilot else 1
+        most = self._most_runs(plan, pilots=int(pilot is not None), growth=growth)
+        first, goal = self.config.runs, self.config.relative_error
+        if pilot and goal:
+            first = pilot.first_look(goal, first, most)
+        looks = Looks.until(goal, first, most)
+        return AmsState.begin(
+            plan, looks.runs[0], self.config.particles * growth, growth=growth, looks=looks, pilot=pilot
+        )
+
+    def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1) -> int:
+        """Return the largest number of runs, where some of the budget went into ``pilots`` of growth 1."""
+        particles, most = self.config.particles, self.config.most
+        paid = affordable_runs(
+            plan, most, "splitting", _ROLLOUTS_OF_RUN * particles, _STEPS_OF_RUN * particles,
+            f"{particles} particles",
+        )  # fmt: skip
+        if plan.budget is None:
+            return most
+        paid = (paid - pilots) // growth
+        return paid if self.config.relative_error is None else min(paid, most)
+
     def _advance_level(self, state: AmsState) -> tuple[AmsState, int]:
         population = state.population
-        shape = (state.runs, self.config.particles)
+        shape = (state.runs, state.particles)
         violated, error = population.violated.reshape(shape), population.error.reshape(shape)
         # 1. The level is the K-th lowest score (the published code discards one more).
-        level = next_level(population.final.reshape(shape), violated, self.config.discard + self._published)
+        discard = self.config.discard * state.growth + self._published
+        level = next_level(population.final.reshape(shape), violated, discard)
         # 2. A run ends at a level of failures, without a parent to branch from, or below the floor.
         eligible = ~level.discarded & ~error
         state.active[:] &= ~level.reached & eligible.any(axis=1) & (state.weight >= self.config.floor)
@@ -106,10 +155,10 @@ class Splitting:
         room = FAILURE_LIMIT - sum(len(tapes.run) for tapes in state.discarded_failures)
         slots = np.flatnonzero(failures)[:room]
         if len(slots):
-            state.discarded_failures.append(state.population.addresses(slots, self.config.particles))
+            state.discarded_failures.append(state.population.addresses(slots, state.particles))
 
     def _reweight(self, state: AmsState, discarded: Integers, level: Floats) -> None:
-        particles = self.config.particles
+        particles = state.particles
         alive = particles - discarded
         state.weight[:] *= alive / particles
         shrink = 1.0 + 2.0 * discarded / alive + discarded * (discarded - 1.0) / alive**2
@@ -119,9 +168,9 @@ class Splitting:
 
     def _branch(self, state: AmsState, discarded: Bools, eligible: Bools, level: Floats) -> Branches:
         children = np.flatnonzero(discarded)
-        run, own = np.divmod(children, self.config.particles)
+        run, own = np.divmod(children, state.particles)
         stage = np.full(len(children), state.stage)
-        parents = choose_parents(eligible, run, state.plan.noise.choices(run, stage, own))
+        parents = choose_parents(eligible, run, state.plan.noise.choices(run + state.first_run, stage, own))
         start = first_above(state.population.scores[parents], level[run])
         order = np.argsort(start, kind="stable")
         branches = Branches(children[order], parents[order], start[order])
@@ -138,8 +187,8 @@ class Splitting:
             level=float(np.median(latest)) if latest else None,
             probability=float(state.probabilities.mean()),
             survivors=survivors if latest else None,
-            particles=int(state.active.sum()) * self.config.particles if latest else None,
+            particles=int(state.active.sum()) * state.particles if latest else None,
         )
 
     def _bytes_per_slot(self, state: AmsState) -> int:
-        return max(1, int(self.config.memory * 2**20) // len(state.population.root))
+        return max(1, int(self.config.memory * 2**20) // len(state.pending.slots))

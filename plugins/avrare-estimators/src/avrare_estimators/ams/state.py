@@ -5,7 +5,7 @@ The arrays belong to the estimator and are written in place: a stage touches onl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.looks import Looks, Pilot
 
 _NEVER = np.iinfo(np.int64).max
 
@@ -122,6 +123,14 @@ class Population:
             here = handed & (origin == t)
             self.store_carry(int(t), children[here], batch.take(self.history[int(t)], parents[here]))
 
+    def joined(self, other: Population) -> Population:
+        """Return these slots and then those of ``other``; no carries are kept."""
+        both = [
+            replace(one, history={}, since=np.full(len(one.root), _NEVER), root=one.root + shift)
+            for one, shift in ((self, 0), (other, len(self.root)))
+        ]
+        return batch.concatenate(both)  # type: ignore[no-any-return]
+
     def branch(self, parents: Integers, start: Integers, every: int = 1) -> tuple[tuple[int, Carry], ...]:
         """Return the stored carries of ``parents`` at their steps ``start``, which ascend."""
         stored = (self.since[parents] <= start) & (start % every == 0)
@@ -209,6 +218,10 @@ class AmsState:
         fresh: Their counts.
         tally: Cost so far.
         every: Number of steps from one stored carry to the next.
+        first_run: Address of the noise of run 0.
+        growth: Factor of the particles and discards over those of the options.
+        looks: When to stop; None: this is the pilot.
+        pilot: What the pilot has found, if there was one.
     """
 
     plan: Plan
@@ -227,9 +240,13 @@ class AmsState:
     fresh: FreshRows = field(default_factory=FreshRows)
     tally: Info = field(default_factory=Info)
     every: int = 1
+    first_run: int = 0
+    growth: int = 1
+    looks: Looks | None = None
+    pilot: Pilot | None = None
 
     @staticmethod
-    def begin(plan: Plan, runs: int, particles: int) -> AmsState:
+    def begin(plan: Plan, runs: int, particles: int, **fields: Any) -> AmsState:
         """Return the state before the first rollout."""
         slots = np.arange(runs * particles)
         return AmsState(
@@ -237,8 +254,26 @@ class AmsState:
             weight=np.ones(runs), pairs=np.full(runs, 1.0 / (particles * (particles - 1))),
             retired=np.zeros(runs), error_weight=np.zeros(runs), active=np.ones(runs, dtype=bool),
             pending=Branches(slots, slots, np.full(len(slots), FROM_START)),
-            levels=tuple([] for _ in range(runs)),
+            levels=tuple([] for _ in range(runs)), **fields,
         )  # fmt: skip
+
+    def extended(self, runs: int) -> AmsState:
+        """Begin further runs beside those that have ended."""
+        fresh = AmsState.begin(self.plan, runs, self.particles)
+        slots = fresh.pending.slots + len(self.population.root)
+        names = ("weight", "pairs", "retired", "error_weight", "active")
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(fresh, name)]) for name in names
+        }
+        return replace(
+            self, **joined, runs=self.runs + runs, population=self.population.joined(fresh.population),
+            pending=Branches(slots, slots, fresh.pending.start), levels=self.levels + fresh.levels, stage=0,
+        )  # fmt: skip
+
+    @property
+    def particles(self) -> int:
+        """N, of each run."""
+        return len(self.population.root) // self.runs
 
     @property
     def probabilities(self) -> Floats:

@@ -15,6 +15,7 @@ from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare_estimators.ams.state import AmsState, TapeAddresses
 from avrare_estimators.config import AmsConfig
+from avrare_estimators.looks import Looks
 
 _STATIC = (
     "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw no "
@@ -25,6 +26,7 @@ _STATIC = (
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """Return the result of runs that have all ended."""
     plan, population, tally = state.plan, state.population, state.tally
+    looks, pilot = state.looks or Looks((state.runs,)), state.pilot
     violated = population.violated.reshape(state.runs, -1)
     values = state.probabilities
     probability = float(values.mean())
@@ -35,35 +37,37 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         warnings |= {name: _STATIC for name in ("extinct", "extinct_runs") if name in warnings}
     discarded = [[count for _, count in levels] for levels in state.levels]
     counts = [count for run in discarded for count in run]
-    warnings |= health.check_ties(counts, config.discard, config.particles)
+    warnings |= health.check_ties(counts, config.discard * state.growth, state.particles)
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
     variance = _variances(state, values, violated)
-    relative = relative_variance(values, variance, config.particles)
+    relative = relative_variance(values, variance, state.particles)
     return build_result(
         plan,
         name,
         tally,
         values,
-        interval_at=_interval(state, values, violated, relative),
+        interval_at=looks.interval(state.runs, _interval(state, values, violated, relative)),
         relative_error=math.sqrt(relative),
         health=warnings,
-        failures=_failures(state, config.particles),
-        worst=_worst(state, config.particles),
+        failures=_failures(state, state.particles),
+        worst=_worst(state, state.particles),
         robustness=state.first,
-        blind_bound=state.fresh.blind_bound(plan.confidence),
+        blind_bound=looks.interval(state.runs, state.fresh.interval)(plan.confidence)[1],
         relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={
             "full_rollouts": violated.size,
-            "branched_rollouts": tally.rollouts - violated.size,
+            "branched_rollouts": tally.rollouts - violated.size - (pilot.rollouts if pilot else 0),
             "stages": [len(levels) for levels in state.levels],
             "levels": [[level for level, _ in levels] for levels in state.levels],
             "discarded": discarded,
             "extinct_runs": extinct,
             "roots": roots,
             "genealogical_variance": variance.tolist(),
-        },
+        }
+        | (pilot.diagnostics(state.particles, "particles") if pilot else {})
+        | looks.diagnostics(math.sqrt(relative)),
     )
 
 

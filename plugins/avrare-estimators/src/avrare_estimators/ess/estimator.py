@@ -8,6 +8,7 @@ that it draws. All runs advance as one batch, each at its own levels.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -17,14 +18,17 @@ import numpy as np
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import OffersWeights, find_ability, find_notes
+from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.config import EssConfig
-from avrare_estimators.cost import affordable_runs
+from avrare_estimators.cost import affordable_runs, paid_runs
 from avrare_estimators.ess.chains import Kernel
 from avrare_estimators.ess.kernels import make_kernel
-from avrare_estimators.ess.level_pass import EssState, LevelPass, PassShape
+from avrare_estimators.ess.level_pass import LevelPass, PassShape
+from avrare_estimators.ess.state import EssState
 from avrare_estimators.ess.summary import summarise
+from avrare_estimators.looks import Looks, Pilot
 
 _STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
@@ -61,10 +65,12 @@ class NestedLevels:
 
     def init(self, plan: Plan) -> tuple[EssState, Info]:
         """Return the state before the first rollout, and what to show."""
-        rollouts, chains = self._nominal_rollouts(), f"{self.config.chains} chains"
-        runs = affordable_runs(plan, self.config.runs, "nested levels", rollouts, rollouts, chains)
-        first = LevelPass.begin(plan, self._shape(runs, second=False), self.kernel, None)
-        return EssState.begin(plan, first, counting=not self.config.second_pass), Info()
+        config, rollouts = self.config, self._nominal_rollouts(1)
+        affordable_runs(plan, config.most, "nested levels", rollouts, rollouts, f"{config.chains} chains")
+        most = self._most_runs(plan, 1)
+        first = min(config.runs, most) if config.relative_error or config.grow else most
+        looks = None if config.second_pass else Looks.until(config.relative_error, first, most)
+        return EssState.begin(plan, self._pilot(plan, first), looks), Info()
 
     def ask(self, state: EssState) -> Request | None:
         """Ask for the fresh tapes of a pass, then for the proposals of all waiting chains."""
@@ -74,19 +80,65 @@ class NestedLevels:
     def tell(self, state: EssState, rollouts: Rollouts) -> tuple[EssState, Info]:
         """Advance chains and levels; after the pilot begin the pass that counts."""
         state = state.tell(rollouts)
-        pilot = state.level_pass
-        if pilot.proposal is None and not state.counting:
-            shape = self._shape(pilot.shape.runs, second=True)
-            second = LevelPass.begin(state.plan, shape, self.kernel, pilot.levels)
-            state = replace(state, counting=True, level_pass=second, pilot=state.tally.rollouts)
+        if state.level_pass.proposal is None:
+            state = self._continue(state) if state.counting else self._begin_counting(state)
         return state, _info(state)
 
     def estimate(self, state: EssState) -> list[Result]:
         """Return the mean of the runs with its interval."""
-        return [summarise(self.name, self.config, self.kernel, state, self.notes)]
+        return [self._summary(state)]
 
-    def _shape(self, runs: int, second: bool) -> PassShape:
-        config, chains = self.config, self.config.chains
+    def _summary(self, state: EssState) -> Result:
+        return summarise(self.name, self.config, self.kernel, state, self.notes)
+
+    def _pilot(self, plan: Plan, runs: int) -> LevelPass:
+        return LevelPass.begin(plan, self._shape(runs, second=False), self.kernel, None)
+
+    def _begin_counting(self, state: EssState) -> EssState:
+        """Follow the levels of the pilot; the first one also decides how many runs, and how large."""
+        pilot, spent = state.level_pass, state.pilot + state.tally.rollouts - state.begun
+        if state.looks is None:
+            state = self._plan_runs(state)
+        growth = state.found.growth if state.found else 1
+        shape = self._shape(pilot.shape.runs, second=True, growth=growth)
+        second = LevelPass.begin(pilot.plan, shape, self.kernel, pilot.levels)
+        return replace(state, counting=True, level_pass=second, pilot=spent)
+
+    def _plan_runs(self, state: EssState) -> EssState:
+        config, told, runs = self.config, self._summary(state), state.level_pass.shape.runs
+        larger = config.chains / state.level_pass.shape.chains
+        roots = statistics.median(told.diagnostics["roots"]) * larger if told.probability else 0.0
+        found = Pilot(state.tally.rollouts, roots, told.relative_error**2 * runs / larger)
+        # With a budget, larger runs are fewer.
+        growth = found.wanted_growth if config.grow else 1
+        while growth > 1 and self._most_runs(state.plan, growth) < runs:
+            growth -= 1
+        found, most = replace(found, growth=growth), self._most_runs(state.plan, growth)
+        first = found.first_look(config.relative_error, runs, most) if config.relative_error else runs
+        return replace(state, found=found, looks=Looks.until(config.relative_error, first, most))
+
+    def _continue(self, state: EssState) -> EssState:
+        """Begin a batch of further runs; change nothing where none are wanted."""
+        state = state.joined()
+        assert state.looks is not None
+        done = state.level_pass.shape.runs
+        more = state.looks.missing(done, lambda: self._summary(state).relative_error)
+        if not more:
+            return state
+        noise = NoiseSource(state.plan.noise.seed, state.plan.noise.noise_size, first_run=done)
+        return state.next_batch(
+            self._pilot(replace(state.plan, noise=noise), more), counting=not self.config.second_pass
+        )
+
+    def _most_runs(self, plan: Plan, growth: int) -> int:
+        rollouts, most = self._nominal_rollouts(growth), self.config.most
+        if plan.budget is None:
+            return most
+        paid = paid_runs(plan, rollouts, rollouts)
+        return paid if self.config.relative_error is None else min(paid, most)
+
+    def _shape(self, runs: int, second: bool, growth: int = 1) -> PassShape:
+        config, chains = self.config, self.config.chains * growth
         if config.second_pass and not second:
             chains = min(chains, max(_MIN_PILOT_CHAINS, math.ceil(config.pilot * chains)))
         samples = chains * config.length
@@ -94,10 +146,10 @@ class NestedLevels:
         stage = _STAGE_OF_SECOND_PASS if second else 0
         return PassShape(runs, chains, config.length, config.skip, survivors, config.floor, stage)
 
-    def _nominal_rollouts(self) -> int:
+    def _nominal_rollouts(self, growth: int) -> int:
         shares = math.ceil(math.log(_NOMINAL) / math.log(self.config.level_probability))
         passes = (False, True) if self.config.second_pass else (False,)
-        shapes = [self._shape(1, second) for second in passes]
+        shapes = [self._shape(1, second, growth if second else 1) for second in passes]
         moves = sum(shape.chains * (shape.length - 1) * (shape.skip + 1) for shape in shapes)
         fresh = sum(shape.samples for shape in shapes)
         return fresh + math.ceil((shares - 1) * moves * self.kernel.rollouts)

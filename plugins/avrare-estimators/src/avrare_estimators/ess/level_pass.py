@@ -12,20 +12,18 @@ means, off by about (1 + variance of the weights) / N.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Worst
-from avrare.estimation.result_builder import missing_worst
+from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, StepOutcome
 from avrare_estimators.ess.levels import choose_seeds, effective_samples, next_levels, relative_weights
-from avrare_estimators.fresh import FreshRows
 
 _STAGES_PER_LEVEL = 2**17
 """Addresses set aside for the steps of a level."""
@@ -81,6 +79,12 @@ class LevelRecord:
     weight_size: Floats
     largest_weight: Floats
 
+    @staticmethod
+    def missing(runs: int) -> LevelRecord:
+        """Return the record of runs that had all ended before."""
+        none = np.full(runs, np.nan)
+        return LevelRecord(none, np.zeros(runs, dtype=bool), none, none, (), none, none)
+
 
 @dataclass(frozen=True)
 class LevelPass:
@@ -134,6 +138,31 @@ class LevelPass:
             plan, shape, kernel, schedule, weight=np.ones(shape.runs),
             active=np.ones(shape.runs, dtype=bool), error_weight=np.zeros(shape.runs),
             known=kernel.init(shape.runs), rollouts=zeros, errors=zeros, fresh=draw.tapes(),
+        )  # fmt: skip
+
+    def without_tapes(self) -> LevelPass:
+        """Return this ended pass without its tapes, which may be large."""
+        return replace(self, population=replace(self.points, tape=self.points.tape[:, :0]))
+
+    def joined(self, other: LevelPass) -> LevelPass:
+        """Return the runs of this ended pass and then those of another, both without tapes."""
+        both, known = (self, other), [one.known for one in (self, other) if one.known is not None]
+        records = zip_longest(self.levels, other.levels)
+        names = ("weight", "active", "error_weight", "rollouts", "errors")
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(one, name) for one in both]) for name in names
+        }
+        return replace(
+            self, **arrays, shape=replace(self.shape, runs=self.shape.runs + other.shape.runs),
+            known=batch.concatenate(known) if known else None,
+            population=batch.concatenate([one.points for one in both]),
+            levels=tuple(
+                batch.concatenate([
+                    replace(record, known=()) if record else LevelRecord.missing(one.shape.runs)
+                    for record, one in zip(pair, both, strict=True)
+                ])
+                for pair in records
+            ),
         )  # fmt: skip
 
     @property
@@ -291,52 +320,3 @@ class LevelPass:
         if self.schedule is None:
             levels = (*levels[:-1], replace(levels[-1], known=self.known))
         return replace(self, population=population, levels=levels, samples=())._next_level()
-
-
-@dataclass(frozen=True)
-class EssState:
-    """State of all runs.
-
-    Attributes:
-        plan: The task.
-        level_pass: The pass under way, or the last one.
-        counting: It is the pass that counts.
-        worst: The least robust rollout so far.
-        first: Robustness of the first draw, NaN for errors.
-        fresh: Counts of the first draws of both passes.
-        pilot: Rollouts of the pilot.
-        tally: Cost so far.
-    """
-
-    plan: Plan
-    level_pass: LevelPass
-    counting: bool
-    worst: Worst
-    first: Floats = field(default_factory=lambda: np.zeros(0))
-    fresh: FreshRows = field(default_factory=FreshRows)
-    pilot: int = 0
-    tally: Info = field(default_factory=Info)
-
-    @staticmethod
-    def begin(plan: Plan, level_pass: LevelPass, counting: bool) -> EssState:
-        """Return the state before the first rollout."""
-        return EssState(plan, level_pass, counting, missing_worst(plan))
-
-    def tell(self, rollouts: Rollouts) -> EssState:
-        """Return the state after the rollouts asked for."""
-        first = self.first
-        if not self.tally.rollouts:
-            first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
-        fresh = self.fresh.plus(rollouts) if self.level_pass.fresh is not None else self.fresh
-        return replace(
-            self, tally=self.tally.plus(rollouts), worst=self._worst(rollouts), first=first,
-            fresh=fresh, level_pass=self.level_pass.tell(rollouts),
-        )  # fmt: skip
-
-    def _worst(self, rollouts: Rollouts) -> Worst:
-        robustness = np.where(rollouts.error, np.inf, rollouts.robustness[:, 0])
-        row = int(np.argmin(robustness))
-        known, tapes = self.worst.robustness, self.level_pass.proposal
-        if tapes is None or rollouts.error[row] or known <= robustness[row]:
-            return self.worst
-        return Worst(tapes[row].copy(), float(robustness[row]))

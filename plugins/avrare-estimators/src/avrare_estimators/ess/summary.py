@@ -9,14 +9,16 @@ from functools import partial
 import numpy as np
 
 from avrare.estimation import health, intervals
-from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result
+from avrare.estimation.result import Interval, Result
 from avrare.estimation.result_builder import build_result
 from avrare.protocols import Floats
 from avrare_estimators.config import EssConfig
 from avrare_estimators.ess.chains import Kernel
-from avrare_estimators.ess.level_pass import EssState, LevelPass
+from avrare_estimators.ess.level_pass import LevelPass
 from avrare_estimators.ess.levels import r_hat
+from avrare_estimators.ess.state import EssState
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.looks import Looks
 from avrare_estimators.weights import effective_size
 
 
@@ -27,6 +29,7 @@ def summarise(
     plan, last, tally = state.plan, state.level_pass, state.tally
     fresh = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
     values = last.probabilities
+    looks = state.looks or Looks((len(values),))
     probability = float(values.mean())
     relative_variance = _relative_variance(last, values)
     extinct, roots = int((values == 0.0).sum()), _count_ancestors(last)
@@ -42,13 +45,13 @@ def summarise(
         name,
         tally,
         values,
-        interval_at=_interval(last, fresh, values, relative_variance),
+        interval_at=looks.interval(len(values), _interval(last, fresh, values, relative_variance)),
         relative_error=math.sqrt(relative_variance),
         health=warnings,
-        failures=_distinct_failures(last, tally.failures),
+        failures=state.failures,
         worst=state.worst,
         robustness=state.first,
-        blind_bound=fresh.blind_bound(plan.confidence),
+        blind_bound=looks.interval(len(values), fresh.interval)(plan.confidence)[1],
         diagnostics={
             "kernel": config.kernel,
             "levels": _values_per_run(last, "level"),
@@ -68,7 +71,9 @@ def summarise(
             }
             if last.weighted
             else {}
-        ),
+        )
+        | (state.found.diagnostics(last.shape.chains, "chains") if state.found and config.grow else {})
+        | looks.diagnostics(math.sqrt(relative_variance)),
     )
 
 
@@ -143,17 +148,6 @@ def _interval(
         intervals.log_normal, float(values.mean()), relative_variance, freedom=len(values) - 1,
         errors=error_weight, logs=intervals.cox(values),
     )  # fmt: skip
-
-
-def _distinct_failures(last: LevelPass, count: int) -> Failures:
-    # A chain that stays repeats its tape.
-    different: dict[bytes, int] = {}
-    for row in np.flatnonzero(last.points.violated):
-        if len(different) == FAILURE_LIMIT:
-            break
-        different.setdefault(last.points.tape[row].tobytes(), int(row))
-    rows = np.array(list(different.values()), dtype=np.int64)
-    return Failures(last.points.tape[rows], last.points.robustness[rows], count)
 
 
 def _values_per_run(last: LevelPass, name: str) -> list[list[float]]:

@@ -1,0 +1,116 @@
+"""Looks and growth: how many runs an estimate takes, and how large they are.
+
+Both are fixed before the runs that count begin, by options and by a pilot that does not count: the mean of
+the runs stays unbiased.
+
+An estimate that may stop at one of several looks, at each with an interval of its own, misses the truth at
+most as often as all of these intervals together (Bonferroni). It may therefore stop by any rule. Here it
+stops by the scatter of its runs, which leans towards samples that have missed their tail: an interval at the
+full confidence would then cover too seldom (docs/stopping.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from avrare.estimation.result import Interval
+
+LEAST_RUNS = 10
+"""Runs that must remain after a pilot or growth: the pilot then costs a tenth, and the interval stands."""
+WANTED_ROOTS = 20
+"""Roots aimed at; the warning ``few_roots`` begins at 15, and a pilot's number scatters."""
+MOST_GROWTH = 8
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Numbers of runs at which an estimate may stop.
+
+    Attributes:
+        runs: Increasing; the last is the cap. A single one: the number of runs is fixed.
+        goal: Relative error to stop at; None: only the cap ends the estimate.
+    """
+
+    runs: tuple[int, ...]
+    goal: float | None = None
+
+    @staticmethod
+    def until(goal: float | None, first: int, most: int) -> Looks:
+        """Plan looks that double, from at least ``first`` runs up to ``most``; a single one without a goal."""
+        if goal is None:
+            return Looks((most,))
+        halvings = max(0, math.floor(math.log2(most / first))) if most > first else 0
+        return Looks(tuple(math.ceil(most / 2**k) for k in range(halvings, -1, -1)), goal)
+
+    def missing(self, done: int, relative_error: Callable[[], float]) -> int:
+        """Return how many more runs are wanted after ``done``; 0: stop."""
+        if done >= self.runs[-1] or (done in self.runs and self._reached(relative_error())):
+            return 0
+        return next(look for look in self.runs if look > done) - done
+
+    def share(self, done: int) -> float:
+        """Return the share of the error that the look at ``done`` runs may take.
+
+        The first takes half of the error, the next a quarter, and so on; the last takes what is left.
+        """
+        return 0.5 ** min(self.runs.index(done) + 1, len(self.runs) - 1)
+
+    def interval(self, done: int, interval_at: Callable[[float], Interval]) -> Callable[[float], Interval]:
+        """Return the interval that holds at all looks together, of runs that stopped at ``done``."""
+        share = self.share(done)
+        return interval_at if share == 1.0 else partial(_widened, interval_at, share)
+
+    def diagnostics(self, relative_error: float) -> dict[str, Any]:
+        """Return what a result tells of the stopping rule."""
+        if self.goal is None:
+            return {}
+        return {"looks": list(self.runs), "goal_reached": self._reached(relative_error)}
+
+    def _reached(self, relative_error: float) -> bool:
+        return self.goal is not None and relative_error <= self.goal
+
+
+def _widened(interval_at: Callable[[float], Interval], share: float, confidence: float) -> Interval:
+    return interval_at(1.0 - share * (1.0 - confidence))
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What a pilot has found, and what follows from it.
+
+    Attributes:
+        rollouts: Its rollouts.
+        roots: Roots that runs of the given size would end with; 0 where the pilot found no failure.
+        relative_variance: Relative variance of one such run; NaN where unknown.
+        growth: Factor by which the runs that count are larger.
+    """
+
+    rollouts: int
+    roots: float
+    relative_variance: float
+    growth: int = 1
+
+    @property
+    def wanted_growth(self) -> int:
+        """Factor that gives the wanted number of roots, which grows with the size of a run."""
+        return min(MOST_GROWTH, math.ceil(WANTED_ROOTS / max(self.roots, 1.0)))
+
+    def first_look(self, goal: float, least: int, most: int) -> int:
+        """Return half of the runs that a relative error is likely to need, within bounds."""
+        if not math.isfinite(self.relative_variance):
+            return min(least, most)
+        return min(most, max(least, math.ceil(self.relative_variance / self.growth / goal**2 / 2.0)))
+
+    def diagnostics(self, size: int, name: str) -> dict[str, Any]:
+        """Return what a result tells of the pilot, and of runs of ``size`` particles or chains."""
+        told: dict[str, Any] = {"pilot_roots": self.roots, name: size}
+        if self.growth > 1:
+            told["note"] = (
+                f"a pilot, which does not count, promised {self.roots:.0f} roots of a run: the runs that count "
+                f"have {size} {name} in place of {size // self.growth}"
+            )
+        return told
