@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from statistics import NormalDist
 
 _TINY = 1e-300
@@ -57,6 +58,7 @@ def beta_quantile(q: float, a: float, b: float) -> float:
     return bisect(lambda x: beta_cdf(x, a, b), q, 0.0, 1.0)
 
 
+@lru_cache(maxsize=1024)
 def t_factor(confidence: float, freedom: float) -> float:
     """Return the t for which Student's t lies in [-t, t] with probability ``confidence``."""
     # P(|T| > t) = I_{f / (f + t^2)}(f / 2, 1 / 2)

@@ -46,8 +46,8 @@ class _RunsConfig(_Config):
     def _runs_suffice_to_stop(self) -> Self:
         if self.relative_error is not None and not LEAST_RUNS_OF_LOOK <= self.runs <= self.most_runs:
             raise ValueError(
-                f"relative_error needs {LEAST_RUNS_OF_LOOK} to most_runs ({self.most_runs}) runs before it may "
-                f"stop, not {self.runs}"
+                f"relative_error needs {LEAST_RUNS_OF_LOOK} to most_runs ({self.most_runs}) runs before it "
+                f"may stop, not {self.runs}"
             )
         if self.grow is None:
             # Not by assignment: an option that is not given must not count as given.

@@ -40,7 +40,7 @@ class Looks:
 
     @staticmethod
     def until(goal: float | None, first: int, most: int) -> Looks:
-        """Plan looks that double, from at least ``first`` runs up to ``most``; a single one without a goal."""
+        """Plan looks that double, from ``first`` runs or a few more up to ``most``; one without a goal."""
         if goal is None:
             return Looks((most,))
         halvings = max(0, math.floor(math.log2(most / first))) if most > first else 0
@@ -110,7 +110,7 @@ class Pilot:
         told: dict[str, Any] = {"pilot_roots": self.roots, name: size}
         if self.growth > 1:
             told["note"] = (
-                f"a pilot, which does not count, promised {self.roots:.0f} roots of a run: the runs that count "
-                f"have {size} {name} in place of {size // self.growth}"
+                f"a pilot, which does not count, promised {self.roots:.0f} roots a run: the runs that "
+                f"count have {size} {name} in place of {size // self.growth}"
             )
         return told

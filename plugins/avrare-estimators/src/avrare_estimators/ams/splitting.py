@@ -86,7 +86,7 @@ class Splitting:
         return [summarise(self.name, self.config, state)]
 
     def _continue(self, state: AmsState) -> AmsState:
-        """Begin the runs that count after the pilot, or further ones; change nothing where none are wanted."""
+        """Begin the runs that count after the pilot, or further ones where they are wanted."""
         if state.looks is None:
             return self._after_pilot(state)
         more = state.looks.missing(

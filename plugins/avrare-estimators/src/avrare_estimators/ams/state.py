@@ -129,7 +129,7 @@ class Population:
             replace(one, history={}, since=np.full(len(one.root), _NEVER), root=one.root + shift)
             for one, shift in ((self, 0), (other, len(self.root)))
         ]
-        return batch.concatenate(both)  # type: ignore[no-any-return]
+        return batch.concatenate(both)
 
     def branch(self, parents: Integers, start: Integers, every: int = 1) -> tuple[tuple[int, Carry], ...]:
         """Return the stored carries of ``parents`` at their steps ``start``, which ascend."""

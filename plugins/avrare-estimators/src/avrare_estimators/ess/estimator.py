@@ -118,7 +118,7 @@ class NestedLevels:
         return replace(state, found=found, looks=Looks.until(config.relative_error, first, most))
 
     def _continue(self, state: EssState) -> EssState:
-        """Begin a batch of further runs; change nothing where none are wanted."""
+        """Begin a batch of further runs where they are wanted."""
         state = state.joined()
         assert state.looks is not None
         done = state.level_pass.shape.runs
