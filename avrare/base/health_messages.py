@@ -12,7 +12,8 @@ MESSAGES = {
     "their first rollouts is known; use more particles or fewer discards",
     "extinct_runs": "{extinct} of {runs} runs died out and count as 0; use more particles or fewer discards",
     "single_run": "only one run: its interval relies on its genealogy and is too narrow for rare events",
-    "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles",
+    "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles "
+    "or chains",
     "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
     "ties": "half of the levels discarded more than {share:.0%} of the particles instead of {discard}: "
     "the score takes too few values for splitting",

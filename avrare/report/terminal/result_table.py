@@ -49,8 +49,13 @@ def note_lines(results: Sequence[Result]) -> list[str]:
         for name, message in result.health.items():
             lines.setdefault(f"warning {name}: {message}", []).append(result.specification)
         if result.diagnostics.get("goal_reached") is False:
-            text = "the run ended before it reached `relative_error` or `threshold`: give more rollouts"
+            more = (
+                "raise `most_runs` or the budget" if "looks" in result.diagnostics else "give more rollouts"
+            )
+            text = f"the run ended before it reached `relative_error` or `threshold`: {more}"
             lines.setdefault(text, []).append(result.specification)
+        if note := result.diagnostics.get("note"):
+            lines.setdefault(note, []).append(result.specification)
         counts = {name: n for name, n in result.counts.items() if n and name != "solves"}
         if counts:
             text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counts.items())
