@@ -1,6 +1,6 @@
 """Coverage and cost of estimates that stop at a relative error, written into docs/stopping.md.
 
-    OMP_NUM_THREADS=1 python benchmarks/stopping.py [--estimates 4000]     # about twenty minutes
+    OMP_NUM_THREADS=1 python benchmarks/stopping.py [--estimates 1000]     # about five minutes
 
 The rule of `ams` and `ess` is applied to runs of known mean: to drawn values (log-normal, gamma, a rare large
 value), and to a pool of independent runs of the estimators on problems with exact answers. Three kinds of
@@ -28,7 +28,7 @@ from benchmarks.studies.untuned_problems import untuned_problems
 PAGE = Path(__file__).parents[1] / "docs" / "stopping.md"
 FIRST, MOST, CONFIDENCE = 10, 320, 0.95
 GOALS = (0.2, 0.1)
-RUNS = 2000
+RUNS = 1000
 """Runs of an estimator on a problem, from which estimates draw with replacement."""
 _CHUNK = 50_000
 
@@ -72,7 +72,7 @@ class Stopped:
 def main() -> None:
     """Simulate every source at every goal and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--estimates", type=int, default=4000, help="of drawn values (default 4000)")
+    parser.add_argument("--estimates", type=int, default=1000, help="in each row (default 1000)")
     estimates = parser.parse_args().estimates
     rows = []
     for source in (*drawn(), *estimated()):
@@ -110,7 +110,7 @@ def drawn() -> Iterator[Source]:
 
 def estimated() -> Iterator[Source]:
     """Yield independent runs of the estimators."""
-    for name in ("plain_walk", "plain_ou", "units_100", "regimes_1e-3"):
+    for name in ("plain_ou", "plain_walk", "units_100", "regimes_1e-3"):
         found = untuned_problems()[name]
         problem = avrare.Problem(found.system, avrare.stl(found.formula), found.steps, chunk=_CHUNK)
         for estimator, options in (("ams", {"particles": 100, "discard": 10}), ("ess", {"chains": 25})):

@@ -93,7 +93,7 @@ def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
     estimator = one.definition.estimator
     if budget is None and estimator.plugin == "mc":
         runs = estimator.config.runs
-        budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.most * runs)))
+        budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.rollouts * runs)))
     return estimate_look(one.scenario, one.definition.estimated, Look(1, 1.0, budget), machine)
 
 

@@ -74,8 +74,8 @@ OPTIONS: dict[str, Options] = {
         "scenarios SCENARIO": ("scenario file", {"nargs": "*"}),
         **_OVERRIDES,
         **_RUN,
-        "--until relative_error=X|threshold=X": "run Monte Carlo until the relative error is at most X, or "
-        "the interval excludes X",
+        "--until relative_error=X|threshold=X": "run mc, ams or ess until the relative error is at most "
+        "X, or mc until the interval excludes X",
         "--out DIR": "results folder (default: a new one under runs/)",
         "--resume DIR": "resume the interrupted run in this folder",
         "--failures DIR": "replay the failures stored in DIR first, and store new ones there",

@@ -62,7 +62,7 @@ class MonteCarlo:
 
     def init(self, plan: Plan) -> tuple[McState, Info]:
         """Return the state before the first rollout, and the progress to show."""
-        per_run = self.config.most
+        per_run = self.config.rollouts
         if plan.budget is not None:
             per_run = _affordable_rollouts(plan, self.config)
         open_ended = per_run == _UNLIMITED or self.config.sequential

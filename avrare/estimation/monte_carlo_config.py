@@ -40,15 +40,12 @@ class McConfig(BaseModel):
             raise ValueError("relative_error and threshold are two stopping rules: choose one")
         if given and self.runs > 1:
             raise ValueError(f"{given[0]} is a stopping rule for a single run; leave runs at 1")
+        if given and "rollouts" not in self.model_fields_set:
+            # Not by assignment: an option that is not given must not count as given.
+            self.__dict__["rollouts"] = MAX_SEQUENTIAL_ROLLOUTS
         return self
 
     @property
     def sequential(self) -> bool:
         """True where a stopping rule decides the number of rollouts."""
         return self.relative_error is not None or self.threshold is not None
-
-    @property
-    def most(self) -> int:
-        """Rollouts of each run; with a stopping rule, their upper bound."""
-        given = "rollouts" in self.model_fields_set
-        return self.rollouts if given or not self.sequential else MAX_SEQUENTIAL_ROLLOUTS

@@ -10,6 +10,7 @@ import avrare
 import odd_systems
 from avrare.base.errors import UsageError
 from avrare.estimation.intervals import clopper_pearson, inverse_binomial
+from avrare.estimation.monte_carlo_config import McConfig
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
@@ -90,7 +91,6 @@ def test_scores_over_time_are_not_kept():
     """A long run must hold a few numbers a rollout, whatever the number of steps."""
     from avrare.estimation.loop import Settings, run
     from avrare.estimation.monte_carlo import MonteCarlo
-    from avrare.estimation.monte_carlo_config import McConfig
     from avrare.rollout.executors.serial import SerialExecutor
 
     states = []
@@ -174,6 +174,13 @@ def test_a_rule_that_is_never_broken_stops_at_the_maximum_of_rollouts():
     assert result.interval == clopper_pearson(0, 300, 0.95)
     with pytest.raises(UsageError, match="leave runs at 1"):
         avrare.estimate(walk(), relative_error=0.1, runs=2)
+
+
+def test_a_stopping_rule_keeps_its_maximum_in_a_run_folder():
+    config = McConfig(relative_error=0.1)
+    assert config.rollouts == 10**6
+    assert McConfig(**config.model_dump()) == config  # a run folder holds all defaults
+    assert config.model_dump(exclude_unset=True) == {"relative_error": 0.1}
 
 
 def test_interval_after_a_planned_stop_is_exact():
