@@ -93,6 +93,20 @@ def test_a_worse_driver_fails_and_a_better_one_passes(drive, check):
     assert check("drive.yaml", "--seed", "1", "--set", "controller.skill=1.3")[0] == 0
 
 
+@pytest.mark.slow
+def test_small_steps_are_compared_with_the_first_baseline_too(drive, check):
+    words = [drive(), "--set", "estimator.specifications=[in_lane]", "--save"]
+    assert check(*words)[0] == 0
+    assert check(*words, "--set", "controller.skill=0.93")[0] == 0  # 0.063 for 0.05
+    code, content = check(*words, "--set", "controller.skill=0.87")  # 0.077
+    rows = {row["question"]: row for row in content["rows"]}
+    assert (code, rows["<= baseline"]["verdict"], rows["<= first baseline"]["verdict"]) == (1, "pass", "fail")
+    # Accepted with --accept-changes, it begins a line of its own.
+    assert check(*words, "--set", "controller.skill=0.87", "--accept-changes")[0] == 0
+    _, content = check(*words[:3], "--set", "controller.skill=0.87")
+    assert [row["question"] for row in content["rows"]] == ["<= baseline"]
+
+
 def test_a_larger_ratio_tolerates_an_increase(drive, check):
     check(drive())
     words = ["drive.yaml", "--seed", "1", "--set", "controller.skill=0.8"]

@@ -73,6 +73,7 @@ class _StoredEntry(BaseModel):
     seconds: float = Field(ge=0.0)
     health: list[str]
     relation: str
+    first: _StoredEntry | None = None
 
     def entry(self) -> BaselineEntry:
         error = float("nan") if self.relative_error is None else self.relative_error
@@ -111,6 +112,9 @@ class Baseline:
     commit: str | None  # of the scenario's repository
     entries: Mapping[str, BaselineEntry]  # by specification
     files: Mapping[str, str] = field(default_factory=dict)  # option -> digest of the file that it names
+    firsts: Mapping[str, BaselineEntry] = field(
+        default_factory=dict
+    )  # of the line, where it is an earlier one
 
 
 def default_folder(scenario: Scenario) -> Path:
@@ -133,24 +137,31 @@ def read(path: Path) -> Baseline:
     try:
         stored = _StoredBaseline.model_validate(content)
         entries = {one.specification: one.entry() for one in stored.estimates}
+        firsts = {one.specification: one.first.entry() for one in stored.estimates if one.first is not None}
     except ValidationError as error:
         first = error.errors()[0]
         reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         raise UsageError(f"{path}: not a baseline that can be read: {reason}", _HINT) from None
     except UsageError as error:
         raise UsageError(f"{path}: {error.message}", _HINT) from None
-    return Baseline(path, stored.resolved, stored.versions, stored.commit, entries, stored.files)
+    return Baseline(path, stored.resolved, stored.versions, stored.commit, entries, stored.files, firsts)
 
 
-def save(folder: Path, scenario: Scenario, results: Sequence[Result]) -> Path:
-    """Write the results as the baseline with the next number; UsageError if that is not possible."""
+def save(
+    folder: Path, scenario: Scenario, results: Sequence[Result],
+    firsts: Mapping[str, BaselineEntry] | None = None,
+) -> Path:  # fmt: skip
+    """Write the results as the baseline with the next number; UsageError if that is not possible.
+
+    ``firsts`` are the first baselines of their line, by specification.
+    """
     content = {
         "schema": SCHEMA,
         "scenario": scenario.name,
         "fingerprint": fingerprint(scenario),
         "commit": provenance(scenario)["commit"],
         "versions": scenario.versions,
-        "estimates": [_encode_result(result) for result in results],
+        "estimates": [_encode_result(result, (firsts or {}).get(result.specification)) for result in results],
         "resolved": scenario.resolved,
         "files": digests(scenario),
     }
@@ -167,17 +178,22 @@ def _numbers(folder: Path) -> dict[int, str]:
     return {int(found[1]): name for name in names if (found := _NAME.fullmatch(name))}
 
 
-def _encode_result(result: Result) -> dict[str, Any]:
-    entry = BaselineEntry.from_result(result)
-    content = vars(entry) | {
-        "seconds": round(entry.seconds, 3),
+def _encode_result(result: Result, first: BaselineEntry | None) -> dict[str, Any]:
+    content = _encode_entry(BaselineEntry.from_result(result)) | {
         "estimator": result.estimator,
         "interval": result.interval,
         "confidence": result.confidence,
+    }
+    return dict(finite(content | ({"first": _encode_entry(first)} if first is not None else {})))
+
+
+def _encode_entry(entry: BaselineEntry) -> dict[str, Any]:
+    content = vars(entry) | {
+        "seconds": round(entry.seconds, 3),
         "evidence": encode_distribution(entry.distribution),
     }
     del content["distribution"]
-    return dict(finite(content))
+    return content
 
 
 def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specifications: list[str]) -> list[str]:

@@ -26,6 +26,9 @@ from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Result
 from avrare.scenario.schema import Regression, Threshold
 
+_ABOUT_SYSTEM = frozenset({"all_failed", "errors", "horizon_short", "solver_failures"})
+"""Warnings about the system, which say nothing against a lower bound of its failures."""
+
 
 @dataclass(frozen=True)
 class Criterion:
@@ -35,6 +38,7 @@ class Criterion:
     specification: str
     condition: Threshold | Regression  # bound of the probability, or allowed regression against ``baseline``
     baseline: BaselineEntry | None = None
+    reference: str = "baseline"  # or "first baseline": the first of its line
 
     @property
     def kind(self) -> str:
@@ -50,7 +54,7 @@ class Criterion:
             # Two thresholds of one specification need different names: servers keep one test of a name.
             return str(self.condition.probability) + ("" if default else f" at {confidence:g}")
         ratio = self.condition.ratio
-        return "<= baseline" if ratio == 1.0 else f"<= {ratio:g} x baseline"
+        return f"<= {self.reference}" if ratio == 1.0 else f"<= {ratio:g} x {self.reference}"
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,8 @@ def decide_criteria(
         if number not in decided and (result := results(criterion)) is not None
     }
     verdicts = dict(decided)
-    verdicts |= dict.fromkeys(_find_failing(assessments, share, decided, len(criteria)), "fail")
+    trusted = {k: one for k, one in assessments.items() if not is_in_doubt(criteria[k], results(criteria[k]))}
+    verdicts |= dict.fromkeys(_find_failing(trusted, share, decided, len(criteria)), "fail")
     for number in assessments.keys() - verdicts.keys():
         criterion = criteria[number]
         if assessments[number].passes and not find_objections(criterion, results(criterion)):
@@ -123,6 +128,12 @@ def _find_failing(
             break
         failing.append(number)
     return failing
+
+
+def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
+    """Return whether a warning doubts the estimate or its baseline: the criterion cannot fail either."""
+    estimates = [one for one in (result, criterion.baseline) if one is not None]
+    return any(set(one.health) - _ABOUT_SYSTEM for one in estimates)
 
 
 def find_objections(criterion: Criterion, result: Result | None) -> list[str]:

@@ -176,9 +176,10 @@ def _find_reason(criterion: Criterion, decision: Decision, result: Result, crite
     interval = _describe_interval(decision)
     if decision.verdict == "fail":
         return "; ".join([interval, *objections])
+    fails_alone = assess(criterion, result, 1.0).normalised_p_value <= 1.0
     if objections:
-        return "; ".join(objections)
-    if assess(criterion, result, 1.0).normalised_p_value <= 1.0:
+        return "; ".join([f"{interval}: would fail, but for a warning"] * fails_alone + objections)
+    if fails_alone:
         corrected = f"not after correction for {criteria} criteria or several looks"
         return f"{interval}: fails on its own, but {corrected}"
     return f"{interval}: use more rollouts"
@@ -212,7 +213,7 @@ def _pool_results(
 
 def _try_to_save(target: CheckTarget, results: Sequence[Result]) -> tuple[Path | None, str]:
     try:
-        path = baseline.save(target.folder, target.definition, results)
+        path = baseline.save(target.folder, target.definition, results, target.firsts)
     except UsageError as error:  # a full disk must not cost the verdicts
         return None, f"NOT saved: {error.message}"
     return path, f"saved as baseline {path}; commit it"

@@ -19,8 +19,8 @@ from avrare.estimation import health
 from avrare.estimation.intervals import cox
 from avrare.estimation.result import Failures, Result
 
-_SYSTEM_WARNINGS = ("not_deterministic",)
-"""Warnings about the system, which stay whatever a later batch shows."""
+SHARES = (0.125, 0.125, 0.25, 0.5)
+"""Share of the budget and of the error rate that each look uses; each from the second doubles the total."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     """Return all batches, in the order in which they were drawn, as one estimate.
 
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
-    their rollouts. Where none of that is possible, the newest batch, as large as all others together, stands
-    alone. Health is that of the newest batch, except for errors, which are counted over all batches, and for
-    a system that is not deterministic.
+    their shares of the budget. Where none of that is possible, the newest batch, as large as all others
+    together, stands alone. The warnings of all batches count: a later batch that has none may just have
+    missed the tail. Errors are counted over all batches.
     """
     newest = batches[-1]
     if len(batches) == 1:
@@ -48,14 +48,14 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes["failures"] = Failures(newest.failures.noise, newest.failures.robustness, count)
     worst = [batch.worst for batch in batches if not math.isnan(batch.worst.robustness)]
     changes["worst"] = min(worst, key=lambda one: one.robustness, default=newest.worst)
-    # 2. Derive the health warnings.
-    warnings = {name: text for name, text in newest.health.items() if name != "errors"}
+    # 2. Pool the means by the first method that fits their laws.
+    runs = _pool_runs(batches)
+    pooled = _pool_counts(batches) or runs or _pool_weighted(batches)
+    # 3. Collect the health warnings.
     messages = [batch.health["errors"] for batch in batches if "errors" in batch.health]
-    for batch in batches:
-        warnings |= {name: text for name, text in batch.health.items() if name in _SYSTEM_WARNINGS}
+    solved = ("errors", "single_run") if runs else ("errors",)  # there are several runs now
+    warnings = {k: text for batch in batches for k, text in batch.health.items() if k not in solved}
     warnings |= health.check_errors(changes["errors"], changes["rollouts"], max_error_rate, messages)
-    # 3. Pool the means by the first method that fits their laws.
-    pooled = _pool_counts(batches) or _pool_runs(batches) or _pool_weighted(batches)
     if pooled is not None:
         changes |= {
             "probability": pooled.mean,
@@ -82,7 +82,8 @@ def _pool_runs(batches: Sequence[Result]) -> _PooledMean | None:
     pairs = [(derive_distribution(batch), batch.run_probabilities) for batch in batches]
     known = all(isinstance(law, (Binomial, LogNormal)) or not part.any() for law, part in pairs)
     values = np.concatenate(parts)
-    if not known or min(map(len, parts)) < 2 or not values.any():
+    several = all(len(batch.run_probabilities) > 1 or "single_run" in batch.health for batch in batches)
+    if not (known and several and values.any()):
         return None
     mean = float(values.mean())
     least = min(law.relative_variance for law, _ in pairs if isinstance(law, LogNormal)) / len(batches)
@@ -93,12 +94,12 @@ def _pool_runs(batches: Sequence[Result]) -> _PooledMean | None:
 
 
 def _pool_weighted(batches: Sequence[Result]) -> _PooledMean | None:
-    # Single runs are averaged by their share of the rollouts, which was planned and does not bias the mean.
+    # Single runs are averaged by what was planned: rollouts that depend on the outcome would bias the mean.
     laws = [law for batch in batches if isinstance(law := derive_distribution(batch), LogNormal)]
     if len(laws) < len(batches):
         return None
-    shares = [batch.rollouts / sum(other.rollouts for other in batches) for batch in batches]
-    pairs = list(zip(shares, laws, strict=True))
+    planned = SHARES[: len(batches)]
+    pairs = [(share / sum(planned), law) for share, law in zip(planned, laws, strict=True)]
     mean = sum(share * law.mean for share, law in pairs)
     relative = sum((share * law.mean / mean) ** 2 * law.relative_variance for share, law in pairs)
     freedom = sum(law.freedom for law in laws)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,11 +10,13 @@ from pathlib import Path
 from avrare.analysis.check.baseline_files import (
     SHARED_KEYS,
     Baseline,
+    BaselineEntry,
     find_differences,
     read_newest,
     summarise_differences,
 )
 from avrare.analysis.check.criteria import Criterion
+from avrare.analysis.check.pooling import SHARES
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import Watch, estimate_specifications
@@ -24,8 +26,6 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import changed_files, digests
 from avrare.scenario.schema import Regression, Scenario
 
-SHARES = (0.125, 0.125, 0.25, 0.5)
-"""Share of the budget and of the error rate that each look uses; each from the second doubles the total."""
 _SEED_STRIDE = 0x9E3779B97F4A7C15
 _SEED_RANGE = 2**63
 
@@ -39,6 +39,7 @@ class CheckTarget:
     compared: bool  # with a baseline, if there is one
     baseline: Baseline | None  # the newest one
     notes: tuple[str, ...] = ()  # on the comparison
+    restarts: bool = False  # the line of baselines starts anew: none is compared with its first
 
     @property
     def definition(self) -> Scenario:
@@ -52,15 +53,27 @@ class CheckTarget:
 
     @property
     def criteria(self) -> list[Criterion]:
-        """Thresholds, then comparisons with the baseline."""
+        """Thresholds, then comparisons with the baseline and with the first of its line."""
         definition = self.definition
         found = [Criterion(self.name, one.specification, one) for one in definition.thresholds]
-        entries = self.baseline.entries if self.baseline is not None else {}
+        if self.baseline is None:
+            return found
+        firsts = {} if self.restarts else self.baseline.firsts
         for name in definition.estimated:
-            if (entry := entries.get(name)) is not None:
-                health = tuple(warning for warning in entry.health if warning not in definition.suppress)
-                found.append(Criterion(self.name, name, self._regression, replace(entry, health=health)))
+            for reference, entries in (("baseline", self.baseline.entries), ("first baseline", firsts)):
+                if (entry := entries.get(name)) is not None:
+                    health = tuple(warning for warning in entry.health if warning not in definition.suppress)
+                    known = replace(entry, health=health)
+                    found.append(Criterion(self.name, name, self._regression, known, reference))
         return found
+
+    @property
+    def firsts(self) -> Mapping[str, BaselineEntry]:
+        """First baseline of each specification's line, for the next one; one with warnings begins none."""
+        if self.baseline is None or self.restarts:
+            return {}
+        healthy = {name: entry for name, entry in self.baseline.entries.items() if not entry.health}
+        return {**healthy, **self.baseline.firsts}
 
     @property
     def planned_criteria(self) -> list[Criterion]:
@@ -102,7 +115,7 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
     notes += [f"the baseline was made with other versions: {', '.join(versions)}"] if versions else []
     removed = [name for name in baseline.entries if name not in definition.estimated]
     notes += [f"no longer estimated: {', '.join(removed)}"] if removed else []
-    return CheckTarget(scenario, folder, compared, baseline, tuple(notes))
+    return CheckTarget(scenario, folder, compared, baseline, tuple(notes), restarts=accept)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,14 @@ def test_files_are_numbered_and_the_newest_is_read(scenario, estimate, tmp_path)
     assert found.versions["avrare-gusts"] == "1.0"
 
 
+def test_the_first_of_a_line_is_stored_with_every_later_one(scenario, estimate, tmp_path):
+    old = baseline.read(baseline.save(tmp_path, scenario, [estimate(Binomial(5, 1000))]))
+    assert old.firsts == {}
+    new = baseline.read(baseline.save(tmp_path, scenario, [estimate(Binomial(9, 1000))], old.entries))
+    assert new.firsts == old.entries
+    assert new.entries["rule"].distribution == Binomial(9, 1000)
+
+
 @pytest.mark.parametrize("law", [Binomial(0, 10), Binomial(5, 1000), LogNormal(1e-3, 0.1, 9)], ids=str)
 def test_an_estimate_survives(scenario, estimate, tmp_path, law):
     result = estimate(law, relative_error=math.nan if law == Binomial(0, 10) else 0.1)

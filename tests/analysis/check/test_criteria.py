@@ -83,16 +83,24 @@ def test_an_uninformative_estimate_never_passes(decide, estimate, against):
     assert decide(threshold("< 0.9"), None, **unknown) == "inconclusive"
 
 
-def test_an_unhealthy_estimate_may_fail_but_not_pass(decide, against, estimate):
+def test_an_unhealthy_estimate_neither_passes_nor_fails(decide, against, estimate):
     ill = {"health": {"few_roots": "half of the runs ..."}}
     assert decide(threshold("< 0.5"), Binomial(5, 1000)) == "pass"
     assert decide(threshold("< 0.5"), Binomial(5, 1000), **ill) == "inconclusive"
-    assert decide(threshold("< 1e-4"), Binomial(5, 1000), **ill) == "fail"
+    assert decide(threshold("< 1e-4"), Binomial(5, 1000), **ill) == "inconclusive"
+    assert decide(threshold("< 1e-4"), Binomial(5, 1000)) == "fail"
     sick = against(Binomial(40, 4000), health={"extinct_runs": "..."})
     assert decide(sick, Binomial(40, 4000)) == "inconclusive"
+    assert decide(sick, Binomial(400, 4000)) == "inconclusive"
     assert find_objections(sick, estimate(Binomial(40, 4000))) == [
         "the baseline has health warnings: extinct_runs"
     ]
+
+
+def test_a_warning_about_the_system_leaves_a_failure_a_failure(decide):
+    for name in ("all_failed", "solver_failures", "errors"):
+        assert decide(threshold("< 0.1"), Binomial(1000, 1000), health={name: "..."}) == "fail"
+        assert decide(threshold("< 0.1"), Binomial(0, 1000), health={name: "..."}) == "inconclusive"
 
 
 def test_another_definition_of_failure_is_not_compared(decide, against, estimate):

@@ -14,7 +14,10 @@ def runs(estimate, values, **changes):
     values = np.array(values)
     mean = float(values.mean())
     spread = float(values.var(ddof=1)) / len(values) / mean**2 if mean else 0.0
-    at = partial(intervals.log_normal, mean, spread, freedom=len(values) - 1) if mean else intervals.unknown
+    at = intervals.unknown
+    if mean:
+        logs = intervals.cox(values)
+        at = partial(intervals.log_normal, mean, spread, freedom=len(values) - 1, logs=logs)
     return estimate(interval_at=at, probability=mean, run_probabilities=values, estimator="ams", **changes)
 
 
@@ -45,14 +48,27 @@ def test_runs_that_are_all_extinct_give_no_information(estimate):
     assert whole.interval_at(0.95) == (0.0, 1.0)
 
 
-def test_single_runs_are_weighted_by_their_rollouts(estimate):
-    one = estimate(LogNormal(1e-3, 0.04, 20), rollouts=1000)
-    two = estimate(LogNormal(2e-3, 0.01, 30), rollouts=3000)
-    law = derive_distribution(pool([one, two], 0.01))
-    assert law.mean == pytest.approx(1.75e-3)
-    variance = (0.25 * 1e-3) ** 2 * 0.04 + (0.75 * 2e-3) ** 2 * 0.01
-    assert law.relative_variance == pytest.approx(variance / 1.75e-3**2)
-    assert law.freedom == 50
+def test_single_runs_are_weighted_by_their_planned_shares(estimate):
+    """Rollouts depend on the outcome: a lucky run costs more and would count more."""
+    means, errors = [1e-3, 1e-3, 2e-3], [0.04, 0.04, 0.01]
+    batches = [
+        estimate(LogNormal(mean, error, 20), rollouts=rollouts)
+        for mean, error, rollouts in zip(means, errors, [500, 1500, 9000], strict=True)
+    ]
+    law = derive_distribution(pool(batches, 0.01))
+    assert law.mean == pytest.approx(1.5e-3)
+    variance = 2 * (0.25 * 1e-3) ** 2 * 0.04 + (0.5 * 2e-3) ** 2 * 0.01
+    assert law.relative_variance == pytest.approx(variance / 1.5e-3**2)
+    assert law.freedom == 60
+
+
+def test_single_runs_of_splitting_are_runs_of_one_estimate(estimate):
+    alone = {"health": {"single_run": "only one run ..."}, "run_probabilities": np.array([1e-3])}
+    batches = [estimate(LogNormal(1e-3, 0.1, 0), **alone), runs(estimate, [2e-3, 4e-3])]
+    whole = pool(batches, 0.01)
+    assert whole.interval == pytest.approx(runs(estimate, [1e-3, 2e-3, 4e-3]).interval)
+    assert not whole.health
+    assert set(pool([batches[0]], 0.01).health) == {"single_run"}
 
 
 def test_estimates_that_cannot_be_pooled_leave_the_newest(estimate):
@@ -63,17 +79,11 @@ def test_estimates_that_cannot_be_pooled_leave_the_newest(estimate):
     assert whole.rollouts == 2000
 
 
-def test_health_is_that_of_the_newest_but_errors_add_up(estimate):
-    ill = estimate(Binomial(1, 100), health={"all_failed": "x", "errors": "20 of 1000"}, errors=20)
+def test_warnings_of_all_batches_count_and_errors_add_up(estimate):
+    ill = estimate(Binomial(1, 100), health={"few_roots": "x", "errors": "20 of 1000"}, errors=20)
     well = estimate(Binomial(1, 100), errors=0)
-    assert pool([ill, well], 0.01).health == {}
-    assert set(pool([ill, well], 0.005).health) == {"errors"}
-    assert set(pool([well, ill], 0.02).health) == {"all_failed"}
-
-
-def test_a_system_found_not_to_be_deterministic_stays_so(estimate):
-    ill, well = estimate(Binomial(1, 100), health={"not_deterministic": "x"}), estimate(Binomial(1, 100))
-    assert pool([ill, well, well], 0.01).health == {"not_deterministic": "x"}
+    assert set(pool([ill, well], 0.01).health) == {"few_roots"}
+    assert set(pool([well, ill, well], 0.005).health) == {"few_roots", "errors"}
 
 
 def test_one_batch_is_itself(estimate):
