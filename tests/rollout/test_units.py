@@ -169,11 +169,12 @@ def test_sizes_are_measured_once_and_travel_with_the_problem():
     assert Counting.rollouts == 11
 
 
-def test_monte_carlo_measures_nothing():
+def test_rollouts_without_a_score_measure_nothing():
     Counting.rollouts = 0
     problem = Problem(Counting(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS)
-    avrare.estimate(problem, "mc", rollouts=10)
+    problem.simulate(NOISE, Request.from_start(np.zeros(10, dtype=np.int64), np.arange(10)), scored=False)
     assert Counting.rollouts == 10
+    assert problem._sizes is None
 
 
 def test_a_scenario_sends_its_sizes_to_the_workers():
