@@ -6,7 +6,7 @@ import errno
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from avrare.base.errors import UsageError
@@ -46,16 +46,23 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
-    """Write a file completely or not at all; ``durable``: return once it would survive a loss of power."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    """Write a file completely or not at all; ``durable``: return once it would survive a loss of power.
+
+    Temporary files of processes that died are removed, unless ``durable``: there may be very many files.
+    """
+    if not durable:
+        remove_torn(path.parent)
+    handle, temporary = _open_temporary(path)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
+            file.flush()
             if durable:
-                file.flush()
-                os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+                os.fsync(handle)
+            if fcntl is None:  # Windows renames no open file; elsewhere its lock says that it is in use
+                file.close()
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
         raise
@@ -65,6 +72,25 @@ def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def remove_torn(folder: Path) -> None:
+    """Remove the temporary files in a folder whose writers are dead, as their locks tell."""
+    for temporary in folder.glob(".*.tmp") if fcntl is not None else ():
+        with suppress(OSError), temporary.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            temporary.unlink()
+
+
+def _open_temporary(path: Path) -> tuple[int, str]:
+    while True:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        with suppress(OSError):  # a file system without locks: then nothing is ever removed
+            if fcntl is not None:
+                fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink or fcntl is None:
+            return handle, temporary
+        os.close(handle)  # removed by ``remove_torn`` before it was locked
 
 
 @contextmanager

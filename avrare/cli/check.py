@@ -14,7 +14,7 @@ from avrare.analysis.check.gate import check
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
 from avrare.base.atomic_files import ensure_writable
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import print_warnings, refuse_overwrite, write_file, write_files
 from avrare.estimation.budget import Budget
@@ -22,6 +22,7 @@ from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
+from avrare.rollout.executors.interruption import Stopping
 
 _PILOT_ROLLOUTS = 200
 
@@ -35,9 +36,15 @@ def execute(args: argparse.Namespace) -> int:
     subjects = _subjects(args)
     if args.out and not args.plan:
         refuse_overwrite(Path(args.out), "check.json", [one.definition.name for one in subjects])
-    if args.plan:
-        return _plan(args, subjects, budget)
-    outcome = check(subjects, plan_looks(budget, spend), _machine(args), args.save)
+    try:
+        with Stopping() as stop:
+            if args.plan:
+                return _plan(args, subjects, budget, _machine(args, stop))
+            outcome = check(subjects, plan_looks(budget, spend), _machine(args, stop), args.save)
+    except Interrupted:
+        raise Interrupted(
+            "interrupted, there is no verdict", "run the check again: it saves no chunks"
+        ) from None
     _write(args, subjects, outcome)
     if args.json:
         print(json.dumps(outcome.to_dict(subjects)))
@@ -64,11 +71,13 @@ def _subjects(args: argparse.Namespace) -> list[Any]:
     return found
 
 
-def _machine(args: argparse.Namespace) -> Any:
-    return ExecutionSettings(args.workers, args.executor, partial(Progress, mode=display(args)))
+def _machine(args: argparse.Namespace, stop: Stopping) -> ExecutionSettings:
+    return ExecutionSettings(
+        args.workers, args.executor, partial(Progress, mode=display(args), stop=stop), stop
+    )
 
 
-def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int:
+def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any, machine: ExecutionSettings) -> int:
     found = []
     for one in subjects:
         known, source = {}, "the baseline"
@@ -76,7 +85,7 @@ def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any) -> int
             entries = one.baseline.entries
             known = {name: entries[name] for name in one.definition.estimated if name in entries}
         if not known:
-            pilot = _pilot(one, budget, _machine(args))
+            pilot = _pilot(one, budget, machine)
             known = {result.specification: BaselineEntry.from_result(result) for result in pilot}
             source = f"a pilot run of {max(entry.rollouts for entry in known.values()):,}"
         scenario = one.definition

@@ -84,8 +84,10 @@ def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
     scenarios = rundir.saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
-        hint = f"avrare run SCENARIO --resume {out} starts one"
-        raise UsageError(f"--resume {out}: contains no interrupted run", hint)
+        hint = f"avrare run SCENARIO --resume {shlex.quote(str(out))} starts one"
+        empty = all(path.is_dir() for path in out.rglob("*") if not path.name.startswith("."))
+        reason = ": a run that was to begin here has saved nothing" if empty else ""
+        raise UsageError(f"--resume {out}: contains no interrupted run{reason}", hint)
     return scenarios
 
 

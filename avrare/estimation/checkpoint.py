@@ -32,7 +32,7 @@ INDEX = "checkpoint.json"
 SCHEMA = 2
 """Since 2 each chunk has a checksum; 1 is read."""
 SCENARIO = "scenario.yaml"
-_OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+)?")
+_OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+){0,2}")
 """Names of checkpoint files, and of temporary ones that a killed process has left."""
 _MAX_DIFFERENCES = 5
 _AFRESH = "start afresh in another folder"
@@ -58,16 +58,27 @@ class Checkpoint:
     sealed: bool = True  # each chunk has a checksum
 
     @staticmethod
-    def open(folder: Path, task: Mapping[str, Any], about: Mapping[str, Any] | None = None) -> Checkpoint:
-        """Resume the checkpoint in ``folder`` if its task is equal, or create it; ``about`` may differ."""
+    def open(
+        folder: Path, task: Mapping[str, Any], about: Mapping[str, Any] | None = None,
+        files: Mapping[str, bytes] | None = None,
+    ) -> Checkpoint:  # fmt: skip
+        """Resume the checkpoint in ``folder`` if its task is equal, or create it; ``about`` may differ.
+
+        ``files`` are written before the index, with which the checkpoint begins: without one, what a killed
+        process has left in the folder is removed.
+        """
         wanted = json.loads(json.dumps(task))  # tuples become lists, as they do in the file
         stored = read_index(folder)
         if stored is None:
             index = json.dumps({"schema": SCHEMA, "task": wanted, "about": about or {}}, indent=2)
             with _explain_folder_errors(folder):
                 folder.mkdir(parents=True, exist_ok=True)
-                if not all(_OWN_FILES.fullmatch(path.name) for path in folder.iterdir()):
+                if not all(path.is_dir() or _OWN_FILES.fullmatch(path.name) for path in folder.rglob("*")):
                     raise UsageError(f"{folder}: is not empty and not a checkpoint", "choose another folder")
+                _remove_own_files(folder)
+                for name, content in (files or {}).items():
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    write_atomic(folder / name, content, durable=True)
                 write_atomic(folder / INDEX, index.encode(), durable=True)
         elif changes := differences(stored["task"], wanted):
             more = len(changes) - _MAX_DIFFERENCES
@@ -106,15 +117,10 @@ class Checkpoint:
             ) from None
 
     def remove(self) -> None:
-        """Delete the checkpoint, the index last; files of others in the folder stay."""
+        """Delete the checkpoint, the index first; files of others in the folder stay."""
         with suppress(OSError):
-            for path in sorted(self.folder.rglob("*"), reverse=True):
-                if path.is_dir():
-                    with suppress(OSError):  # not empty: it holds files of others
-                        path.rmdir()
-                elif _OWN_FILES.fullmatch(path.name) and path != self.folder / INDEX:
-                    path.unlink()
-            (self.folder / INDEX).unlink()
+            (self.folder / INDEX).unlink(missing_ok=True)
+            _remove_own_files(self.folder)
             self.folder.rmdir()
 
 
@@ -139,6 +145,15 @@ class FileJournal:
             hint = "remove this file: its rollouts are then run again"
             raise UsageError(f"{path}: {error}", hint) from None
 
+    def rows(self, stage: int, index: int) -> int | None:
+        """Return the number of rows of a stored chunk, None where it is not stored."""
+        path = self._path(stage, index)
+        if not path.exists():
+            return None
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            return len(_arrays(path.read_bytes())["error"])
+        return 1  # damaged: told when it is read
+
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
         """Store the outcome of a chunk; a failure does not touch those stored before."""
         path = self._path(stage, index)
@@ -159,6 +174,15 @@ class FileJournal:
 
     def _key(self, chunk: Request) -> str:
         return f"{self.owner}-{digest(chunk)}"
+
+
+def _remove_own_files(folder: Path) -> None:
+    for path in sorted(folder.rglob("*"), reverse=True):
+        if path.is_dir():
+            with suppress(OSError):  # not empty: it holds files of others
+                path.rmdir()
+        elif _OWN_FILES.fullmatch(path.name):
+            path.unlink()
 
 
 def _explain_folder_errors(folder: Path) -> AbstractContextManager[None]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import takewhile
 from typing import Any, cast
 
 from avrare.base.errors import Interrupted, UsageError
 from avrare.base.health_messages import MESSAGES, check_names
 from avrare.estimation.budget import Budget
+from avrare.estimation.pace import Pace
 from avrare.estimation.plan import Estimator, Info, Journal, Plan
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import examined
@@ -128,6 +129,7 @@ class _Loop:
         self.estimator, self.plan, self.work, self.executor = estimator, plan, work, executor
         self.progress, self.journal, self.stop = progress, journal, stop or (lambda: False)
         self.began = time.perf_counter()
+        self.pace, self.stopped = Pace(), False
 
     @property
     def seconds(self) -> float:
@@ -143,27 +145,47 @@ class _Loop:
                 parts.append(part)
                 so_far = so_far.plus(part)
                 self.progress(so_far)
+            if not parts:  # the time left pays for no more
+                break
             state, info = self.estimator.tell(state, Rollouts.join(parts))
             self.progress(info)
             stage += 1
         return state
 
     def _outcomes(self, stage: int, request: Request) -> Iterator[Rollouts]:
-        size = self.plan.chunk
-        chunks = [request.slice(at, at + size) for at in range(0, request.rows, size)]
         journal = self.journal if self._can_store(request) else None
-        index = 0
-        for outcome in self._stored(journal, stage, chunks) if journal else ():
-            index += 1
+        index = done = 0
+        for outcome in self._stored(journal, stage, request) if journal else ():
+            index, done = index + 1, done + len(outcome.error)
             yield outcome
-        wanted = takewhile(lambda _: not self.stop(), chunks[index:])
-        for outcome in self.executor.map(wanted):
+        if journal and self._timed and journal.rows(stage + 1, 0):
+            return  # the time left did not pay for the rest of this stage, or so it seemed
+        sent: deque[Request] = deque()
+        for outcome in self.executor.map(self._pieces(request, done, sent)):
+            chunk = sent.popleft()
+            self.pace.finish(self.seconds, chunk.rows)
             if journal:
-                journal.write(stage, index, chunks[index], outcome, self.seconds)
-            index += 1
+                journal.write(stage, index, chunk, outcome, self.seconds)
+            index, done = index + 1, done + chunk.rows
             yield outcome
-        if index < len(chunks):
+        if done < request.rows and (self.stopped or not self._timed):
             raise Interrupted("interrupted")
+
+    def _pieces(self, request: Request, at: int, sent: deque[Request]) -> Iterator[Request]:
+        # A piece of a chunk gives the same bits; a budget of seconds has pieces that fit into the time left.
+        while at < request.rows and not self._asked_to_stop():
+            size = min(self.plan.chunk, request.rows - at)
+            if self._timed:
+                size = self.pace.take(self.seconds, self._time_left, size)
+            if not size:
+                return
+            sent.append(request.slice(at, at + size))
+            at += size
+            yield sent[-1]
+
+    def _asked_to_stop(self) -> bool:
+        self.stopped = self.stopped or self.stop()
+        return self.stopped
 
     def _can_store(self, request: Request) -> bool:
         if not request.keep_carries:
@@ -171,8 +193,11 @@ class _Loop:
         rebuilding = find_ability(self.estimator, RebuildsCarries)
         return rebuilding is not None and rebuilding.rebuilds_carries
 
-    def _stored(self, journal: Journal, stage: int, chunks: list[Request]) -> Iterator[Rollouts]:
-        for index, chunk in enumerate(chunks):
+    def _stored(self, journal: Journal, stage: int, request: Request) -> Iterator[Rollouts]:
+        at = index = 0
+        while at < request.rows:
+            rows = journal.rows(stage, index) if self._timed else self.plan.chunk
+            chunk = request.slice(at, at + (rows or 1))
             found = journal.read(stage, index, chunk)
             if found is None:
                 return
@@ -182,6 +207,7 @@ class _Loop:
             if index == 0 and (stage == 0 or chunk.law is not None):
                 check_reproduces(self.work, chunk, outcome)
             self.began = time.perf_counter() - seconds
+            at, index = at + chunk.rows, index + 1
             yield outcome
 
     def _check_shape(self, name: str, chunk: Request, outcome: Rollouts) -> None:
@@ -190,8 +216,14 @@ class _Loop:
             hint = "remove this file: its rollouts are then run again"
             raise UsageError(f"{name}.npz of the checkpoint is damaged: it is of another shape", hint)
 
+    @property
+    def _timed(self) -> bool:
+        return self.plan.budget is not None and self.plan.budget.kind == "seconds"
+
+    @property
+    def _time_left(self) -> float:
+        assert self.plan.budget is not None
+        return self.plan.budget.amount - self.seconds
+
     def _out_of_time(self, info: Info) -> bool:
-        budget = self.plan.budget
-        if budget is None or budget.kind != "seconds" or not info.rollouts:
-            return False
-        return self.seconds >= budget.amount
+        return self._timed and bool(info.rollouts) and self._time_left <= 0.0

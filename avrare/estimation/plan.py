@@ -26,7 +26,8 @@ class Plan:
         chunk: Rollouts per unit of work.
         noise: Source of the noise tapes.
         confidence: Level of the interval, in (0, 1).
-        budget: Upper bound on cost, or None for the estimator's own options.
+        budget: Upper bound on cost, or None for the estimator's own options. With one of seconds,
+            requests are answered in part, by their first rows, where the time does not pay for all.
         max_error_rate: Share of errors among the rollouts above which the result has the warning ``errors``.
     """
 
@@ -100,6 +101,9 @@ class Journal(Protocol):
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
         """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
+
+    def rows(self, stage: int, index: int) -> int | None:
+        """Return the number of rows of a stored chunk, None where it is not stored."""
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
         """Store the outcome of chunk number ``index`` of a stage."""

@@ -188,7 +188,7 @@ def read_run_folder(path: Path) -> RunFolder:
     if not file.is_file():
         inside = sorted(one.parent.name for one in path.glob("*/result.json")) if path.is_dir() else []
         hint = f"it holds several runs; give one of them: {', '.join(inside)}" if inside else None
-        if (path / "checkpoint").is_dir():
+        if (path / "checkpoint" / "checkpoint.json").is_file():
             hint = f"the run is not finished: avrare run --resume {shlex.quote(str(path))} resumes it"
         raise UsageError(
             f"{path}: no result.json in it", hint or "give the folder that `avrare run --out` has written"

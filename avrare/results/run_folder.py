@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.base.atomic_files import explain_file_errors, write_atomic, write_text
+from avrare.base.atomic_files import explain_file_errors, remove_torn, write_atomic, write_text
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
@@ -125,11 +125,8 @@ def begin_checkpoint(
     if not resume and read_index(folder) is not None:
         _remove_without_chunks(folder)
     paths = {one.name: str(Path(one.path).resolve()) for one in scenarios}
-    with Checkpoint.open(folder, _task(scenarios, budget), {"paths": paths}).held() as checkpoint:
-        with explain_file_errors(f"{folder}: cannot save a checkpoint here"):
-            for one in scenarios:
-                (folder / one.name).mkdir(exist_ok=True)
-                write_atomic(folder / one.name / SCENARIO, dump(one.resolved).encode(), durable=True)
+    files = {f"{one.name}/{SCENARIO}": dump(one.resolved).encode() for one in scenarios}
+    with Checkpoint.open(folder, _task(scenarios, budget), {"paths": paths}, files).held() as checkpoint:
         try:
             yield checkpoint
         except AvrareError as error:
@@ -162,10 +159,13 @@ def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any
 def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) -> list[Scenario]:
     """Return the scenarios of the checkpoint in ``out``; empty where there is none."""
     index = read_index(out / FOLDER)
-    names = index["task"].get("scenarios", {}) if index else {}
-    paths = index["about"].get("paths", {}) if index else {}
+    names, paths = (index["task"].get("scenarios"), index["about"].get("paths")) if index else ({}, {})
+    plain = isinstance(names, dict) and isinstance(paths, dict)
+    if not plain or any(Path(name).name != name for name in names):
+        text = f"{out / FOLDER}: this is not the checkpoint of a run"
+        raise UsageError(text, "give the scenario as well, or start afresh in another folder")
     if not all((out / FOLDER / name / SCENARIO).exists() for name in names):
-        return []  # killed before it started
+        return []  # killed by an earlier version before it started
     loaded = [load(out / FOLDER / name / SCENARIO, overrides, estimator) for name in names]
     return [replace(one, path=str(paths.get(one.name, one.path))) for one in loaded]
 
@@ -202,6 +202,9 @@ def finished_results(
             f"{out}: this run is finished, with a budget of {described}",
             "choose another folder for another budget",
         )
+    if runs:  # a process killed after it had finished may have left these
+        Checkpoint(out / FOLDER, {}).remove()
+        remove_torn(out)
     return [run.content for run in runs]
 
 

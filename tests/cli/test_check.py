@@ -1,6 +1,8 @@
 """``avrare check`` as a user and a CI server meet it."""
 
 import json
+import os
+import signal
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,6 +10,7 @@ import pytest
 
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
+from avrare.report.terminal.progress_line import Progress
 
 TOY = Path(__file__).parents[1] / "analysis" / "check" / "toy"
 DRIVE = """\
@@ -369,3 +372,14 @@ def test_an_interrupted_run_is_not_overwritten(drive, monkeypatch, capsys):
     error = capsys.readouterr().err
     assert "contains an interrupted run" in error
     assert "resume it with avrare run --resume results" in error
+
+
+def test_sigterm_ends_a_check_as_it_ends_a_run(drive, monkeypatch, capfd):
+    monkeypatch.setattr(Progress, "__call__", lambda self, info: os.kill(os.getpid(), signal.SIGTERM))
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["check", drive(BOUND % 0.1), "--save"]) == 2
+    err = capfd.readouterr().err
+    assert "stopping after the current chunk" in err
+    assert "interrupted, there is no verdict\nhint: run the check again" in err
+    assert not Path("baselines").exists()
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -148,6 +148,7 @@ class ExecutionSettings:
     workers: int
     executor: str | None  # name and options; None: serial, or processes for several workers
     watch: Watch  # shows the progress of each estimate
+    stop: Callable[[], bool] | None = None  # tells whether the user asked to stop
 
 
 def estimate_look(
@@ -158,5 +159,5 @@ def estimate_look(
     start_executor = partial(build_executor, execution.workers, execution.executor)
     return estimate_specifications(
         scenario, specifications, look.budget, start_executor, execution.watch,
-        seed=look.seed(scenario.definition.seed), note=note,
+        seed=look.seed(scenario.definition.seed), note=note, stop=execution.stop,
     )  # fmt: skip
