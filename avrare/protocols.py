@@ -160,7 +160,7 @@ class Estimator(Protocol[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
     """Estimator: owns no loop, but asks for rollouts and is given their outcome.
 
     ``avrare.estimation.plan.Estimator`` names the value types. Optional: ``PreparesProblem``,
-    ``NeedsCapabilities``, ``StopsEarly``, ``RebuildsCarries``.
+    ``NeedsCapabilities``, ``StopsEarly``, ``RebuildsCarries``, ``avrare.estimation.plan.ScalesToCost``.
 
     Attributes:
         name: Name in results.

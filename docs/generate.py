@@ -84,7 +84,11 @@ def _scenario() -> str:
         "## Keys",
         _options(schema, ("extends",)),
     ]
-    for title, name in (("thresholds", "Threshold"), ("regression", "Regression")):
+    for title, name in (
+        ("thresholds", "Threshold"),
+        ("regression", "Regression"),
+        ("cross_check", "CrossCheck"),
+    ):
         parts += [f"## {title}", _options(schema["$defs"][name])]
     from avrare.scenario.schema import Formula
 

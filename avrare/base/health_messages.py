@@ -44,6 +44,9 @@ MESSAGES = {
     "model_error": "{note}",
     "flow_tails": "{note}",
     "paper_weights": "{note}",
+    "estimators_disagree": "{estimator} gives {own}, but its cross-check by {other} gives {others}: at "
+    "least one of them misses failures, and neither can be trusted; repeat both with more particles or "
+    "chains, or with another score",
     "unreached": "after {stages} stages the elite has not reached failure: the proposal is unsuitable; use "
     "more stages or more rollouts",
 }

@@ -76,6 +76,7 @@ OPTIONS: dict[str, Options] = {
         **_RUN,
         "--until relative_error=X|threshold=X": "run mc, ams or ess until the relative error is at most "
         "X, or mc until the interval excludes X",
+        "--cross-check": "check each estimate by a smaller one of another family (as `cross_check: true`)",
         "--out DIR": "results folder (default: a new one under runs/)",
         "--resume DIR": "resume the interrupted run in this folder",
         "--failures DIR": "replay the failures stored in DIR first, and store new ones there",

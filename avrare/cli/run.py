@@ -20,6 +20,7 @@ from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
+from avrare.estimation.cross_check import without_check
 from avrare.estimation.estimate_problem import estimate_specifications
 from avrare.estimation.loop import Settings, check_system, planned
 from avrare.estimation.result import verdict, worst_verdict
@@ -27,7 +28,13 @@ from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
-from avrare.report.terminal.result_table import blind_lines, note_lines, result_table, verdict_lines
+from avrare.report.terminal.result_table import (
+    blind_lines,
+    check_lines,
+    note_lines,
+    result_table,
+    verdict_lines,
+)
 from avrare.results import run_folder as rundir
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
@@ -103,8 +110,9 @@ def _check_start(scenario: Any, budget: Any) -> None:
     definition, estimator = scenario.definition, scenario.estimator()
     problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
     settings = Settings(
-        definition.seed, definition.confidence, budget, definition.max_error_rate, definition.suppress
-    )
+        definition.seed, definition.confidence, without_check(budget, definition.cross_check),
+        definition.max_error_rate, definition.suppress,
+    )  # fmt: skip
     try:
         problem, plan = planned(problem, estimator, settings)
         check_system(problem, estimator)
@@ -114,13 +122,14 @@ def _check_start(scenario: Any, budget: Any) -> None:
 
 
 def _overrides(args: argparse.Namespace) -> list[str]:
+    settings = [*overrides(args), *(["cross_check=true"] if args.cross_check else [])]
     if args.until is None:
-        return overrides(args)
+        return settings
     key, _, value = args.until.partition("=")
     if key not in ("relative_error", "threshold") or not value:
         hint = "write --until relative_error=0.1 or --until threshold=1e-3"
         raise UsageError(f"--until {args.until!r} is invalid", hint)
-    return [*overrides(args), f"estimator.{key}={value}"]
+    return [*settings, f"estimator.{key}={value}"]
 
 
 def _run_all(
@@ -188,6 +197,7 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
     confidence = definition.confidence if definition.estimator.plugin == "mc" else None
     journal = cache(lambda specification: checkpoint.journal(f"{definition.name}/{specification}"))
     executors: list[Any] = []
+    begun: set[str] = set()
 
     def start_executor() -> Any:
         executors.append(build_executor(args.workers, args.executor))
@@ -196,7 +206,9 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
     @contextmanager
     def watch(label: str, problem: Any) -> Iterator[Progress]:
         with Progress(label, problem, display(args), confidence, stop) as progress:
-            progress.began -= journal(problem.names[0]).seconds
+            if problem.names[0] not in begun:  # a cross-check comes second
+                progress.began -= journal(problem.names[0]).seconds
+            begun.add(problem.names[0])
             yield progress
         _report_restarts(executors[-1])
 
@@ -234,4 +246,5 @@ def _show(
     print_table(console, result_table(title, results))
     print_lines(console, note_lines(results), "yellow")
     print_lines(console, blind_lines(results))
+    print_lines(console, check_lines(results))
     print_lines(console, [f"results in {folder}", *(f"  {path.name}" for path in pictures)])

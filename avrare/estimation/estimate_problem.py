@@ -15,6 +15,7 @@ from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
+from avrare.estimation.cross_check import cross_checked, parse_cross_check, without_check
 from avrare.estimation.loop import Progress, Settings, check_system, prepare_problem, run
 from avrare.estimation.plan import Estimator, Journal
 from avrare.estimation.result import Result
@@ -23,6 +24,7 @@ from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import Executor, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
+from avrare.scenario.schema import CrossCheck
 from avrare.scenario.validation import check_options
 
 
@@ -36,6 +38,7 @@ def estimate(
     budget: Budget | Mapping[str, float] | str | None = None,
     suppress: Sequence[str] = (),
     checkpoint: str | os.PathLike[str] | None = None,
+    cross_check: CrossCheck | Mapping[str, Any] | bool = False,
     **options: Any,
 ) -> Result:
     """Estimate the failure probability of ``problem``.
@@ -53,6 +56,8 @@ def estimate(
         checkpoint: Folder in which the outcome of every chunk (``Problem(chunk=...)``) is kept until the
             estimate is complete. After an interruption the same call resumes from there with the same bits,
             for any number of workers; a call that differs is refused.
+        cross_check: Check the estimate by a smaller one of another family: True, or options such as
+            {"estimator": "ess", "share": 0.15}. A budget pays for both.
         **options: The estimator's options, per run: ``rollouts``, ``particles``, ``discard``, ``runs``, ...
 
     Raises:
@@ -70,15 +75,28 @@ def estimate(
             f"the problem has {len(problem.names)} specifications; estimate one at a time",
             "make a Problem for each, or use `avrare run`",
         )
-    settings = Settings(seed, confidence, Budget.parse(budget), suppress=tuple(suppress))
-    built, executor = _estimator(estimator, options), build_executor(workers)
+    check = parse_cross_check(cross_check, estimator)
+    paid = without_check(Budget.parse(budget), check)
+    settings = Settings(seed, confidence, paid, suppress=tuple(suppress))
+    built = _estimator(estimator, options)
+
+    def complete(journal: Callable[[str], Journal | None]) -> Result:
+        def execute(problem: Problem, used: Estimator, settings: Settings, part: str = _CHECK) -> Result:
+            saved = journal(f"{problem.names[0]}{part}")
+            return run(problem, used, build_executor(workers), settings, journal=saved)[0]
+
+        result = execute(problem, built, settings, "")
+        return result if check is None else cross_checked(problem, result, check, settings, execute)
+
     if checkpoint is None:
-        return _told(run(problem, built, executor, settings)[0])
+        return _told(complete(lambda name: None))
     if not isinstance(checkpoint, (str, os.PathLike)):
         raise UsageError(f"checkpoint must be the path of a folder, not {checkpoint!r}")
     task = _task(problem, estimator, built, settings)
+    if check is not None:
+        task["cross_check"] = check.model_dump()
     with Checkpoint.open(Path(checkpoint), task).held() as saved:
-        result = run(problem, built, executor, settings, journal=saved.journal(problem.names[0]))[0]
+        result = complete(saved.journal)
         saved.remove()
     return _told(result)
 
@@ -89,7 +107,9 @@ def _told(result: Result) -> Result:
     return result
 
 
-_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint")
+_CHECK = "+check"
+"""End of the name of a cross-check's journal; no specification has a "+" in its name."""
+_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint", "cross_check")
 """Arguments of ``estimate`` that are not options: suggested for a misspelt option."""
 
 
@@ -152,13 +172,22 @@ def estimate_specifications(
     journal of an estimate by its first specification, and ``stop`` is as in ``run``.
     """
     definition, estimator = scenario.definition, scenario.estimator()
+    check = definition.cross_check
     settings = Settings(
         definition.seed if seed is None else seed,
         definition.confidence,
-        budget,
+        without_check(budget, check),
         definition.max_error_rate,
         definition.suppress,
     )
+
+    def execute(problem: Problem, checker: Estimator, settings: Settings) -> Result:
+        name = problem.names[0]
+        saved = journal(f"{name}{_CHECK}") if journal is not None else None
+        executor = start_executor()
+        with watch(f"{name}{note}  cross-check by {checker.name}", problem) as progress:
+            return run(problem, checker, executor, settings, progress, saved, stop)[0]
+
     results = []
     for group in [(name,) for name in specifications] if estimator.single else [tuple(specifications)]:
         problem = scenario.problem(group)
@@ -166,5 +195,10 @@ def estimate_specifications(
         saved = journal(group[0]) if journal is not None else None
         executor = start_executor()
         with watch(f"{label}{note}  {estimator.name}", problem) as progress:
-            results += run(problem, estimator, executor, settings, progress, saved, stop)
+            found = run(problem, estimator, executor, settings, progress, saved, stop)
+        for name, result in zip(group, found, strict=True):
+            if check is not None:
+                alone = problem if len(group) == 1 else scenario.problem(name)
+                result = cross_checked(alone, result, check, settings, execute, parts=len(group))
+            results.append(result)
     return results

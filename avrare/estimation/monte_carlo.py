@@ -60,6 +60,10 @@ class MonteCarlo:
         self.config = config
         self.stops_early = config.early_stop
 
+    def scaled(self, rollouts: float, probability: float) -> MonteCarlo:
+        """Return Monte Carlo with this number of rollouts, at least one (``ScalesToCost``)."""
+        return MonteCarlo(McConfig(rollouts=max(1, int(rollouts))))
+
     def init(self, plan: Plan) -> tuple[McState, Info]:
         """Return the state before the first rollout, and the progress to show."""
         per_run = self.config.rollouts

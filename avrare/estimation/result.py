@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -35,6 +35,35 @@ class Worst:
 
 
 @dataclass(frozen=True)
+class CrossCheckResult:
+    """Second estimate of the same probability, by an estimator of another family; its cost is its own.
+
+    Attributes:
+        estimator: Name of the estimator.
+        outcome: "agree", "disagree" or "inconclusive".
+        text: The check in words, for instance "cross-check by ess agrees: 1.2e-4 (5e-5 .. 3e-4)".
+        share: Cost that was meant for it, as a share of the estimate's.
+        probability: Its estimate; None where it did not run.
+        interval: Its interval.
+        noticed: Least factor between the two estimates that would have counted as disagreement.
+        rollouts: Number of starts and branches.
+        simulated_steps: Particle rows passed to ``System.step``.
+        seconds: Wall time [s].
+    """
+
+    estimator: str
+    outcome: str
+    text: str
+    share: float
+    probability: float | None = None
+    interval: Interval | None = None
+    noticed: float | None = None
+    rollouts: int = 0
+    simulated_steps: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
 class Result:
     """One estimate of one specification's failure probability.
 
@@ -57,6 +86,7 @@ class Result:
         diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
         blind_bound: Upper bound, at ``confidence``, for failures that the score or proposal does not lead to;
             None where every rollout was drawn from the target, as in Monte Carlo.
+        cross_check: Second estimate that the option ``cross_check`` asked for; not in the cost above.
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
         verdict: Verdict on the threshold of the scenario: "pass", "fail", "inconclusive" or None.
@@ -79,6 +109,7 @@ class Result:
     counts: dict[str, int] = field(default_factory=dict)
     diagnostics: dict[str, Any] = field(default_factory=dict)
     blind_bound: float | None = None
+    cross_check: CrossCheckResult | None = None
     seconds: float = 0.0
     relation: str = "violated"
     verdict: str | None = None
@@ -106,6 +137,7 @@ class Result:
             "health": list(self.health),
             "verdict": self.verdict,
             "warnings": self.health,
+            "cross_check": asdict(self.cross_check) if self.cross_check else None,
             "run_probabilities": self.run_probabilities.tolist(),
             "relation": self.relation,
             "worst_robustness": self.worst.robustness,

@@ -44,6 +44,18 @@ class RolloutSample:
     worst: Worst
 
 
+class StoredCrossCheck(BaseModel):
+    """Cross-check of an estimate: the fields that readers rely on."""
+
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
+
+    estimator: str
+    outcome: Literal["agree", "disagree", "inconclusive"]
+    text: str
+    rollouts: int
+    seconds: float
+
+
 class StoredEstimate(BaseModel):
     """Entry of result.json: the fields that readers rely on (``Result.to_dict`` writes more)."""
 
@@ -63,6 +75,7 @@ class StoredEstimate(BaseModel):
     health: list[str]
     verdict: Literal["pass", "fail", "inconclusive"] | None
     blind_bound: _Share | None = None
+    cross_check: StoredCrossCheck | None = None
     warnings: dict[str, str] | None = None
     counts: dict[str, int | float] | None = None
     run_probabilities: list[float | None] | None = None

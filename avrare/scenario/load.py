@@ -71,6 +71,8 @@ def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
             specifications[name] = part
     estimated, errors = _estimated(tree, written)
     mistakes += errors + _check_thresholds(tree, written)
+    if document is not None and (block := blocks.get("estimator")) is not None:
+        mistakes += _check_other_family(tree, document, block.plugin)
     if mistakes or document is None:
         raise scenario_error(mistakes)
     return Scenario(
@@ -169,6 +171,15 @@ def _check_thresholds(tree: Node, known: dict[str, Node]) -> list[Mistake]:
         if node is not None and isinstance(node.value, str):
             mistakes += _check_name(node, ("thresholds", index, "specification"), known)
     return mistakes
+
+
+def _check_other_family(tree: Node, document: Document, estimator: str) -> list[Mistake]:
+    check, node = document.cross_check, tree.entries_at("cross_check").get("estimator")
+    conflict = check.find_conflict(estimator) if check is not None else None
+    if conflict is None or node is None:
+        return []
+    hint = "leave it out to have one chosen"
+    return [Mistake(node.mark, ("cross_check", "estimator"), conflict, hint)]
 
 
 def _check_name(node: Node, path: Path, known: dict[str, Node]) -> list[Mistake]:

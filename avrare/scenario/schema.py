@@ -7,7 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from avrare.base import version
@@ -117,6 +125,30 @@ class Regression(_Model):
         return 2.0 * self.ratio if self.exclude is None else self.exclude
 
 
+class CrossCheck(_Model):
+    """A second, smaller estimate by an estimator of another family, which the first must agree with."""
+
+    estimator: Literal["ams", "ess", "mc"] | None = Field(
+        default=None,
+        description="estimator that checks; default: ess, or ams for ess and mc; mc where failures are not "
+        "rare, or where the simulator allows no other",
+    )
+    share: float = Field(
+        default=0.15, gt=0.0, le=1.0, description="cost of the check as a share of the estimate's own"
+    )
+
+    def find_conflict(self, estimator: str) -> str | None:
+        """Return why this check cannot be that of ``estimator``, None where it can."""
+        same = self.estimator is not None and estimator.startswith(self.estimator)
+        return f"{self.estimator} is of the same family as {estimator}" if same else None
+
+
+def _as_cross_check(value: Any) -> Any:
+    if isinstance(value, bool):
+        return CrossCheck() if value else None
+    return value
+
+
 def _suppressible(name: str) -> str:
     try:
         check_names((name,))
@@ -156,6 +188,11 @@ class Document(_Model):
     )
     confidence: Probability = Field(0.95, description="confidence level of the reported intervals, in (0, 1)")
     suppress: tuple[HealthWarning, ...] = Field((), description="names of health warnings to suppress")
+    cross_check: Annotated[CrossCheck | None, BeforeValidator(_as_cross_check)] = Field(
+        None,
+        description="check each estimate by a smaller one of another family: true, or options",
+        json_schema_extra={"anyOf": [{"type": "boolean"}, {"$ref": "#/$defs/CrossCheck"}]},
+    )
 
 
 @dataclass(frozen=True)
@@ -204,6 +241,7 @@ class Scenario:
     max_error_rate: float = 0.01
     confidence: float = 0.95
     suppress: tuple[str, ...] = ()
+    cross_check: CrossCheck | None = None
     warnings: tuple[tuple[str, str | None], ...] = field(default=(), compare=False)
 
     @property
@@ -234,4 +272,6 @@ class Scenario:
             plain["regression"] = self.regression.model_dump()
         plain |= {key: getattr(self, key) for key in ("seed", "chunk", "max_error_rate", "confidence")}
         plain["suppress"] = list(self.suppress)
+        if self.cross_check is not None:
+            plain["cross_check"] = self.cross_check.model_dump()
         return plain

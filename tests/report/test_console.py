@@ -9,9 +9,10 @@ from rich.console import Console
 import avrare
 from avrare.base.number_format import format_probability
 from avrare.estimation.plan import Info
+from avrare.estimation.result import CrossCheckResult
 from avrare.report.terminal.console import make_console, make_table, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
-from avrare.report.terminal.result_table import blind_lines, note_lines, result_table
+from avrare.report.terminal.result_table import blind_lines, check_lines, note_lines, result_table
 
 
 class Still:
@@ -84,6 +85,17 @@ def test_splitting_says_what_its_score_may_miss_and_monte_carlo_need_not(problem
     assert blind_lines([split, split]) == [sentence]
     counted = replace(avrare.estimate(problem, "mc", rollouts=50), specification="counted")
     assert blind_lines([split, counted]) == [f"{split.specification}: {sentence}"]
+
+
+def test_a_cross_check_has_a_line_below_the_table(problem):
+    result = avrare.estimate(problem, "mc", rollouts=50)
+    assert check_lines([result]) == []
+    text = "cross-check by ams agrees: 0.02 (0.01 .. 0.04)"
+    found = CrossCheckResult("ams", "agree", text, 0.15, rollouts=90)
+    checked = replace(result, cross_check=found)
+    line = f"{found.text} (90 rollouts, 0.0 s)"
+    assert check_lines([checked]) == [line]
+    assert check_lines([result, checked]) == [f"{checked.specification}: {line}"]
 
 
 @pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])

@@ -8,7 +8,7 @@ import pytest
 from avrare.base.errors import ScenarioError
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
-from avrare.scenario.schema import Formula
+from avrare.scenario.schema import CrossCheck, Formula
 from avrare.scenario.yaml import dump
 
 
@@ -194,3 +194,27 @@ def test_a_missing_file_suggests_a_similar_one(tmp_path, monkeypatch, registry):
 def test_setting_another_plugin_drops_the_options_of_the_old_one(read, good):
     assert read(good, ["estimator.plugin=mc"]).estimator.config.rollouts == 1000
     assert read(good, ["tracker.plugin=straight"]).tracker.config.delay == 2
+
+
+def test_a_cross_check_is_an_option_of_its_own(read, good):
+    assert read(good).cross_check is None
+    assert "cross_check" not in read(good).resolved  # fingerprints of before stay what they were
+    assert read(good + "cross_check: false\n") == read(good)
+    plain = read(good + "cross_check: true\n")
+    assert plain.cross_check == CrossCheck(estimator=None, share=0.15)
+    chosen = read(good + "cross_check: {estimator: ess, share: 0.3}\n")
+    assert chosen.cross_check == CrossCheck(estimator="ess", share=0.3)
+    assert len({fingerprint(one) for one in (read(good), plain, chosen)}) == 3
+    assert read(dump(chosen.resolved)) == chosen
+
+
+def test_a_cross_check_must_be_of_another_family(fails, good):
+    text = good.replace("estimator: {plugin: toy, rollouts: 1e3}", "estimator: {plugin: mc}")
+    lines, code = fails(text + "cross_check: {estimator: mc}\n")
+    assert lines == [
+        "s.yaml:14:26: cross_check.estimator: mc is of the same family as mc",
+        "hint: leave it out to have one chosen",
+    ]
+    assert code == 4
+    lines, _ = fails(text + "cross_check: {shares: 0.3}\n")
+    assert lines[0].startswith("s.yaml:14:15: cross_check.shares: unknown key")

@@ -299,8 +299,11 @@ def _render_facts(entry: StoredEstimate) -> Markup:
         ("time", f"{entry.seconds:,.1f} s"),
     ]
     rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
-    blind = "" if entry.blind_bound is None else f"{describe_blind_bound(entry.blind_bound).capitalize()}."
-    return tag("div", tag("dl", rows, class_="facts"), tag("p", blind, class_="muted") if blind else None)
+    notes = [] if entry.blind_bound is None else [describe_blind_bound(entry.blind_bound)]
+    if check := entry.cross_check:
+        notes.append(f"{check.text} ({check.rollouts:,} rollouts, {check.seconds:,.1f} s)")
+    shown = [tag("p", f"{note[0].upper()}{note[1:]}.", class_="muted") for note in notes]
+    return tag("div", tag("dl", rows, class_="facts"), shown)
 
 
 def _render_warnings(entry: StoredEstimate) -> Markup:

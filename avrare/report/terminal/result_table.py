@@ -73,6 +73,15 @@ def blind_lines(results: Sequence[Result]) -> list[str]:
     return _name_specifications(lines, results)
 
 
+def check_lines(results: Sequence[Result]) -> list[str]:
+    """Return one line for each cross-check."""
+    checks = {result.specification: result.cross_check for result in results if result.cross_check}
+    return [
+        f"{f'{name}: ' if len(results) > 1 else ''}{one.text} ({one.rollouts} rollouts, {one.seconds:.1f} s)"
+        for name, one in checks.items()
+    ]
+
+
 def _name_specifications(lines: Mapping[str, list[str]], results: Sequence[Result]) -> list[str]:
     return [
         text if len(names) == len(results) else f"{', '.join(names)}: {text}" for text, names in lines.items()

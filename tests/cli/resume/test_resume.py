@@ -373,3 +373,35 @@ def test_a_file_system_without_locks_refuses_nobody(night, monkeypatch):
 
     monkeypatch.setattr("fcntl.flock", refuse)
     assert run(night.scenario(), "--out", "done") == 0
+
+
+@pytest.mark.slow
+def test_a_run_stopped_in_its_cross_check_goes_on_there(night, interrupted, capsys):
+    estimator = "{plugin: ams, particles: 90, discard: 20, runs: 2}"
+    words = [night.scenario(estimator), "--set", "cross_check={estimator: ess, share: 1.0}"]
+    assert run(*words, "--out", "whole") == 0
+    lines = capsys.readouterr().out
+    assert "near: cross-check by ess " in lines
+    assert "far: cross-check by ess " in lines
+    interrupted(80, *words, "--out", "torn")
+    folders = {path.parent.name for path in night.saved("torn")}
+    assert "near+check" in folders
+    assert run("--resume", "torn") == 0
+
+    def content(out):
+        found = night.result(out)
+        for entry in found["estimates"]:
+            assert entry["cross_check"]["rollouts"] > 0
+            del entry["cross_check"]["seconds"]
+        return found
+
+    assert content("torn") == content("whole")
+
+
+def test_a_cross_check_of_several_specifications_shares_their_cost(night):
+    assert run(night.scenario("mc"), "--cross-check", "--out", "checked") == 0
+    result = night.result("checked")
+    for entry in result["estimates"]:
+        check = entry["cross_check"]
+        assert (check["estimator"], check["outcome"]) == ("ams", "inconclusive")
+        assert "15 % of the cost pays for only 30 complete rollouts" in check["text"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,10 @@ from avrare_estimators.looks import LEAST_RUNS, Looks, Pilot
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
-
+_NOMINAL = 1e-4
+"""Probability at which a run costs that much."""
+_LEAST_PARTICLES = 50
+"""Particles below which the error of a single run is not known."""
 _PILOT_RUN = 2**31
 """Address of the pilot's noise, far from the runs that count."""
 
@@ -51,6 +55,18 @@ class Splitting:
         if self.config.grow and plan.steps and self._most_runs(plan, pilots=1) >= LEAST_RUNS:
             return AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN), Info()
         return self._begin_counting(plan), Info()
+
+    def scaled(self, rollouts: float, probability: float) -> Splitting | None:
+        """Return one run of as many particles as the rollouts pay for (``ScalesToCost``).
+
+        Its error comes from its genealogy: several smaller runs would say less, with few degrees of freedom.
+        """
+        stages = 1.0 + (_STEPS_OF_RUN - 1.0) * math.log(probability) / math.log(_NOMINAL)
+        particles = int(rollouts / stages)
+        if particles < _LEAST_PARTICLES:
+            return None
+        discard = max(1, particles // 10)
+        return Splitting(AmsConfig(runs=1, particles=particles, discard=discard))
 
     def ask(self, state: AmsState) -> Request | None:
         """Ask for the first N rollouts of every run, then for the successors of the discarded."""

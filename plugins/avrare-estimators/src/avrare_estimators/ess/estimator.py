@@ -34,6 +34,9 @@ _STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
 """Probability that a run is taken to go down to, for budgets."""
 _MIN_PILOT_CHAINS = 5
+_LEAST_CHAINS = 10
+"""Chains below which the error of a single run is not known."""
+_MOST_CHAINS = 1_000_000
 
 
 def build(config: EssConfig, scene: object | None = None) -> NestedLevels:
@@ -87,6 +90,18 @@ class NestedLevels:
     def estimate(self, state: EssState) -> list[Result]:
         """Return the mean of the runs with its interval."""
         return [self._summary(state)]
+
+    def scaled(self, rollouts: float, probability: float) -> NestedLevels | None:
+        """Return one run without a pilot, as long as the rollouts pay for it (``ScalesToCost``).
+
+        Its error comes from its chains: several smaller runs would say less, with few degrees of freedom.
+        """
+        config = EssConfig(runs=1, second_pass=False)
+        moves = math.log(probability) / math.log(config.level_probability)
+        chains = int(rollouts / (config.length + moves * (config.length - 1)))
+        if chains < _LEAST_CHAINS:
+            return None
+        return NestedLevels(config.model_copy(update={"chains": min(chains, _MOST_CHAINS)}))
 
     def _summary(self, state: EssState) -> Result:
         return summarise(self.name, self.config, self.kernel, state, self.notes)

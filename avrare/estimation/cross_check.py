@@ -1,0 +1,178 @@
+"""Cross-check of an estimate: a smaller one by an estimator of another family, and a test whether they agree.
+
+The test compares the logarithms of the two estimates. Each interval has a reach towards the other estimate;
+the limit of their distance is the root of the sum of the squared reaches (MOVER, Zou and Donner 2008). For
+intervals mean * exp(+-t s) this is a t test in which each has its own degrees of freedom, and it takes exact
+intervals as well. An estimate of 0 disagrees where its upper limit lies below the other's lower one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.base.number_format import format_interval, format_percent, format_probability
+from avrare.estimation import health
+from avrare.estimation.budget import Budget
+from avrare.estimation.loop import Settings, check_system, planned
+from avrare.estimation.plan import Estimator, ScalesToCost
+from avrare.estimation.result import CrossCheckResult, Result
+from avrare.plugin.registry import default_registry
+from avrare.protocols import OffersWeights, find_ability
+from avrare.rollout.problem import Problem
+from avrare.scenario.schema import CrossCheck
+from avrare.scenario.validation import check_options
+
+ABOVE, BELOW = 0.95, 0.99
+"""Levels of the intervals that the test compares where the check lies above the estimate, and below it.
+
+Estimates by levels are skewed: a small one that misses something, or is just unlucky, reads too low. Such a
+check says less of the estimate, and asks for more (docs/cross-check.md has the rate of false alarms).
+"""
+NOTICED = 10.0
+"""A check that would not notice this factor says nothing."""
+_FREQUENT = 1e-2
+"""Probability from which on Monte Carlo checks."""
+_NOMINAL = 1e-4
+"""Probability that stands for an estimate of 0 where the size of its check is chosen."""
+_CHECKERS = {"ess": "ams", "ess_linear": "ams", "mc": "ams"}
+"""Estimator to its check; ess for all others."""
+_VERBS = {"agree": "agrees", "disagree": "disagrees", "inconclusive": "is inconclusive"}
+_SEED_KEY = 0xC4EC
+
+Execute = Callable[[Problem, Estimator, Settings], Result]
+"""Runs an estimator on a problem with one specification."""
+
+
+def parse_cross_check(value: CrossCheck | Mapping[str, Any] | bool, estimator: str) -> CrossCheck | None:
+    """Return the check that the argument of ``avrare.estimate`` stands for, None for False."""
+    if isinstance(value, bool):
+        check = CrossCheck() if value else None
+    elif isinstance(value, CrossCheck):
+        check = value
+    elif isinstance(value, Mapping):
+        check = check_options(CrossCheck, "cross_check", value, kind="argument")
+    else:
+        raise UsageError(f"cross_check must be true, false or options, not {value!r}")
+    if check is not None and (conflict := check.find_conflict(estimator)):
+        raise UsageError(f"cross_check: {conflict}", "leave `estimator` out to have one chosen")
+    return check
+
+
+def without_check(budget: Budget | None, check: CrossCheck | None) -> Budget | None:
+    """Return the part of a budget that is left for the estimate itself."""
+    if budget is None or check is None:
+        return budget
+    return replace(budget, amount=budget.amount / (1.0 + check.share))
+
+
+def cross_checked(
+    problem: Problem, result: Result, check: CrossCheck, settings: Settings, execute: Execute, parts: int = 1
+) -> Result:
+    """Return the result with its cross-check, and with a health warning where the two disagree.
+
+    Args:
+        problem: Problem with the result's specification alone.
+        result: Estimate to check.
+        check: Options.
+        settings: Settings of the estimate; the check has a seed of its own, derived from theirs.
+        execute: How to run the check.
+        parts: Number of specifications that share the cost of the estimate.
+    """
+    name, built = _choose(check, problem, result, replace(settings, budget=None))
+    if built is None:
+        return _with(result, _nothing(check, name, "no estimator of another family can run this system"))
+    cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
+    paid = check.share * cost / parts
+    sized = built.scaled(paid, result.probability or _NOMINAL)
+    if sized is None:
+        reason = f"{format_percent(check.share)} of the cost pays for only {paid:.0f} complete rollouts"
+        return _with(result, _nothing(check, name, reason))
+    seed = np.random.SeedSequence(settings.seed, spawn_key=(_SEED_KEY,)).generate_state(1, np.uint64)[0]
+    settings = replace(settings, seed=int(seed), budget=None)
+    found = execute(problem, sized, settings)
+    compared = _compared(result, found, check)
+    if compared.outcome == "disagree" and "estimators_disagree" not in settings.suppress:
+        return _with(result, compared, _disagreement(result, found))
+    return _with(result, compared)
+
+
+def _choose(
+    check: CrossCheck, problem: Problem, result: Result, settings: Settings
+) -> tuple[str, ScalesToCost | None]:
+    chosen = check.estimator or _CHECKERS.get(result.estimator, "ess")
+    if check.estimator is None and result.estimator != "mc" and result.probability >= _FREQUENT:
+        chosen = "mc"
+    if chosen == "ams" and not problem.steps:  # nothing to branch from
+        chosen = "ess"
+    for name in dict.fromkeys((chosen, "mc")):
+        component = default_registry().get("estimator", name)
+        built = component.load_factory()(component.load_config()(), None)
+        if not result.estimator.startswith(name) and _can_run(built, problem, settings):
+            return name, cast("ScalesToCost", built)
+    return chosen, None
+
+
+def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool:
+    try:
+        check_system(planned(problem, estimator, settings)[0], estimator)
+    except UsageError:
+        return False
+    return estimator.name == "ess" or find_ability(problem.system, OffersWeights) is None
+
+
+def _compared(result: Result, found: Result, check: CrossCheck) -> CrossCheckResult:
+    outcome, noticed = compare(result, found)
+    text = f"cross-check by {found.estimator} {_VERBS[outcome]}: {_words(found)}"
+    if outcome == "inconclusive":
+        text += f", and {format_percent(check.share)} of the cost is too little to say more"
+    elif outcome == "agree":
+        text += f", and a factor of {noticed:.2g} would have been noticed"
+    return CrossCheckResult(
+        found.estimator, outcome, text, check.share, found.probability, found.interval, noticed,
+        found.rollouts, found.simulated_steps, found.seconds,
+    )  # fmt: skip
+
+
+def compare(result: Result, found: Result) -> tuple[str, float]:
+    """Return "agree", "disagree" or "inconclusive", and the factor between them that would be noticed."""
+    small, large = sorted((result, found), key=lambda one: one.probability)
+    level = ABOVE if large is found else BELOW
+    high, low = small.interval_at(level)[1], large.interval_at(level)[0]
+    if not large.probability:
+        return "inconclusive", math.inf
+    if not small.probability:
+        noticed, disagree = max(1.0, high / large.probability), high < low
+    else:
+        upward = math.log(high / small.probability)
+        downward = math.log(large.probability / low) if low > 0.0 else math.inf
+        noticed = math.exp(min(math.hypot(upward, downward), 700.0))
+        disagree = large.probability > noticed * small.probability
+    if disagree:
+        return "disagree", noticed
+    return ("agree" if noticed <= NOTICED else "inconclusive"), noticed
+
+
+def _words(result: Result) -> str:
+    return f"{format_probability(result.probability)} ({format_interval(result.interval)})"
+
+
+def _nothing(check: CrossCheck, name: str, reason: str) -> CrossCheckResult:
+    text = f"cross-check by {name} {_VERBS['inconclusive']}: {reason}"
+    return CrossCheckResult(name, "inconclusive", text, check.share)
+
+
+def _disagreement(result: Result, found: Result) -> dict[str, str]:
+    return health.warn(
+        "estimators_disagree", estimator=result.estimator, own=_words(result), other=found.estimator,
+        others=_words(found),
+    )  # fmt: skip
+
+
+def _with(result: Result, cross_check: CrossCheckResult, warnings: Mapping[str, str] | None = None) -> Result:
+    return replace(result, cross_check=cross_check, health={**result.health, **(warnings or {})})
