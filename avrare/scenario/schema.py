@@ -188,10 +188,11 @@ class Document(_Model):
     )
     confidence: Probability = Field(0.95, description="confidence level of the reported intervals, in (0, 1)")
     suppress: tuple[HealthWarning, ...] = Field((), description="names of health warnings to suppress")
-    cross_check: Annotated[CrossCheck | None, BeforeValidator(_as_cross_check)] = Field(
+    cross_check: Annotated[
+        CrossCheck | None, BeforeValidator(_as_cross_check, json_schema_input_type=bool | CrossCheck)
+    ] = Field(
         None,
         description="check each estimate by a smaller one of another family: true, or options",
-        json_schema_extra={"anyOf": [{"type": "boolean"}, {"$ref": "#/$defs/CrossCheck"}]},
     )
 
 
