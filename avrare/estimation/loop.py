@@ -163,7 +163,7 @@ class _Loop:
         sent: deque[Request] = deque()
         for outcome in self.executor.map(self._pieces(request, done, sent)):
             chunk = sent.popleft()
-            self.pace.finish(self.seconds, chunk.rows)
+            self.pace.finish(chunk.rows)
             if journal:
                 journal.write(stage, index, chunk, outcome, self.seconds)
             index, done = index + 1, done + chunk.rows

@@ -7,25 +7,27 @@ from dataclasses import dataclass
 
 @dataclass
 class Pace:
-    """Rows per second since the first outcome, which also took what begins once: workers, imports, caches."""
+    """Rows per second since the first was given out.
 
-    began: float | None = None  # time of the first outcome [s]
-    rows: int = 0  # finished since then
+    The start of workers counts: several outcomes that arrive at once say nothing of how long one takes.
+    """
+
+    began: float | None = None  # time at which the first row was given out [s]
+    rows: int = 0  # finished
     flight: int = 0  # given out and not finished
 
     def take(self, now: float, left: float, most: int) -> int:
         """Return how many of ``most`` rows to run next in the seconds ``left``; 0: none."""
-        rows = 1 if left > 0.0 else 0  # one, until two outcomes say how long that takes
-        if self.began is not None and self.rows:
+        if self.began is None:
+            self.began = now
+        rows = 1 if left > 0.0 else 0  # one at a time, until an outcome says how long that takes
+        if self.rows:
             rate = self.rows / max(now - self.began, 1e-9)
-            rows = min(most, max(int(rate * left) - self.flight, 0))
+            rows = max(min(most, int(rate * left) - self.flight), 0)
         self.flight += rows
         return rows
 
-    def finish(self, now: float, rows: int) -> None:
+    def finish(self, rows: int) -> None:
         """Count the rows of an outcome."""
         self.flight -= rows
-        if self.began is None:
-            self.began = now
-        else:
-            self.rows += rows
+        self.rows += rows

@@ -11,6 +11,7 @@ from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.pace import Pace
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 
@@ -81,3 +82,15 @@ def test_pieces_of_chunks_are_resumed(estimate, tmp_path, chunks):
     again = estimate(10.0, 0.4, 0.02, saved.journal("it"))  # killed before it wrote its result
     assert again.rollouts >= result.rollouts
     np.testing.assert_array_equal(again.robustness, of_the_first(again.rollouts).robustness)
+
+
+def test_outcomes_that_arrive_at_once_do_not_look_fast():
+    """Two workers that start in five seconds and then need one for a row."""
+    pace = Pace()
+    assert [pace.take(0.0, 10.0, 100) for _ in range(4)] == [1, 1, 1, 1]
+    for _ in range(2):
+        pace.finish(1)
+    assert pace.take(6.0, 4.0, 100) == 0
+    for _ in range(2):
+        pace.finish(1)
+    assert pace.take(7.0, 3.0, 100) == 1
