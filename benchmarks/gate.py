@@ -1,6 +1,6 @@
 """Error rates of the gate: false alarms on an unchanged system, doublings that it catches, slow drift.
 
-    python benchmarks/gate.py [--checks 400] [--pool 300] [--folder benchmarks/results/gate]
+    python benchmarks/gate.py [--checks 400] [--pool 200] [--folder benchmarks/results/gate]
 
 Each check draws a baseline and a new estimate of a system whose failure probability is known, both afresh,
 and compares them as ``avrare check`` does with its default tolerance; a baseline with warnings is drawn
@@ -39,7 +39,13 @@ Draw = Callable[[float, int], Result]
 """(factor on the probability, share of the budget in eighths) -> an estimate."""
 _PART = 25
 """Runs of a part of a pool."""
-_PARTICLES = {"ams": 250, "ess": 500}
+_SIZES: dict[tuple[str, str], dict[str, int]] = {
+    ("ams", "walk"): {"particles": 400, "discard": 40},
+    ("ams", "hidden regimes"): {"particles": 250, "discard": 25},
+    ("ess", "walk"): {"chains": 100},
+    ("ess", "hidden regimes"): {"chains": 150},
+}
+"""Sizes of a run that has roots enough, fixed so that all runs of a pool are alike."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--checks", type=int, default=400, help="of each kind (default 400)")
-    parser.add_argument("--pool", type=int, default=300, help="runs in a pool (default 300)")
+    parser.add_argument("--pool", type=int, default=200, help="runs in a pool (default 200)")
     parser.add_argument("--folder", type=Path, default=Path("benchmarks/results/gate"), help="of the pools")
     args = parser.parse_args()
     rng = np.random.default_rng(0)
@@ -99,13 +105,16 @@ def cases(rng: np.random.Generator, runs: int, folder: Path) -> Iterator[Case]:
         yield Case(f"mc, p = {p:g}, 4,000 rollouts", p, partial(monte_carlo, rng, p, 500))
     for name in ("ams", "ess"):
         for problem, systems in (("walk", walks()), ("hidden regimes", regimes())):
+            sizes = _SIZES[name, problem]
             pools = {
-                factor: pool_of(name, f"{problem.replace(' ', '_')}_{factor:g}", one, runs, folder)
+                factor: pool_of(
+                    folder / f"{name}_{problem.replace(' ', '_')}_{factor:g}", one, runs, name, **sizes
+                )
                 for factor, one in systems.items()
             }
             mean, doubled = (float(pools[factor][0].mean()) for factor in (1.0, 2.0))
             title = f"{name}, {problem}, 16 runs (doubled: x {doubled / mean:.2f})"
-            yield Case(title, mean, partial(runs_of, rng, name, pools))
+            yield Case(title, mean, partial(runs_of, rng, pools))
 
 
 def walks() -> dict[float, Problem]:
@@ -124,16 +133,16 @@ def regimes() -> dict[float, Problem]:
     return {1.0: first.problem(), 2.0: doubled}
 
 
-def pool_of(name: str, title: str, problem: Problem, runs: int, folder: Path) -> tuple[Floats, Floats]:
-    """Return (runs,) probabilities and roots; parts that are in the folder are not simulated again."""
-    folder.mkdir(parents=True, exist_ok=True)
+def pool_of(path: Path, problem: Problem, runs: int, name: str, **sizes: int) -> tuple[Floats, Floats]:
+    """Return (runs,) probabilities and roots; parts that are in files are not simulated again."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     parts = []
     for part in range(-(-runs // _PART)):
-        path = folder / f"{name}_{title}_{part}.npy"
-        if not path.exists():
-            result = avrare.estimate(problem, name, seed=part, runs=_PART)
-            np.save(path, np.array([result.run_probabilities, result.diagnostics["roots"]]))
-        parts.append(np.load(path))
+        file = path.with_name(f"{path.name}_{part}.npy")
+        if not file.exists():
+            result = avrare.estimate(problem, name, seed=part, runs=_PART, **sizes)
+            np.save(file, np.array([result.run_probabilities, result.diagnostics["roots"]]))
+        parts.append(np.load(file))
     probabilities, roots = np.concatenate(parts, axis=1)[:, :runs]
     return probabilities, roots
 
@@ -151,7 +160,6 @@ def monte_carlo(rng: np.random.Generator, p: float, eighth: int, factor: float, 
 
 def runs_of(
     rng: np.random.Generator,
-    name: str,
     pools: Mapping[float, tuple[Floats, Floats]],
     factor: float,
     share: int,
@@ -160,9 +168,9 @@ def runs_of(
     chosen = rng.integers(0, len(pools[factor][0]), 2 * share)
     values, roots = (one[chosen] for one in pools[factor])
     warnings = health.check_runs(values.tolist(), int((values == 0.0).sum()), roots.astype(int).tolist())
-    at = interval_of_runs(values, _PARTICLES[name])
+    at = interval_of_runs(values, particles=250)  # which matters only where all runs are equal
     return replace(
-        _TEMPLATE, estimator=name, probability=float(values.mean()), run_probabilities=values, interval_at=at,
+        _TEMPLATE, probability=float(values.mean()), run_probabilities=values, interval_at=at,
         health=warnings,
     )  # fmt: skip
 
