@@ -1,6 +1,6 @@
 """Error rates of the gate: false alarms on an unchanged system, doublings that it catches, slow drift.
 
-    python benchmarks/gate.py [--checks 400] [--pool 200] [--folder benchmarks/results/gate]
+    python benchmarks/gate.py [--checks 400] [--pool 200] [--only ams] [--folder benchmarks/results/gate]
 
 Each check draws a baseline and a new estimate of a system whose failure probability is known, both afresh,
 and compares them as ``avrare check`` does with its default tolerance; a baseline with warnings is drawn
@@ -52,9 +52,9 @@ _SIZES: dict[tuple[str, str], dict[str, int]] = {
 class Case:
     """An estimator with its budget, on one problem."""
 
-    name: str
     probability: float
     draw: Draw
+    doubled: float = 2.0  # probability of the doubled system over that of the first
 
 
 def main() -> None:
@@ -63,27 +63,29 @@ def main() -> None:
     parser.add_argument("--checks", type=int, default=400, help="of each kind (default 400)")
     parser.add_argument("--pool", type=int, default=200, help="runs in a pool (default 200)")
     parser.add_argument("--folder", type=Path, default=Path("benchmarks/results/gate"), help="of the pools")
+    parser.add_argument("--only", default="", help="part of a title: mc, ams, ess, walk, hidden, drift, ...")
     args = parser.parse_args()
-    rng = np.random.default_rng(0)
-    print(
-        "| estimate | system | fails | passes | inconclusive | of these warned |\n|---|---|---|---|---|---|"
-    )
-    for case in cases(rng, args.pool, args.folder):
-        baselines = [draw_baseline(case) for _ in range(args.checks)]
-        lean = float(np.mean([entry.probability for entry in baselines])) / case.probability
-        title = f"{case.name}; mean of the baselines {lean:.2f} p"
-        report(title, "unchanged", [compare(case, entry, 1.0) for entry in baselines])
-        report(case.name, "doubled", [compare(case, entry, 2.0) for entry in baselines[::2]])
-        for text, looks in (
-            ("one look", (8,)),
-            ("up to four looks", tuple(int(8 * share) for share in SHARES)),
-        ):
-            report(case.name, f"at the bound, {text}", [at_bound(case, looks) for _ in range(args.checks)])
-    for first in (False, True):
+    print("| estimate | system | fails | passes | inconclusive | warned |\n|---|---|---|---|---|---|")
+    for title, case in cases(args.pool, args.folder):
+        if args.only in title:
+            study(title, case(), args.checks)
+    for first in (False, True) if args.only in "drift" else ():
+        rng = np.random.default_rng(0)
         reached = [drift(rng, first) for _ in range(args.checks // 10)]
         ends = ", ".join(f"{end:.2f}" for end in np.quantile(reached, (0.5, 0.9)))
         which = "newest and first baseline" if first else "newest baseline only"
         print(f"+10 % a step, {which}: fails at {ends} times the first (median, 90 %)", flush=True)
+
+
+def study(title: str, case: Case, checks: int) -> None:
+    """Print the lines of one case."""
+    baselines = [draw_baseline(case) for _ in range(checks)]
+    lean = float(np.mean([entry.probability for entry in baselines])) / case.probability
+    unchanged = [compare(case, entry, 1.0) for entry in baselines]
+    report(title, f"unchanged (mean of the baselines: {lean:.2f} p)", unchanged)
+    report(title, f"{case.doubled:.2f} p", [compare(case, entry, 2.0) for entry in baselines[::2]])
+    for text, looks in (("one look", (8,)), ("up to four looks", tuple(int(8 * share) for share in SHARES))):
+        report(title, f"at the bound, {text}", [at_bound(case, looks) for _ in range(checks)])
 
 
 def report(name: str, system: str, verdicts: list[tuple[str, bool]]) -> None:
@@ -99,22 +101,25 @@ def report(name: str, system: str, verdicts: list[tuple[str, bool]]) -> None:
     )
 
 
-def cases(rng: np.random.Generator, runs: int, folder: Path) -> Iterator[Case]:
-    """Yield Monte Carlo with about 40, 4 and 0 failures in the baseline, splitting and slices."""
+def cases(runs: int, folder: Path) -> Iterator[tuple[str, Callable[[], Case]]]:
+    """Yield Monte Carlo with about 40, 4 and 0 failures in the baseline, splitting and slices, by title."""
     for p in (0.01, 0.001, 1e-4):
-        yield Case(f"mc, p = {p:g}, 4,000 rollouts", p, partial(monte_carlo, rng, p, 500))
-    for name in ("ams", "ess"):
-        for problem, systems in (("walk", walks()), ("hidden regimes", regimes())):
-            sizes = _SIZES[name, problem]
-            pools = {
-                factor: pool_of(
-                    folder / f"{name}_{problem.replace(' ', '_')}_{factor:g}", one, runs, name, **sizes
-                )
-                for factor, one in systems.items()
-            }
-            mean, doubled = (float(pools[factor][0].mean()) for factor in (1.0, 2.0))
-            title = f"{name}, {problem}, 16 runs (doubled: x {doubled / mean:.2f})"
-            yield Case(title, mean, partial(runs_of, rng, pools))
+        draw = partial(monte_carlo, np.random.default_rng(0), p, 500)
+        yield f"mc, p = {p:g}, 4,000 rollouts", partial(Case, p, draw)
+    for name, problem in _SIZES:
+        yield f"{name}, {problem}, 16 runs", partial(case_of_pools, name, problem, runs, folder)
+
+
+def case_of_pools(name: str, problem: str, runs: int, folder: Path) -> Case:
+    """Return the case of an estimator with runs, once they are simulated."""
+    sizes, systems = _SIZES[name, problem], walks() if problem == "walk" else regimes()
+    stem = folder / f"{name}_{problem.replace(' ', '_')}"
+    pools = {
+        factor: pool_of(stem.with_name(f"{stem.name}_{factor:g}"), one, runs, name, **sizes)
+        for factor, one in systems.items()
+    }
+    mean, doubled = (float(pools[factor][0].mean()) for factor in (1.0, 2.0))
+    return Case(mean, partial(runs_of, np.random.default_rng(0), pools), doubled / mean)
 
 
 def walks() -> dict[float, Problem]:
