@@ -40,8 +40,8 @@ RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic")
 REPEAT = 20
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "Raw-MC": ("mc", {"rollouts": 250}),
-    "Imp-Naive": ("is", {"rollouts": 250, "proposal": {"plugin": "naive"}}),
-    "Imp-CE": ("ce", {"rollouts": 250, "stages": 10, "elite": 0.1, "family": "network"}),
+    "Imp-Naive": ("is", {"rollouts": 250, "defensive": 0.1, "proposal": {"plugin": "naive"}}),
+    "Imp-CE": ("ce", {"rollouts": 250, "defensive": 0.1, "stages": 10, "elite": 0.1, "family": "network"}),
     "STL-AMS": ("ams", {"particles": 250, "discard": 25, "runs": 1}),
     "MC 900": ("mc", {"rollouts": 900}),
     "AMS 500/50": ("ams", {"particles": 500, "discard": 50, "runs": 1}),

@@ -32,11 +32,10 @@ MESSAGES = {
     "weight_degenerate": "the effective number of failures is {effective:.1f}, the largest weight "
     "has a share of {largest:.0%}: the interval is widened to hold for any weights; use more rollouts "
     "or a proposal closer to the failures",
-    "cross_check": "a small splitting run finds failures that are likelier than those of the sample "
-    "({surprise:.1f} standard errors, {unseen:.0%} of larger weight than any): the proposal misses some, "
-    "and the interval is widened to hold whatever it misses",
-    "unchecked": "the cross-check did not reach a failure: missed failure modes cannot be ruled out; "
-    "use more rollouts, or compare with splitting",
+    "cross_check": "{reason}: the proposal misses failures, and the interval is widened to hold whatever it "
+    "misses; use ams or ess, or a proposal that reaches all failures",
+    "unchecked": "{reason}: missed failures cannot be ruled out, and the interval is widened to hold "
+    "whatever is missed; use more rollouts, or compare with ams or ess",
     "heuristic_kernel": "{note}",
     "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} "
     "allows, by up to {most:.3g} per unit of length: it is not a bound, and the estimate may be biased; "

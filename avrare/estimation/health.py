@@ -13,8 +13,6 @@ MOST_TIES = 2.0
 LARGEST_SPREAD = 0.7
 LEAST_EFFECTIVE = 15.0
 LARGEST_SHARE = 0.3
-LARGEST_SURPRISE = 3.0
-MOST_UNSEEN = 0.5
 LARGEST_DEVIATION = 4.0
 LARGEST_MEAN_ERROR = 0.5
 
@@ -56,9 +54,7 @@ def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> d
     return found
 
 
-def check_weights(
-    mean: float, error: float, effective: float, largest: float, surprise: float, unseen: float
-) -> dict[str, str]:
+def check_weights(mean: float, error: float, effective: float, largest: float) -> dict[str, str]:
     """Return the warnings on importance weights.
 
     Args:
@@ -66,8 +62,6 @@ def check_weights(
         error: Standard error of the mean weight.
         effective: Effective number of failing contributions; 0 without failures.
         largest: The largest contribution's share of the estimate.
-        surprise: Standard errors by which the cross-check contradicts the sample; 0 without a cross-check.
-        unseen: Share of the failures of the cross-check whose weight exceeds all of the sample's.
     """
     found: dict[str, str] = {}
     if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:
@@ -76,6 +70,4 @@ def check_weights(
         return found | warn("no_failures")
     if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
         found |= warn("weight_degenerate", effective=effective, largest=largest)
-    if surprise > LARGEST_SURPRISE or unseen >= MOST_UNSEEN:
-        found |= warn("cross_check", surprise=surprise, unseen=unseen)
     return found

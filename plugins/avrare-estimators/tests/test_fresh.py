@@ -38,7 +38,7 @@ def test_fresh_failures_raise_the_bound():
 def test_target_rows_of_every_stage_count():
     result = avrare.estimate(LIKELY, "ce", check=0.0, **SIZES["ce"])
     assert len(result.diagnostics["stages"][0]) == 2
-    target = 300 + 30 + 30  # the first stage, and the defensive rows of the second and of the final sample
+    target = 300 + 60 + 60  # the first stage, and the defensive rows of the second and of the final sample
     assert bound(0, target) <= result.blind_bound < bound(20, target)
 
 

@@ -62,7 +62,7 @@ def test_unbiased_over_two_hundred_seeds(defensive):
 @pytest.mark.slow
 def test_good_proposals_give_no_warning():
     task = LINE.problem()
-    results = [estimate(task, exact_shift(), seed) for seed in range(60)]
+    results = [estimate(task, exact_shift(), seed, rollouts=30_000) for seed in range(30)]
     assert np.mean([bool(result.health) for result in results]) <= 0.1
     widths = [result.interval[1] / result.interval[0] for result in results]
     assert np.median(widths) < 1.6
@@ -141,7 +141,7 @@ def test_degenerate_weights_widen_the_interval():
         assert low <= LINE.probability <= high
         assert low == pytest.approx(0.025 * result.probability)
         rows = result.diagnostics["target_rows"][0]
-        assert high >= min(0.025 ** (-1 / rows) - 1, 0.01)
+        assert high >= (1.0 - 0.025 ** (1.0 / rows)) * (1.0 - 1e-9)
 
 
 @pytest.mark.slow
@@ -151,7 +151,7 @@ def test_a_missed_mode_is_found_by_the_cross_check():
     tape = np.zeros((101, 1))
     reach = np.sqrt(0.19) * 0.9 ** np.arange(99, -1, -1)
     tape[1:, 0] = reach * 5.0 / (reach @ reach)
-    results = [estimate(problem.problem(), Shift(tape), seed, rollouts=2000) for seed in range(10)]
+    results = [estimate(problem.problem(), Shift(tape), seed, rollouts=30_000) for seed in range(10)]
     off = [result for result in results if not 1 / 3 < result.probability / problem.probability < 3]
     assert len(off) >= 8
     assert sum(bool(result.health) for result in off) >= 0.9 * len(off)

@@ -157,18 +157,21 @@ class EssConfig(_RunsConfig):
 class _WeightedConfig(_Config):
     runs: int = Field(default=1, ge=1, description="independent repetitions behind one interval")
     defensive: float = Field(
-        default=0.1, ge=0.0, lt=1.0, description="share of a sample's rollouts drawn from the target itself"
+        default=0.2, ge=0.0, lt=1.0, description="share of a sample's rollouts drawn from the target itself"
     )
     check: float = Field(
-        default=0.25, ge=0.0, le=0.5,
-        description="share of the rollouts that the cross-check of the failures takes; 0: none",
+        default=0.15, ge=0.0, le=0.5,
+        description="share of all rollouts that the cross-check of the failures takes; 0: none",
     )  # fmt: skip
 
 
 class IsConfig(_WeightedConfig):
     """Importance sampling from a given proposal."""
 
-    rollouts: int = Field(default=1000, ge=2, description="rollouts of each run")
+    rollouts: int = Field(default=30_000, ge=2, description="rollouts of each run, its cross-check included")
+    defensive: float = Field(
+        default=0.5, ge=0.0, lt=1.0, description="share of a sample's rollouts drawn from the target itself"
+    )
     proposal: Any = Field(
         description="{gaussian: {mean: ..., std: ...}} of the noise, or {plugin: NAME, ...}: a perception "
         "model with log_prob"
@@ -187,7 +190,7 @@ class IsConfig(_WeightedConfig):
 class CeConfig(_WeightedConfig):
     """The cross-entropy method: learn a proposal from the rollouts nearest to failure, then sample afresh."""
 
-    rollouts: int = Field(default=1000, ge=20, description="rollouts of each stage")
+    rollouts: int = Field(default=5000, ge=20, description="rollouts of each stage")
     stages: int = Field(default=10, ge=1, le=1000, description="largest number of learning stages")
     elite: float = Field(default=0.1, gt=0.0, le=0.5, description="share of a stage's rollouts to learn from")
     family: Literal["gaussian", "network"] = Field(

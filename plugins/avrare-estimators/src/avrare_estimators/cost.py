@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
 
@@ -47,7 +49,7 @@ def _cost(plan: Plan, rollouts: int, stages: float) -> int:
     return round(stages * max(plan.steps, 1)) if plan.budget.kind == "steps" else rollouts
 
 
-def affordable_rollouts(plan: Plan, rollouts: int, runs: int, stages: int) -> int:
+def affordable_rollouts(plan: Plan, rollouts: int, runs: int, stages: int, check: float = 0.0) -> int:
     """Return the rollouts of a stage that the budget pays for if all runs need all stages.
 
     Args:
@@ -55,6 +57,7 @@ def affordable_rollouts(plan: Plan, rollouts: int, runs: int, stages: int) -> in
         rollouts: Rollouts of a stage without a budget.
         runs: Number of runs.
         stages: Largest number of stages of a run.
+        check: Share of the budget that the stages must leave.
 
     Raises:
         UsageError: The budget is one of seconds, or pays for too few rollouts.
@@ -65,13 +68,13 @@ def affordable_rollouts(plan: Plan, rollouts: int, runs: int, stages: int) -> in
     if budget.kind == "seconds":
         raise _needs_known_cost("weighted samples", "stage")
     cost = (max(plan.steps, 1) if budget.kind == "steps" else 1) * runs * stages
-    paid = int(budget.amount // cost)
+    paid = int((1.0 - check) * budget.amount // cost)
     least = 2 if stages == 1 else 20
     if paid < least:
         raise UsageError(
             f"a budget of {budget.kind}={budget.amount:g} does not pay for {runs} run(s) of {stages} "
             f"stage(s) of {least} rollouts",
-            f"raise it to {least * cost}",
+            f"raise it to {math.ceil(least * cost / (1.0 - check))}",
         )
     return paid
 

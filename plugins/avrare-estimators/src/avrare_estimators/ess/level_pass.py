@@ -165,6 +165,16 @@ class LevelPass:
             ),
         )  # fmt: skip
 
+    @staticmethod
+    def begin_from(plan: Plan, shape: PassShape, kernel: Kernel, points: Points, share: Floats) -> LevelPass:
+        """Begin a pilot at given points (R N), which lie above levels of probability ``share`` (R,)."""
+        zeros = np.zeros(shape.runs, dtype=np.int64)
+        return LevelPass(
+            plan, shape, kernel, None, weight=share, active=np.ones(shape.runs, dtype=bool),
+            error_weight=np.zeros(shape.runs), known=kernel.init(shape.runs), rollouts=zeros, errors=zeros,
+            population=points,
+        )._next_level()  # fmt: skip
+
     @property
     def proposal(self) -> Floats | None:
         """Tapes (M, steps + 1, noise_size) that want a rollout; None when all runs have ended."""

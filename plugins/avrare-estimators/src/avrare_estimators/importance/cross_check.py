@@ -1,196 +1,238 @@
-"""Cross-check: a small splitting run finds failures of its own and compares their weights with the sample's.
+"""Cross-check: nested levels estimate the probability on their own, and weigh the failures that they find.
 
 A proposal that misses failures gives a sample that looks well: every row that it has drawn has a decent
-weight. The missing ones show only to a method that does not use the proposal. Subset simulation (Au and Beck
-2001) starts at the target, raises a level of the score, and ends with particles that represent the target's
-failures; if the sample represents them too, their weights have the same distribution there.
+weight. The missing ones show only to a method that does not use the proposal. Nested levels with Markov
+chains (those of ``ess``) start at the rows drawn from the target, climb the score, and end at failures. The
+weighted estimate must agree with their probability, and their failures must have weights that the sample
+knows.
+
+Both may miss a rare mode. The proposal's rows, which are many, may yet hold a failure of it: one whose weight
+is large among theirs. Scouts start from the heaviest failures and move as failures of the target do; if they
+come to weights that the climb does not know, it has missed something too.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from avrare.protocols import Bools, Floats
+from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Request, Rollouts
-from avrare_estimators.importance.sampling import Sample, Stratum
-from avrare_estimators.weights import effective_size, mixture_log_weights, resample
+from avrare_estimators.ess.chains import Points, rotated
+from avrare_estimators.ess.kernels.pcn import PcnKernel
+from avrare_estimators.ess.level_pass import LevelPass, PassShape
+from avrare_estimators.importance.sampling import Sample
+from avrare_estimators.weights import mixture_log_weights
 
-MIN_PARTICLES = 8
-"""Number of particles below which a cross-check says nothing."""
-_FIRST_SIZE, _LEAST_SIZE, _ACCEPTANCE = 0.5, 0.02, 0.35
-_SURVIVE = 1.0 / 3.0
-"""Share of the particles that survive a level."""
-_MARGIN = 1.5
-"""Rollouts set aside for the way to failure, over what the sample's own estimate suggests."""
+GROUPS = 8
+"""Independent groups of chains, whose scatter gives the uncertainty."""
+_LENGTH, _SHARE = 10, 0.1
+_FEWEST_CHAINS = 5
+_WEIGHED = 25
+"""Failures of a group whose weight is computed."""
+_SCOUTS, _ROUNDS, _ANGLE = 24, 30, 0.4
+"""Scouts, their steps, and the size of a step [rad]."""
+_EXCESS = 3.0
+"""Logarithm of a weight over the sample's largest that no honest sample shows: there it is below 2."""
+_FLOOR = 1e-18
+_STAGE, _STAGES_OF_RUN = 2**30, 2**24
 
 
 @dataclass(frozen=True)
 class CrossCheckResult:
-    """Outcome of a cross-check, all of it about failing rows of the target.
+    """Outcome of a cross-check.
 
     Attributes:
-        surprise: Distance of the mean log weight above the sample's, in standard errors.
-        unseen: Share of the particles whose weight is above all of the sample's.
-        roots: Number of first particles that they descend from.
-        probability: Rough estimate of the failure probability by the particles alone.
+        probabilities: Failure probability by each group alone; 0 where it died out.
+        unseen: Share of each group's failures whose weight is above all of the sample's.
+        lost_scouts: Number of scouts with weights far above the sample's, where no group's failure has such.
+        roots: Number of target rows that the failures descend from.
+        rollouts: What it has cost.
     """
 
-    surprise: float
-    unseen: float
+    probabilities: tuple[float, ...]
+    unseen: tuple[float, ...]
+    lost_scouts: int
     roots: int
-    probability: float
+    rollouts: int
 
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """N particles of the target on their way to failure; at first there may be more than N.
+    """Groups of chains of the target on their way to failure.
 
     Attributes:
         sample: The sample to compare with.
-        stratum: Address of the noise; round k draws from its stage + k.
-        particles: N, particles after each level.
-        budget: Rollouts left.
-        tapes: (N, steps + 1, noise_size).
-        score: (N,).
-        violated: (N,) the particle fails.
-        log_ratio: (N,) log p/q.
-        root: (N,) first particle of each.
-        moving: (M,) particles that the pending rollouts are for.
-        weight: Product of the surviving shares.
-        level: All particles lie at or above it.
-        reached: All particles fail.
-        size: Size of the moves, in (0, 1].
-        rounds: Number of rounds done.
+        climb: The chains.
+        budget: Rollouts left for the chains.
+        scouts: (S, steps + 1, noise_size) failures on their way.
+        rounds: Steps that the scouts have done.
+        rollouts: Rollouts done.
         pending: The rollouts asked for.
+        found: (F,) places of the failures that are being weighed.
+        log_ratio: (F + S,) log p/q of these and of the scouts; None before.
     """
 
     sample: Sample
-    stratum: Stratum
-    particles: int
+    climb: LevelPass
     budget: int
-    tapes: Floats
-    score: Floats
-    violated: Bools
-    log_ratio: Floats
-    root: Integers
-    moving: Integers
-    weight: float = 1.0
-    level: float = -math.inf
-    reached: bool = False
-    size: float = _FIRST_SIZE
+    scouts: Floats
     rounds: int = 0
+    rollouts: int = 0
     pending: Request | None = None
+    found: Integers | None = None
+    log_ratio: Floats | None = None
 
     @staticmethod
-    def begin(sample: Sample, budget: int) -> CrossCheck | None:
-        """Begin a cross-check of ``sample`` by ``budget`` rollouts; None where nothing can be compared."""
-        contributions = np.where(sample.violated, np.exp(sample.log_weights), 0.0)
-        estimate = min(float(contributions.mean()), 0.5)
-        if estimate == 0.0:
+    def begin(samples: Sequence[Sample], budget: int) -> CrossCheck | None:
+        """Begin the cross-check of the last of a run's samples.
+
+        Args:
+            samples: All samples of the run; the chains start at their target rows.
+            budget: Rollouts to spend.
+
+        Returns:
+            None where there is nothing to compare with, or too little to climb with.
+        """
+        sample = samples[-1]
+        estimate = float(np.where(sample.violated, np.exp(sample.log_weights), 0.0).mean())
+        places = [np.flatnonzero(~one.error[: one.target_rows]) for one in samples]
+        scouts = _heaviest_failures(samples)
+        budget -= GROUPS * _WEIGHED + len(scouts) * (_ROUNDS + 1)
+        chains = _most_chains(budget, sum(map(len, places)), estimate) if estimate > 0.0 else 0
+        if not chains:
             return None
-        levels = 1.0 + math.log(estimate) / math.log(_SURVIVE)
-        particles = int(budget / (_MARGIN * (1.0 - _SURVIVE) * levels))
-        if particles < MIN_PARTICLES:
-            return None
-        # 1. Start from the target's rows of the sample, or from fresh ones where they are too few.
-        stratum = replace(sample.strata[0], stage=sample.strata[0].stage + 1, first=0)
-        rows = np.flatnonzero(~sample.error[: sample.target_rows])
-        if len(rows) >= particles:
-            return CrossCheck(
-                sample, stratum, particles, budget, sample.tapes(rows), sample.score[rows],
-                sample.violated[rows], sample.log_ratio[rows], root=np.arange(len(rows)), moving=rows[:0],
-            )._raise_level()  # fmt: skip
-        index = np.arange(particles)
-        tapes = stratum.normals(index)
-        return CrossCheck(
-            sample, stratum, particles, budget - particles, tapes, score=np.full(particles, -np.inf),
-            violated=np.zeros(particles, dtype=bool), log_ratio=np.zeros(particles), root=index, moving=index,
-            pending=sample.source.target_request(tapes),
-        )  # fmt: skip
+        # 1. Each group starts at the best of its share of the target's rows.
+        shape = PassShape(GROUPS, chains, _LENGTH, 0, chains, _FLOOR, _first_stage(sample))
+        starts, shares = _choose_starts(samples, places, shape.samples)
+        climb = LevelPass.begin_from(sample.strata[0].plan, shape, PcnKernel(), starts, shares)
+        return CrossCheck(sample, climb, budget, scouts)._continue()
 
     def tell(self, rollouts: Rollouts) -> CrossCheck:
-        """Accept the moves that stay at or above the level, then raise it."""
+        """Continue the climb, or end with the weights of the failures."""
         assert self.pending is not None
-        assert self.pending.tape is not None
-        score = rollouts.scores[:, -1]
-        accepted = ~rollouts.error & (rollouts.violated[:, 0] if self.reached else score >= self.level)
-        rows = self.moving[accepted]
-        log_ratio = self.sample.source.log_ratio(self.pending, rollouts)
-        size = self.size
-        if self.level > -math.inf:
-            factor = math.exp(2.0 * (float(accepted.mean()) - _ACCEPTANCE))
-            size = min(1.0, max(_LEAST_SIZE, size * factor))
-        return replace(
-            self,
-            tapes=_with(self.tapes, rows, self.pending.tape[accepted]),
-            score=_with(self.score, rows, score[accepted]),
-            violated=_with(self.violated, rows, rollouts.violated[accepted, 0]),
-            log_ratio=_with(self.log_ratio, rows, log_ratio[accepted]),
-            size=size,
-            rounds=self.rounds + 1,
-            pending=None,
-        )._raise_level()
+        done = replace(self, rollouts=self.rollouts + len(rollouts.error), pending=None)
+        if self.found is not None:
+            return replace(done, log_ratio=self.sample.source.log_ratio(self.pending, rollouts))
+        if self.rounds < _ROUNDS and len(self.scouts):
+            failed = rollouts.violated[:, 0, None, None]
+            scouts = np.where(failed, self._scouts_moved(), self.scouts)
+            return replace(done, scouts=scouts, rounds=self.rounds + 1)._continue()
+        # 3. The chains follow the target: weights of the proposal play no part.
+        plain = replace(rollouts, log_weight=np.zeros(len(rollouts.error)))
+        return replace(done, climb=self.climb.tell(plain))._continue()
 
-    def _raise_level(self) -> CrossCheck:
-        if self.reached:
-            return self._propose_moves(np.arange(self.particles))
-        # 2. The best third survives; once a third fails, the failures do.
-        least = max(2, round(_SURVIVE * self.particles))
-        kth = float(np.sort(self.score)[-least])
-        reached = bool(self.violated.sum() >= least)
-        survive = self.violated if reached else self.score >= kth
-        # 3. Replace the others by copies of survivors.
-        alive = np.flatnonzero(survive)[: self.particles]
-        uniform = float(self.stratum.plan.noise.choices(self.stratum.run, self._stage, 0))
-        copies = resample(np.ones(len(alive)), self.particles - len(alive), uniform)
-        chosen = np.concatenate([alive, alive[copies]])
-        raised = replace(
-            self, level=kth, reached=reached, weight=self.weight * float(survive.mean()),
-            tapes=self.tapes[chosen], score=self.score[chosen], violated=self.violated[chosen],
-            log_ratio=self.log_ratio[chosen], root=self.root[chosen],
-        )  # fmt: skip
-        # 4. Move the copies.
-        return raised._propose_moves(np.arange(len(alive) if len(copies) else 0, self.particles))
+    def _scouts_moved(self) -> Floats:
+        target = self.sample.strata[0]
+        stage = _first_stage(self.sample) + _STAGES_OF_RUN - 1 - self.rounds
+        fresh = replace(target, stage=stage, first=0).normals(np.arange(len(self.scouts)))
+        return rotated(self.scouts, fresh, np.full(len(fresh), _ANGLE))
 
-    def _propose_moves(self, moving: Integers) -> CrossCheck:
-        if len(moving) > self.budget:
+    def _continue(self) -> CrossCheck:
+        # 2. The scouts move among the failures of the target.
+        if self.rounds < _ROUNDS and len(self.scouts):
+            return replace(self, pending=self.sample.source.target_request(self._scouts_moved()))
+        proposal = self.climb.proposal
+        if proposal is None:
+            return self._weigh()
+        if len(proposal) > self.budget:
             return self
-        fresh = replace(self.stratum, stage=self._stage).normals(moving)
-        moved = math.sqrt(1.0 - self.size**2) * self.tapes[moving] + self.size * fresh
-        pending = self.sample.source.target_request(moved)
-        return replace(self, moving=moving, pending=pending, budget=self.budget - len(moving))
+        request = self.sample.source.target_request(proposal)
+        return replace(self, pending=request, budget=self.budget - len(proposal))
 
-    @property
-    def _stage(self) -> int:
-        return self.stratum.stage + self.rounds
+    def _weigh(self) -> CrossCheck:
+        # 4. Compute the weights of the scouts and of some failures of each group.
+        failed = self.climb.failed
+        size = failed.shape[1]
+        found = np.concatenate(
+            [r * size + np.flatnonzero(row)[_spread(row.sum())] for r, row in enumerate(failed)]
+        )
+        if not len(found):
+            return self
+        tapes = np.concatenate([self.climb.points.tape[found], self.scouts])
+        request = self.sample.source.target_request(tapes)
+        return replace(self, found=found, pending=request)
 
     def result(self) -> CrossCheckResult | None:
-        """Compare the particles with the sample; None where they have not reached failure."""
-        if not self.reached:
+        """Return the outcome; None where the chains did not reach failure within the budget."""
+        if self.found is None or self.log_ratio is None:
             return None
-        found = mixture_log_weights(self.log_ratio, self.sample.share)
-        expected = self.sample.log_weights[self.sample.violated]
-        expected = expected[np.isfinite(expected)]
-        weights = np.exp(expected - expected.max())
-        mean = float((weights * expected).sum() / weights.sum())
-        variance = float((weights * (expected - mean) ** 2).sum() / weights.sum())
-        roots = len(np.unique(self.root))
-        finite = found[np.isfinite(found)]
-        error = math.sqrt(variance / effective_size(weights) + float(finite.var()) / roots + 1e-12)
+        group = self.found // self.climb.shape.samples
+        largest = self.sample.log_weights[self.sample.violated].max()
+        excess = mixture_log_weights(self.log_ratio, self.sample.share) - largest
+        far = excess > _EXCESS
+        above = np.bincount(group, excess[: len(group)] > 0.0, minlength=GROUPS)
+        unseen = above / np.maximum(np.bincount(group, minlength=GROUPS), 1)
+        roots = {(int(r), int(self.climb.points.root[i])) for r, i in zip(group, self.found, strict=True)}
         return CrossCheckResult(
-            surprise=(float(finite.mean()) - mean) / error,
-            unseen=float((found > expected.max()).mean()),
-            roots=roots,
-            probability=self.weight,
+            probabilities=tuple(map(float, self.climb.probabilities)),
+            unseen=tuple(map(float, unseen)),
+            lost_scouts=0 if far[: len(group)].any() else int(far.sum()),
+            roots=len(roots),
+            rollouts=self.rollouts,
         )
 
 
-def _with(values: NDArray[Any], rows: Integers, new: NDArray[Any]) -> NDArray[Any]:
-    copy = values.copy()
-    copy[rows] = new
-    return copy
+def _heaviest_failures(samples: Sequence[Sample]) -> Floats:
+    """Return the tapes of the proposals' failures with the largest weights, some from each sample."""
+    each, tapes = _SCOUTS // len(samples), [samples[0].tapes(np.arange(0))]
+    for sample in samples:
+        rows = np.flatnonzero(sample.violated)
+        rows = rows[rows >= sample.target_rows] if sample.source.replayable else rows[:0]
+        tapes.append(sample.tapes(rows[np.argsort(-sample.log_ratio[rows], kind="stable")][:each]))
+    return np.concatenate(tapes)
+
+
+def _most_chains(budget: int, rows: int, estimate: float) -> int:
+    """Return the most chains of a group that can climb to ``estimate`` within the budget; 0 if too few."""
+    most = rows // (GROUPS * _LENGTH)
+    for chains in range(most, _FEWEST_CHAINS - 1, -1):
+        levels = max(0.0, math.log(chains * GROUPS * _LENGTH / rows / estimate) / -math.log(_SHARE))
+        if levels * GROUPS * chains * (_LENGTH - 1) <= budget:
+            return chains
+    return 0
+
+
+def _first_stage(sample: Sample) -> int:
+    return (_STAGE + sample.strata[0].run * _STAGES_OF_RUN) % 2**32
+
+
+def _choose_starts(samples: Sequence[Sample], places: Sequence[Integers], size: int) -> tuple[Points, Floats]:
+    """Return ``size`` starts of each group, and the share of its rows that they stand for."""
+    score = np.concatenate([one.score[rows] for one, rows in zip(samples, places, strict=True)])
+    violated = np.concatenate([one.violated[rows] for one, rows in zip(samples, places, strict=True)])
+    robustness = np.concatenate([one.robustness[rows] for one, rows in zip(samples, places, strict=True)])
+    key = np.where(violated, np.inf, score)
+    chosen, shares = [], []
+    for group in range(GROUPS):
+        mine = np.arange(group, len(key), GROUPS)
+        best, share = _best(key[mine], size)
+        chosen.append(mine[best])
+        shares.append(share)
+    rows = np.concatenate(chosen)
+    ends = np.cumsum([0, *map(len, places)])
+    tapes = np.empty((len(rows), *samples[0].tapes(places[0][:0]).shape[1:]))
+    for begin, one, own in zip(ends, samples, places, strict=False):
+        here = (rows >= begin) & (rows < begin + len(own))
+        tapes[here] = one.tapes(own[rows[here] - begin])
+    root = np.tile(np.arange(size), GROUPS)
+    points = Points(tapes, score[rows], violated[rows], robustness[rows], root, np.zeros(len(rows)))
+    return points, np.array(shares)
+
+
+def _best(key: Floats, size: int) -> tuple[Integers, float]:
+    """Return ``size`` places above the largest level that so many pass, and the share of all that pass it."""
+    cut = np.sort(key)[-size - 1] if len(key) > size else -np.inf
+    above = np.flatnonzero(key > cut) if cut < np.inf else np.flatnonzero(key == np.inf)
+    if not len(above):  # all tie
+        return np.arange(size), 1.0
+    return np.resize(above, size), len(above) / len(key)
+
+
+def _spread(count: int) -> Integers:
+    return (
+        np.unique(np.linspace(0, count - 1, min(count, _WEIGHED)).astype(np.int64)) if count else np.arange(0)
+    )

@@ -71,11 +71,14 @@ class CrossEntropy(WeightedSampler):
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
         """Return the state before the first rollout, and what to show."""
         config = self.config
-        rollouts = affordable_rollouts(plan, config.rollouts, config.runs, config.stages + 1)
+        rollouts = affordable_rollouts(plan, config.rollouts, config.runs, config.stages + 1, config.check)
         return self._begin_run(SamplingState(plan, rollouts, self.family.start())), Info()
 
     def _begin_run(self, state: SamplingState) -> SamplingState:
         return self._learn(replace(state, source=self.family.start()))
+
+    def _sample_rows(self, state: SamplingState) -> int:
+        return state.rollouts
 
     def _learn(self, state: SamplingState) -> SamplingState:
         # 1. Draw a sample to learn from; the first is plain Monte Carlo.

@@ -16,7 +16,7 @@ from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.config import CeConfig, IsConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.fresh import FreshRows
-from avrare_estimators.importance.cross_check import MIN_PARTICLES, CrossCheck, CrossCheckResult
+from avrare_estimators.importance.cross_check import CrossCheck, CrossCheckResult
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
 from avrare_estimators.importance.sampling import (
@@ -39,10 +39,10 @@ class SamplingState:
 
     Attributes:
         plan: The task.
-        rollouts: Rollouts of a run's final sample, its cross-check included.
+        rollouts: Rollouts of a sample; for ``is`` its cross-check included.
         source: The proposal in use.
         task: The sample or cross-check under way; None when all is done.
-        sample: Final sample of the present run, once drawn.
+        samples: Samples of the present run so far; the last is the final one, once learning has ended.
         stages: Learning stages of the present run, one entry each.
         finished: Runs done.
         tally: Cost so far.
@@ -54,7 +54,7 @@ class SamplingState:
     rollouts: int
     source: Source
     task: PartialSample | CrossCheck | None = None
-    sample: Sample | None = None
+    samples: tuple[Sample, ...] = ()
     stages: tuple[dict[str, Any], ...] = ()
     finished: tuple[RunOutcome, ...] = ()
     tally: Info = field(default_factory=Info)
@@ -94,7 +94,8 @@ class WeightedSampler:
                 state = self._finish_run(state, task.result())
             else:
                 sample = task.sample()
-                state = replace(state, fresh=state.fresh + sample.fresh)
+                samples = (*state.samples, sample.without_carries())
+                state = replace(state, samples=samples, fresh=state.fresh + sample.fresh)
                 if state.first is None:
                     state = replace(state, first=np.where(sample.error, np.nan, sample.robustness))
                 state = self._sample_complete(state, sample)
@@ -109,26 +110,31 @@ class WeightedSampler:
         ]
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
-        check = CrossCheck.begin(sample, self._check_rollouts(state.rollouts))
-        state = replace(state, sample=sample.without_carries(), task=check)
-        return state if check is not None else self._finish_run(state, None)
+        check = CrossCheck.begin(state.samples, self._check_rollouts(state))
+        state = replace(state, task=check)
+        if check is not None and check.pending is not None:
+            return state
+        return self._finish_run(state, check.result() if check is not None else None)
 
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
-        assert state.sample is not None
-        outcome = RunOutcome(state.sample, self.config.check > 0.0, result, state.stages)
-        state = replace(state, finished=(*state.finished, outcome), sample=None, stages=(), task=None)
+        outcome = RunOutcome(state.samples[-1], self.config.check > 0.0, result, state.stages)
+        state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
     def _begin_run(self, state: SamplingState) -> SamplingState:
-        rows = state.rollouts - self._check_rollouts(state.rollouts)
+        rows = self._sample_rows(state)
         target_rows = round(self.config.defensive * rows)
         stage = len(state.stages)
         task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows)
         return replace(state, task=task)
 
-    def _check_rollouts(self, rollouts: int) -> int:
-        share = int(self.config.check * rollouts)
-        return share if share >= MIN_PARTICLES else 0
+    def _sample_rows(self, state: SamplingState) -> int:
+        """Return the rows of the final sample."""
+        raise NotImplementedError
+
+    def _check_rollouts(self, state: SamplingState) -> int:
+        share = self.config.check
+        return int(share / (1.0 - share) * sum(len(one.error) for one in state.samples))
 
     def _info(self, state: SamplingState) -> Info:
         estimates = [outcome.probability for outcome in state.finished]
@@ -166,6 +172,9 @@ class ImportanceSampling(WeightedSampler):
         rollouts = affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
         state = SamplingState(plan, rollouts, self._source(plan))
         return self._begin_run(state), Info(goal=rollouts * self.config.runs)
+
+    def _sample_rows(self, state: SamplingState) -> int:
+        return state.rollouts - int(self.config.check * state.rollouts)
 
     def _source(self, plan: Plan) -> Source:
         proposal: Any = self.config.proposal

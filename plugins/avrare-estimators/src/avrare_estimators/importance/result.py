@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,12 @@ from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.importance.agreement import find_doubts, missed_probability
 from avrare_estimators.importance.cross_check import CrossCheckResult
 from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.weights import Quality, quality, stratified_variance
 
-DISTRUST = {"no_failures", "weight_degenerate", "cross_check", "unreached"}
+DISTRUST = {"no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached"}
 """Warnings under which the interval does not rest on the weights."""
 
 
@@ -89,13 +89,20 @@ def summarise(
     """
     values = np.array([run.probability for run in runs])
     marks = _pooled_quality(runs)
+    mean, checks = float(values.mean()), [run.cross_check for run in runs if run.checked]
+    missed = missed_probability(mean, checks, plan.confidence)
     warnings = _health(plan, runs, marks, tally)
+    own = _interval_of_weights(runs, values, marks)(plan.confidence)
+    warnings |= find_doubts(mean, own, missed, fresh, checks, plan.confidence)
+    trusted = not DISTRUST & warnings.keys()
     return build_result(
         plan,
         name,
         tally,
         values,
-        interval_at=_interval(runs, values, marks, trusted=not DISTRUST & warnings.keys()),
+        interval_at=_interval_of_weights(runs, values, marks, missed)
+        if trusted
+        else partial(_for_any_weights, mean, fresh),
         relative_error=math.sqrt(_relative_variance(runs, values)),
         health=warnings,
         failures=_failures(runs, tally, noise_size),
@@ -120,28 +127,13 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
 
 def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info) -> dict[str, str]:
     found = health.check_weights(
-        marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share, *_contradiction(runs)
+        marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
     )
     if any(run.unreached for run in runs):
         found |= health.warn("unreached", stages=max(len(run.stages) for run in runs))
-    if marks.effective_failures > 0.0 and any(run.checked and run.cross_check is None for run in runs):
-        found |= health.warn("unchecked")
     if all(run.sample.violated.all() for run in runs):
         found |= health.warn("all_failed")
     return found | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
-
-
-def _contradiction(runs: Sequence[RunOutcome]) -> tuple[float, float]:
-    """Return the largest surprise, of one run or of all together, and the median share of unseen failures.
-
-    Both are 0 without a cross-check.
-    """
-    checks = [run.cross_check for run in runs if run.cross_check is not None]
-    if not checks:
-        return 0.0, 0.0
-    each = [check.surprise for check in checks]
-    together = sum(each) / math.sqrt(len(each))
-    return max(*each, together, 0.0), median(check.unseen for check in checks)
 
 
 def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
@@ -154,32 +146,23 @@ def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
     return spread or within
 
 
-def _interval(
-    runs: Sequence[RunOutcome], values: Floats, marks: Quality, trusted: bool
+def _interval_of_weights(
+    runs: Sequence[RunOutcome], values: Floats, marks: Quality, missed: float = 0.0
 ) -> Callable[[float], Interval]:
-    mean, error_weight = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
-    if not trusted:
-        rows = sum(run.sample.target_rows for run in runs)
-        failed = sum(int(run.sample.violated[: run.sample.target_rows].sum()) for run in runs)
-        errors = sum(int(run.sample.error[: run.sample.target_rows].sum()) for run in runs)
-        return partial(_for_any_weights, mean, failed, errors, rows)
+    mean, errors = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
     freedom = len(runs) - 1 if len(runs) > 1 else max(1, int(marks.effective_failures) - 1)
     relative = _relative_variance(runs, values)
-    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=error_weight)
+    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed)
 
 
-def _for_any_weights(mean: float, failed: int, errors: int, rows: int, confidence: float) -> Interval:
+def _for_any_weights(mean: float, fresh: FreshRows, confidence: float) -> Interval:
     """Return an interval that holds for any weights.
 
     The lower end is Markov's inequality: the estimate is unbiased and not negative, so it exceeds p / a with
-    probability at most a. The upper end is plain Monte Carlo on the rows drawn from the target.
+    probability at most a. The upper end is plain Monte Carlo on all rows drawn from the target.
     """
     tail = (1.0 - confidence) / 2.0
-    low = tail * mean
-    if not rows:
-        return low, 1.0
-    high = intervals.clopper_pearson(failed, rows, confidence, errors=errors)[1]
-    return low, max(high, mean)
+    return tail * mean, max(fresh.interval(confidence)[1], mean)
 
 
 def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
@@ -192,6 +175,7 @@ def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
         "second_look": [None if run.cross_check is None else vars(run.cross_check) for run in runs],
         "target_rows": [run.sample.target_rows for run in runs],
         "rows": [len(run.sample.error) for run in runs],
+        "check_rollouts": sum(run.cross_check.rollouts for run in runs if run.cross_check is not None),
     }
     if any(run.stages for run in runs):
         found["stages"] = [list(run.stages) for run in runs]

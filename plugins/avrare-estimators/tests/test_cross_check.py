@@ -1,0 +1,144 @@
+"""Weighted estimates do not vouch for themselves: target rows and a climb of their own must agree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.estimation import intervals
+from avrare.testing.problems import reference_problem
+from avrare_estimators.fresh import FreshRows
+from avrare_estimators.importance.agreement import find_doubts, missed_probability
+from avrare_estimators.importance.cross_check import GROUPS, CrossCheckResult
+
+LINE = reference_problem("b_linear_d100_p1e-4")
+OWN = (0.9e-4, 1.1e-4)
+MANY = FreshRows(rows=10_000, failures=1)
+
+
+class TwoModes:
+    """Fails at z1 >= 4.0, or at z2 <= -3.6, which shows only shortly before."""
+
+    noise_size = 2
+    probability = 1.90777e-4
+
+    def initial(self, noise):
+        return {"s": np.maximum(noise[:, 0] / 4.0, np.exp(4.0 * (-noise[:, 1] - 3.6)))}
+
+    def step(self, state, noise):
+        return state
+
+    def signals(self, state):
+        return state
+
+
+def check(around, scatter=1.1, unseen=0.0, lost=0, roots=40):
+    steps = np.linspace(-1.0, 1.0, GROUPS)
+    return CrossCheckResult(tuple(around * scatter**steps), (unseen,) * GROUPS, lost, roots, rollouts=4000)
+
+
+def doubts(checks, fresh=MANY, missed=0.0):
+    return find_doubts(1e-4, OWN, missed, fresh, checks, 0.95)
+
+
+def test_a_check_that_agrees_raises_no_doubt():
+    assert doubts([check(1.05e-4)]) == {}
+    assert doubts([check(1.05e-4), None, check(0.9e-4)]) == {}
+    assert doubts([]) == {}
+
+
+def test_target_rows_that_contradict_are_told_with_both_numbers():
+    (text,) = doubts([check(1e-4)], FreshRows(rows=10_000, failures=6)).values()
+    assert text.startswith(
+        "6 of 10000 rollouts of the target failed, a probability of 2.2e-04 .. 0.0013, but"
+    )
+    assert "the weighted sample says 1.0e-04 (9.0e-05 .. 1.1e-04)" in text
+    assert "cross_check" in doubts([], FreshRows(rows=10_000, failures=6))
+
+
+def test_a_climb_that_contradicts_is_told_with_both_numbers():
+    for around, number in ((3e-4, "3.0e-04"), (3e-5, "3.0e-05")):
+        found = doubts([check(around)])
+        assert list(found) == ["cross_check"]
+        assert f"the cross-check says {number} (" in found["cross_check"]
+        assert "the weighted sample says 1.0e-04 (9.0e-05 .. 1.1e-04)" in found["cross_check"]
+    assert doubts([check(3e-4)], missed=2.5e-4) == {}
+
+
+def test_failures_that_the_sample_does_not_know_are_told():
+    found = doubts([check(1e-4, unseen=0.6)])
+    assert "60% of its failures weigh more than any of the sample" in found["cross_check"]
+    assert doubts([check(1e-4, unseen=0.4)]) == {}
+
+
+@pytest.mark.parametrize(
+    ("checks", "reason"),
+    [
+        ([None], "did not reach a failure"),
+        ([None, check(1e-4)], "did not reach a failure"),
+        ([CrossCheckResult((0.0,) * GROUPS, (0.0,) * GROUPS, 0, 0, 900)], "died out"),
+        ([check(0.3e-4, scatter=30.0)], "too wide to vouch"),
+    ],
+)
+def test_a_check_without_an_answer_does_not_vouch(checks, reason):
+    assert reason in doubts(checks)["unchecked"]
+
+
+def test_scouts_that_the_climb_does_not_know_are_told():
+    assert "misses failures to which those of the sample lead" in doubts([check(1e-4, lost=1)])["unchecked"]
+
+
+def test_what_may_be_missed_follows_from_the_failures_found():
+    most = intervals.clopper_pearson(0, 40, 0.95)[1]
+    least = missed_probability(1e-4, [check(1e-4)], 0.95)
+    assert least == pytest.approx(1e-4 * most / (1.0 - most))
+    assert 3e-5 < missed_probability(1e-4, [check(1e-4, unseen=0.3)], 0.95) < 4e-5
+    one = replace(check(1e-4), unseen=(0.9, *(0.0,) * (GROUPS - 1)))
+    assert missed_probability(1e-4, [one], 0.95) > 4 * 0.9 / GROUPS * 1e-4
+    assert missed_probability(1e-4, [None], 0.95) == 0.0
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_cross_entropy_that_loses_a_late_mode_says_so(seed):
+    problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
+    result = avrare.estimate(problem, "ce", seed=seed)
+    low, high = result.interval
+    assert result.probability < TwoModes.probability / 3.0
+    assert "cross_check" in result.health
+    assert low <= TwoModes.probability <= high
+
+
+def test_a_proposal_that_misses_a_mode_is_contradicted():
+    problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
+    result = avrare.estimate(problem, "is", seed=2, proposal={"gaussian": {"mean": [4.0, 0.0]}})
+    assert result.probability < TwoModes.probability / 3.0
+    assert {"cross_check", "unchecked"} & set(result.health)
+    low, high = result.interval
+    assert low <= TwoModes.probability <= high
+    assert low == pytest.approx(0.025 * result.probability)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_check_is_a_small_part_of_the_cost(seed):
+    result = avrare.estimate(reference_problem("a_beta_-2").problem(), "ce", seed=seed)
+    assert 0 < result.diagnostics["check_rollouts"] <= 0.15 * result.rollouts
+
+
+def test_few_rollouts_are_not_vouched_for():
+    result = avrare.estimate(LINE.problem(), "is", proposal={"gaussian": {"mean": 0.37}}, rollouts=1000)
+    assert set(result.health) == {"unchecked"}
+    low, high = result.interval
+    assert low == pytest.approx(0.025 * result.probability)
+    assert high >= intervals.clopper_pearson(0, result.diagnostics["target_rows"][0], 0.95)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["a_beta_-2", "b_linear_d100_p1e-4", "c_fourbranch_k7"])
+def test_the_climb_is_right_on_its_own(name):
+    problem = reference_problem(name)
+    results = [avrare.estimate(problem.problem(), "ce", seed=seed) for seed in range(12)]
+    looks = [look for result in results for look in result.diagnostics["second_look"] if look is not None]
+    assert len(looks) >= 10
+    means = np.array([np.mean(look["probabilities"]) for look in looks]) / problem.probability
+    assert abs(means.mean() - 1.0) < 4.0 * means.std(ddof=1) / np.sqrt(len(means)) + 0.15  # a pilot's bias
