@@ -24,15 +24,13 @@ def find_doubts(
     """Return the warning that the estimate is contradicted, or that nothing vouches for it.
 
     Args:
-        mean: Weighted estimate.
+        mean: Weighted estimate, above 0.
         own: Interval by the weights.
         missed: Probability of failures that the sample may miss, as far as the cross-check knows.
         fresh: All rows drawn from the target.
         checks: Cross-check of each run, None where it did not reach failure; empty if none was asked for.
         confidence: Level of the intervals.
     """
-    if mean == 0.0:
-        return {}
     sample = f"the weighted sample says {format_probability(mean)} ({format_interval(own)})"
     # 1. Rows of the target are right whatever the proposal is.
     most = own[0], own[1] + missed

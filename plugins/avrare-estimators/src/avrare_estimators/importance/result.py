@@ -92,8 +92,9 @@ def summarise(
     mean, checks = float(values.mean()), [run.cross_check for run in runs if run.checked]
     missed = missed_probability(mean, checks, plan.confidence)
     warnings = _health(plan, runs, marks, tally)
-    own = _interval_of_weights(runs, values, marks)(plan.confidence)
-    warnings |= find_doubts(mean, own, missed, fresh, checks, plan.confidence)
+    if mean > 0.0:
+        own = _interval_of_weights(runs, values, marks)(plan.confidence)
+        warnings |= find_doubts(mean, own, missed, fresh, checks, plan.confidence)
     trusted = not DISTRUST & warnings.keys()
     return build_result(
         plan,
