@@ -10,6 +10,7 @@ proposals of ``is`` shift the linear mode alone, or all modes.
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
@@ -79,6 +80,7 @@ def measure(problem: Untuned, estimator: str, seeds: range, note: str = "", **op
 
 def main() -> None:
     """Measure the problems that were asked for."""
+    warnings.simplefilter("ignore", avrare.HealthWarning)
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)

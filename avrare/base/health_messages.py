@@ -32,8 +32,8 @@ MESSAGES = {
     "weight_degenerate": "the effective number of failures is {effective:.1f}, the largest weight "
     "has a share of {largest:.0%}: the interval is widened to hold for any weights; use more rollouts "
     "or a proposal closer to the failures",
-    "cross_check": "{reason}: the proposal misses failures, and the interval is widened to hold whatever it "
-    "misses; use ams or ess, or a proposal that reaches all failures",
+    "cross_check": "{reason}: the interval is widened to hold whatever the proposal misses; use ams or ess, "
+    "or a proposal that reaches all failures",
     "unchecked": "{reason}: missed failures cannot be ruled out, and the interval is widened to hold "
     "whatever is missed; use more rollouts, or compare with ams or ess",
     "heuristic_kernel": "{note}",
