@@ -28,6 +28,7 @@ def test_all_fresh_rows_count(name, rows):
     assert avrare.estimate(NEVER, name, **SIZES[name]).blind_bound == bound(0, rows)
 
 
+@pytest.mark.slow
 def test_fresh_failures_raise_the_bound():
     result = avrare.estimate(LIKELY, "ams", particles=400, discard=40, runs=2)
     failures = int((result.robustness <= 0.0).sum())

@@ -58,6 +58,7 @@ def test_unbiased_over_two_hundred_seeds():
     assert deviation(values, FEW_LEVELS.probability) < 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("score", [odd_systems.height, odd_systems.backwards, systems.constant, Lag(0.1)])
 def test_any_score_is_unbiased(score):
     """A bad score costs, but does not lie; here even one that discards the failures first."""

@@ -48,6 +48,7 @@ def test_mistakes_are_reported():
         spillage.update(spillage.start(1), {"level": np.zeros(1)})
 
 
+@pytest.mark.slow
 def test_splitting_agrees_with_monte_carlo(tmp_path):
     path = tmp_path / "tank.yaml"
     path.write_text(

@@ -120,6 +120,7 @@ def test_a_fit_comes_nearer_to_bent_samples_than_a_normal_law(kind, steps):
     )
 
 
+@pytest.mark.slow
 def test_a_fit_is_a_function_of_its_seed():
     rows = np.random.default_rng(0).exponential(size=(300, 2))
     state = torch.random.get_rng_state()

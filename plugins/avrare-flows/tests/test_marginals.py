@@ -95,6 +95,7 @@ def test_a_mixture_needs_a_weight_for_each_law():
             Mixture(weights, (m.Normal(), m.Normal()))
 
 
+@pytest.mark.slow
 def test_the_beam_model_is_that_of_thrun():
     law = beam(4.0, 10.0, std=0.1, decay=2.0, hit=0.7, short=0.2, nothing=0.06, anything=0.04)
     z = np.random.default_rng(0).standard_normal(200_000)

@@ -42,6 +42,7 @@ def scenario(tmp_path, text):
     return avrare.load(path)
 
 
+@pytest.mark.slow
 def test_a_scenario_runs_on_physical_noise(tmp_path):
     loaded = scenario(tmp_path, SUM.format(extra=""))
     result = avrare.estimate(loaded.problem("low"), "ess", seed=1, runs=20)

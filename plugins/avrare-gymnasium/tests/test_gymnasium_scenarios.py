@@ -43,6 +43,7 @@ def test_a_failure_is_reproduced():
     assert (again <= 0).all()
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_bits(tmp_path, capsys):
     found = []
     for workers in ("1", "2"):

@@ -60,6 +60,7 @@ def test_the_shipped_policy_passes_the_ramp():
     assert world.arrived.all()
 
 
+@pytest.mark.slow
 def test_training_runs_and_is_reproducible(tmp_path):
     pytest.importorskip("torch")
     from avrare_highway_env.train import Plan, train

@@ -18,6 +18,7 @@ def sim(request):
     return simulator(**runs.OPTIONS[request.param])
 
 
+@pytest.mark.slow
 def test_a_row_does_not_depend_on_its_neighbours(sim):
     noise = tape(sim, 6, 40)
     whole = run(sim, noise)[-1]

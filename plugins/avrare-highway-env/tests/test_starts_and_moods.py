@@ -55,6 +55,7 @@ def test_without_moods_drivers_are_those_of_highway_env():
     assert not np.allclose(stirred.others.x, calm.others.x)
 
 
+@pytest.mark.slow
 def test_moods_are_an_ornstein_uhlenbeck_process():
     options = {"acceleration_sd": 1.5, "correlation_time": 0.5}
     sim = simulator(scene="merge", start_seed=1, traffic=options)

@@ -64,6 +64,7 @@ def test_the_four_squares_descend_to_the_origin(tmp_path, capsys):
     assert 0.7 * exact < found.probability < 1.8 * exact
 
 
+@pytest.mark.slow
 def test_a_rate_is_found_where_none_is_given(tmp_path, capsys):
     assert main(["synthesize", str(SQUARES), "--parameter", "mean", "--steps", "2", *QUICK]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -107,6 +108,7 @@ def test_a_kalman_gain_does_not_follow_the_noise_that_was_synthesised(loop, tmp_
     )
 
 
+@pytest.mark.slow
 def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
     out = tmp_path / "out.yaml"
     arguments = ["synthesize", str(loop), "--parameter", "gain", "--specification", "low", "--steps", "1"]

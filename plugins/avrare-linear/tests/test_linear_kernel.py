@@ -83,6 +83,7 @@ def step(kernel, problem, state, level, stage, seed=6):
     return done.state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_kernel_leaves_the_target_invariant(name):
     problem, level = PROBLEMS[name]
@@ -177,6 +178,7 @@ def test_runs_do_not_depend_on_how_many_there_are():
     assert few.tolist() == many[:2].tolist()
 
 
+@pytest.mark.slow
 def test_workers_change_nothing():
     problem = avrare.Problem(Ramp(), avrare.stl("eventually (x > 8)"), 6, chunk=100)
     one, two = (

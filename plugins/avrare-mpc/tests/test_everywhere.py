@@ -53,6 +53,7 @@ def test_plans_are_never_costlier_and_sometimes_much_cheaper(lane_change, steps,
     assert (everywhere < 0.9 * follow).sum() >= 2
 
 
+@pytest.mark.slow
 def test_it_counts_the_old_plan_and_each_initial_guess(steps, outcomes):
     follow, everywhere = ((memory.solves - steps[0].solves).tolist() for memory in outcomes[1])
     assert set(follow) == {1}

@@ -37,6 +37,7 @@ def both(lane_change, programmes):
     return tuple(solver.solve(*programmes) for solver in solvers)
 
 
+@pytest.mark.slow
 def test_the_second_search_is_never_costlier_and_sometimes_cheaper(both):
     found, alone = both
     cheaper = found.cost < alone.cost

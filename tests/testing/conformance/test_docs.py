@@ -123,6 +123,7 @@ def test_the_site_builds_without_a_warning(site):
     assert (folder / "reference" / "cli.html").is_file()
 
 
+@pytest.mark.slow
 def test_nothing_is_fetched_from_elsewhere(site):
     folder, _ = site
     pages = [*folder.rglob("*.html"), *folder.rglob("*.css")]

@@ -53,6 +53,7 @@ def test_the_example_is_found_by_its_entry_point(installed):
     assert {row["status"] for row in rows if row["distribution"] == "avrare-example"} == {"ok"}
 
 
+@pytest.mark.slow
 def test_the_scenario_of_its_readme_runs(installed, tmp_path):
     python, environment = installed
     (text,) = re.findall(r"```yaml\n(.*?)```", (EXAMPLE / "README.md").read_text(), flags=re.DOTALL)
