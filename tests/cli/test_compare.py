@@ -188,4 +188,4 @@ def test_plain_has_no_control_characters_even_where_colours_are_forced(monkeypat
 def test_quiet_against_another_version(capsys):
     words = ["--against", LANE_CHANGE, "--budget", "rollouts=3", "--set", "scenario.steps=3", "--quiet"]
     assert main(["compare", LANE_CHANGE, *words, "--specification", "no_collision"]) == 0
-    assert capsys.readouterr().out == "no_collision: same, 0 (-0.71 .. +0.71)\n"
+    assert capsys.readouterr().out == "no_collision: same, 0 (-0.56 .. +0.56)\n"

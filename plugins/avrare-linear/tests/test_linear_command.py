@@ -53,7 +53,7 @@ def loop(tmp_path):
 def test_the_four_squares_descend_to_the_origin(tmp_path, capsys):
     out = tmp_path / "better.yaml"
     arguments = ["synthesize", str(SQUARES), "--parameter", "mean", "--rate", "0.1", "--out", str(out)]
-    assert main([*arguments, *QUICK]) == 0
+    assert main([*arguments, *QUICK, "--chains", "40"]) == 0  # 20 end near 0.23 with every third seed
     text = capsys.readouterr().out
     assert "fresh estimates" in text
     mean = yaml.safe_load(out.read_text())["simulator"]["initial"]["mean"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,9 +88,14 @@ def _compare(problem: Problem, changed: Problem, seed: int, chains: int) -> None
 
     print("fresh estimates:")
     for name, one in (("before", problem), ("after", changed)):
-        result = avrare.estimate(one, "ess_linear", seed=seed, chains=chains)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", avrare.HealthWarning)  # their names stand in the line
+            result = avrare.estimate(one, "ess_linear", seed=seed, chains=chains)
         low, high = result.interval
-        print(f"  {name:<7}{result.probability:.3g}   {result.confidence:.0%}: {low:.3g} .. {high:.3g}")
+        names = "".join(f", {warning}" for warning in result.health)
+        print(
+            f"  {name:<7}{result.probability:.3g}   {result.confidence:.0%}: {low:.3g} .. {high:.3g}{names}"
+        )
 
 
 def _specification(name: str | None, known: tuple[str, ...]) -> str:

@@ -1,5 +1,6 @@
 """A plugin for the tests: a random walk that can be slow, or take its worker with it."""
 
+import multiprocessing
 import os
 import time
 from pathlib import Path
@@ -30,7 +31,8 @@ class WalkSimulator:
         # What no scenario says: a pause of every batch [s], a change of the code, a worker that is killed.
         time.sleep(float(os.environ.get("AVRARE_TOY_PAUSE", "0")))
         later = 1e-3 if os.environ.get("AVRARE_TOY_BUG") else 0.0
-        if (path := os.environ.get("AVRARE_TOY_DIE")) and _first(Path(path)):
+        path = os.environ.get("AVRARE_TOY_DIE")
+        if path and multiprocessing.parent_process() and _first(Path(path)):
             os._exit(9)
         return {"x": world["x"] + self.config.scale * noise[:, 0] + later}
 
