@@ -1,4 +1,4 @@
-"""How often is an interval confidently wrong on problems that nothing was tuned on?
+"""Study of intervals that are confidently wrong, on problems that nothing was tuned on.
 
     OMP_NUM_THREADS=1 python benchmarks/untuned.py [--workers 2] [--only PATTERN] [--seeds 300]
 

@@ -65,16 +65,7 @@ def estimate(
             breaks a rule that the estimator relies on, as by changing its state in place.
         PluginError: No installed plugin provides the estimator.
     """
-    if not isinstance(problem, Problem):
-        raise UsageError(
-            f"estimate needs a Problem, not {type(problem).__name__}",
-            "avrare.Problem(system, specification, steps), or avrare.load(path).problem(name)",
-        )
-    if len(problem.names) != 1:
-        raise UsageError(
-            f"the problem has {len(problem.names)} specifications; estimate one at a time",
-            "make a Problem for each, or use `avrare run`",
-        )
+    _check_arguments(problem, checkpoint)
     check = parse_cross_check(cross_check, estimator)
     paid = without_check(Budget.parse(budget), check)
     settings = Settings(seed, confidence, paid, suppress=tuple(suppress))
@@ -90,8 +81,6 @@ def estimate(
 
     if checkpoint is None:
         return _told(complete(lambda name: None))
-    if not isinstance(checkpoint, (str, os.PathLike)):
-        raise UsageError(f"checkpoint must be the path of a folder, not {checkpoint!r}")
     task = _task(problem, estimator, built, settings)
     if check is not None:
         task["cross_check"] = check.model_dump()
@@ -99,6 +88,21 @@ def estimate(
         result = complete(saved.journal)
         saved.remove()
     return _told(result)
+
+
+def _check_arguments(problem: object, checkpoint: object) -> None:
+    if not isinstance(problem, Problem):
+        raise UsageError(
+            f"estimate needs a Problem, not {type(problem).__name__}",
+            "avrare.Problem(system, specification, steps), or avrare.load(path).problem(name)",
+        )
+    if len(problem.names) != 1:
+        raise UsageError(
+            f"the problem has {len(problem.names)} specifications; estimate one at a time",
+            "make a Problem for each, or use `avrare run`",
+        )
+    if checkpoint is not None and not isinstance(checkpoint, (str, os.PathLike)):
+        raise UsageError(f"checkpoint must be the path of a folder, not {checkpoint!r}")
 
 
 def _told(result: Result) -> Result:

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from avrare.cli.main import main
+from avrare.estimation import checkpoint
+
 ROOT = Path(__file__).parents[3]
 TOY = Path(__file__).parent / "toy"
 SCENARIO = """\
@@ -96,3 +99,25 @@ def inside(night, monkeypatch):
     default_registry.cache_clear()
     yield night
     default_registry.cache_clear()
+
+
+@pytest.fixture
+def interrupted(night, monkeypatch):
+    """Runs a command that is asked to stop once so many chunks are done."""
+
+    def interrupt(chunks, *words):
+        write = checkpoint.FileJournal.write
+        done = []
+
+        def counting(self, stage, index, *rest):
+            write(self, stage, index, *rest)
+            done.append(index)
+            if len(done) == chunks:
+                os.kill(os.getpid(), 2)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(checkpoint.FileJournal, "write", counting)
+            assert main(["run", *map(str, words), "--no-pictures"]) == 2
+        assert len(done) == chunks
+
+    return interrupt

@@ -161,7 +161,8 @@ def test_workers_do_not_outlive_a_killed_parent(night):
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, **SLOW)
     wait_for(lambda: len(night.saved("torn")) >= 1)
     process.kill()
-    process.communicate()  # returns once nobody holds its pipes, the workers among them
+    process.communicate(timeout=60)  # raises while anybody holds its pipes, the workers among them
+    assert process.returncode == -signal.SIGKILL
 
 
 @pytest.mark.slow

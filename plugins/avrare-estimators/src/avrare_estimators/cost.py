@@ -1,4 +1,4 @@
-"""What a budget pays for."""
+"""Number of runs and rollouts that a budget pays for."""
 
 from __future__ import annotations
 

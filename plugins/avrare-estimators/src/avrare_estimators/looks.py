@@ -80,7 +80,7 @@ def _widened(interval_at: Callable[[float], Interval], share: float, confidence:
 
 @dataclass(frozen=True)
 class Pilot:
-    """What a pilot has found, and what follows from it.
+    """Findings of a pilot, and the size of the runs that follows from them.
 
     Attributes:
         rollouts: Its rollouts.
