@@ -25,7 +25,7 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.scenario.load import load
 
-SCENARIO, CHUNK = "scenarios/lane_change.yaml", 250
+SCENARIO, CHUNK = "scenarios/lane_change_published.yaml", 250
 SETTINGS = ((0.0, 0.0), (0.2, 0.2), (0.5, 0.5), (1.0, 1.0), (0.5, 0.0), (0.0, 0.5))
 """Time constants [s] of detection and position."""
 

@@ -27,7 +27,7 @@ KEPT = ("specification", "probability", "interval", "confidence", "rollouts", "f
 def main() -> None:
     """Run, keep, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
+    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change_published.yaml")
     parser.add_argument("--rollouts", type=int, default=100_000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")

@@ -42,7 +42,7 @@ from avrare_mpc.nlp import build_problem, pack_parameters
 from avrare_mpc.plan import from_variables, shift, to_variables
 from avrare_mpc.riccati.solver import RiccatiSolver
 
-SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change.yaml"
+SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change_published.yaml"
 RESULTS = Path(__file__).parent / "results" / "mpc"
 SYSTEMS = {
     "casadi": ["controller.backend=casadi"],

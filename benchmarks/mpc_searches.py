@@ -23,7 +23,7 @@ from avrare.scenario.load import load
 from avrare_mpc.riccati.solver import FROM_NEAR, QUICK, RiccatiSolver, Solutions
 from avrare_mpc.riccati.values import Tuning
 
-SCENARIO, BATCH = "scenarios/lane_change.yaml", 1000
+SCENARIO, BATCH = "scenarios/lane_change_published.yaml", 1000
 
 
 def rough(start: float) -> Tuning:

@@ -82,7 +82,7 @@ def _rollouts(first: int, end: int) -> Request:
 
 if __name__ == "__main__":
     main(
-        sys.argv[1] if len(sys.argv) > 1 else "scenarios/lane_change.yaml",
+        sys.argv[1] if len(sys.argv) > 1 else "scenarios/lane_change_published.yaml",
         int(sys.argv[2]) if len(sys.argv) > 2 else 200,
         sys.argv[3:],
     )

@@ -36,7 +36,7 @@ def main(path: str, rollouts: int, workers: int) -> None:
 if __name__ == "__main__":
     words = sys.argv[1:]
     main(
-        words[0] if words else "scenarios/lane_change.yaml",
+        words[0] if words else "scenarios/lane_change_published.yaml",
         int(words[1]) if len(words) > 1 else 1000,
         int(words[2]) if len(words) > 2 else 2,
     )

@@ -26,7 +26,7 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
 
-SCENARIO = "scenarios/lane_change.yaml"
+SCENARIO = "scenarios/lane_change_published.yaml"
 SETTINGS = ["controller.backend=riccati", "chunk=250"]
 REPEATS = 3
 

@@ -110,7 +110,7 @@ def run(task: tuple[Path, Cell]) -> str:
 def main() -> None:
     """Run what is missing, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
+    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change_published.yaml")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--only", default="", metavar="PATTERN", help="cells whose file name contains this")
     parser.add_argument("--results", type=Path, default=RESULTS)

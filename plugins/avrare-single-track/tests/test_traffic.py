@@ -37,7 +37,7 @@ def traffic(*vehicles):
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load(ROOT / "scenarios" / "lane_change.yaml")
+    return load(ROOT / "scenarios" / "lane_change_published.yaml")
 
 
 @pytest.mark.parametrize(("name", "number"), [("parked", 14), ("cut_in", 13), ("merge", 15)])

@@ -1,5 +1,6 @@
-"""The shipped lane change: how it drives without noise, and that its numbers repeat."""
+"""The lane change as published: how it drives without noise, and that its numbers stay what they are."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,13 @@ from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
 from avrare.scenario.load import load
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
-LANE_CHANGE = SCENARIOS / "lane_change.yaml"
+LANE_CHANGE = SCENARIOS / "lane_change_published.yaml"
+TRUTH = SCENARIOS.parent / "docs" / "ground-truth" / "lane_change_published-2d8c8d69366df0e9.json"
 RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic", "no_collision")
 
 
@@ -28,6 +32,38 @@ def scenario():
 @pytest.fixture(scope="module")
 def nominal(scenario):
     return scenario.problem(RULES).nominal(keep_carries=True)
+
+
+def same_where_known(known, whole):
+    """Tell whether every setting known before has its value still; options may have been added."""
+    if isinstance(known, dict):
+        return all(name in whole and same_where_known(value, whole[name]) for name, value in known.items())
+    if isinstance(known, list):
+        return len(known) == len(whole) and all(map(same_where_known, known, whole))
+    return known == whole
+
+
+def test_it_is_the_system_of_the_stored_ground_truth():
+    known = json.loads(TRUTH.read_text(encoding="utf-8"))["system"]
+    resolved = load(LANE_CHANGE).resolved
+    assert resolved["controller"]["backend"] == "casadi"
+    assert resolved["chunk"] == 25
+    assert same_where_known(known, load(LANE_CHANGE, ["controller.backend=riccati", "chunk=250"]).resolved)
+
+
+@pytest.mark.parametrize(
+    ("backend", "robustness"),
+    [
+        ("casadi", [0.03064968358, 0.96512138560, 0.35393955066, -0.00141273891, 1.51309059073]),
+        ("riccati", [0.03064968358, 0.96512137550, 0.35039167708, 0.00173283840, 1.51309049599]),
+    ],
+)
+def test_the_first_rollout_is_the_one_it_has_always_been(backend, robustness):
+    problem = LoadedScenario(load(LANE_CHANGE, [f"controller.backend={backend}"])).problem(RULES)
+    first = Request.from_start(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
+    found = problem.simulate(NoiseSource(0, problem.noise_size), first, scored=False)
+    # to 1e-6: other machines round otherwise in the last bits
+    assert found.robustness[0].tolist() == pytest.approx(robustness, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -52,7 +88,7 @@ def test_no_solve_falls_back_without_noise(nominal):
     assert nominal.counts["solves"].sum() >= 39
 
 
-@pytest.mark.parametrize("name", ["lane_change.yaml", "lane_change_paper.yaml"])
+@pytest.mark.parametrize("name", ["lane_change_published.yaml", "lane_change_paper.yaml"])
 def test_the_scripted_vehicles_never_overlap(name):
     scenario = LoadedScenario(load(SCENARIOS / name))
     others = scenario.stack.loop.simulator.traffic.at(np.arange(scenario.steps + 1))
