@@ -103,13 +103,13 @@ class Tracker(Protocol):
     """Tracker: estimates the state of the others from observations and predicts them."""
 
     def start(self, world: Any) -> Any:
-        """Return a track that knows the world at t = 0 exactly."""
+        """Return the track at t = 0, before any observation; it may know the world exactly, or nothing."""
 
     def update(self, track: Any, observation: Observation) -> Any:
         """Return the track one step later; missed detections are predicted through."""
 
     def predict(self, track: Any, steps: int) -> Prediction:
-        """Return positions now and over ``steps`` further steps."""
+        """Return positions now and over ``steps`` further steps, inf for a vehicle without a track."""
 
 
 class Controller(Protocol):

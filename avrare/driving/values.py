@@ -117,6 +117,9 @@ class Observation:
 class Prediction:
     """Predicted positions of the others; entry 0 is the tracker's current estimate.
 
+    A vehicle that the tracker does not know of is infinitely far away: x and y are inf, and it does not exist
+    for the controller. NaN is an error.
+
     Attributes:
         x: (N, V, H + 1) position along the road [m].
         y: (N, V, H + 1) position across the road [m].

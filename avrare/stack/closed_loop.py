@@ -53,8 +53,8 @@ class LoopState:
 class ClosedLoop:
     """System whose noise is the simulator's followed by the perception error model's.
 
-    Each step: predict the others, act, advance the world, observe it, update the track. At t = 0 the tracker
-    knows the world exactly. Without perception the tracker observes the true world.
+    Each step: predict the others, act, advance the world, observe it, update the track. Nothing is
+    observed at t = 0. Without perception the tracker observes the true world.
     """
 
     def __init__(

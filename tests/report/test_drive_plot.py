@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from avrare.driving import Road, Scene, Vehicles, World
+from avrare.driving import Prediction, Road, Scene, Vehicles, World
+from avrare.report.html.rollout_player import _encode_prediction
 from avrare.report.plots.rollout_plot import Frame, draw_drive
 
 figures = pytest.importorskip("matplotlib.figure")
@@ -47,3 +48,9 @@ def test_a_long_road_is_followed(axes, y):
 def test_a_short_road_is_drawn_completely(axes):
     for ax in axes([20.0, 120.0], 0.0, end=200.0):
         assert ax.get_xlim() == (0.0, 200.0)
+
+
+def test_a_vehicle_without_a_track_has_no_prediction():
+    x = np.array([[[1.0, 2.0], [np.inf, np.inf]]])
+    frame = Frame(0, None, None, Prediction(x, x + 0.5))
+    assert _encode_prediction(frame) == [[[1.0, 1.5], [2.0, 2.5]]]

@@ -273,7 +273,8 @@ def _encode_prediction(frame: Frame) -> list[list[list[float]]] | None:
     if frame.prediction is None:
         return None
     x, y = frame.prediction.x[0], frame.prediction.y[0]
-    return [_round_points(np.stack(pair, axis=-1)) for pair in zip(x, y, strict=True)]
+    tracked = ~np.isinf(x).any(axis=-1)
+    return [_round_points(np.stack(pair, axis=-1)) for pair in zip(x[tracked], y[tracked], strict=True)]
 
 
 def _round_points(points: Any) -> list[list[float]]:

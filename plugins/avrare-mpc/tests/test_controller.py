@@ -7,7 +7,7 @@ import pytest
 
 from avrare.base.batch import concatenate, size, take
 from avrare.base.errors import UsageError
-from avrare.driving import Prediction
+from avrare.driving import Prediction, Vehicles
 from avrare_mpc import avrare_components
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
@@ -57,6 +57,41 @@ def test_a_copied_particle_continues_identically(lane_change):
     copied, copied_later = controller.act(*(take(part, index) for part in (memory, ego, prediction)))
     assert np.array_equal(copied.acceleration, action.acceleration[index])
     assert np.array_equal(copied_later.plan_inputs, later.plan_inputs[index])
+
+
+@pytest.mark.parametrize("backend", ["casadi", "riccati"])
+def test_a_vehicle_at_infinity_does_not_exist(lane_change, backend):
+    pytest.importorskip({"casadi": "casadi", "riccati": "numba"}[backend])
+    scene, config = lane_change.scene, MpcConfig(backend=backend)
+    without = dataclasses.replace(
+        scene,
+        names=scene.names[1:],
+        lengths=scene.lengths[1:],
+        widths=scene.widths[1:],
+        moving=scene.moving[1:],
+    )
+    ego = Vehicles(*(np.array([value]) for value in (17.149, 1.75, 0.0, 21.6, 0.0)))
+    seen = lane_change.predict(0, np.zeros((1, 3, 3)))
+    unknown = Prediction(seen.x.copy(), seen.y.copy())
+    unknown.x[:, 0] = unknown.y[:, 0] = np.inf
+    plans = []
+    for world, prediction in (
+        (scene, seen), (scene, unknown), (without, Prediction(seen.x[:, 1:], seen.y[:, 1:]))
+    ):  # fmt: skip
+        controller = build(config, world)
+        plans.append(controller.act(controller.start(1), ego, prediction)[1])
+        assert plans[-1].fallbacks.tolist() == [0]
+    known, hidden, absent = (plan.plan_states for plan in plans)
+    np.testing.assert_array_equal(hidden, absent)
+    assert np.abs(known - hidden).max() > 0.5
+
+
+def test_a_prediction_that_is_not_a_number_is_a_failed_search(lane_change):
+    controller = build(MpcConfig(backend="riccati"), lane_change.scene)
+    ego = Vehicles(*(np.array([value]) for value in (17.149, 1.75, 0.0, 21.6, 0.0)))
+    seen = lane_change.predict(0, np.zeros((1, 3, 3)))
+    seen.x[:, 0] = np.nan
+    assert controller.act(controller.start(1), ego, seen)[1].fallbacks.tolist() == [1]
 
 
 def test_noisy_rollouts_are_finite_and_inside_the_bounds(lane_change):

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
+Steps = Annotated[int, Field(ge=1, le=60)]
 
 
 class ImmConfig(BaseModel):
-    """Model sets, noise and prior of the interacting-multiple-model tracker.
+    """Model sets, noise and prior of the interacting-multiple-model tracker, and the life of its tracks.
 
     The lateral reference lanes are the lane centres of the scene's road.
     """
@@ -55,3 +56,35 @@ class ImmConfig(BaseModel):
     lane_other_weight: Positive = Field(
         0.1, description="Prior weight, before normalisation, of each model of another lane [-]"
     )
+    velocity: Literal["noisy", "none"] = Field(
+        "noisy",
+        description="noisy: perception's speed along the road is measured, too; none: positions only, the "
+        "tracker estimates all velocities",
+    )
+    gate: Positive | None = Field(
+        None,
+        description="A detection farther than this from its prediction counts as a miss [standard deviations "
+        "of the innovation]; null: no gate",
+    )
+    start: Literal["truth", "empty"] = Field(
+        "truth",
+        description="Tracks at t = 0: the true world, or none, so that vehicles must be detected first",
+    )
+    birth: tuple[Steps, Steps] = Field(
+        (2, 3), description="(m, n): a vehicle without a track gets one after m detections within n steps"
+    )
+    death: Steps | None = Field(
+        None, description="A track ends after this many misses in a row; null: it is predicted forever"
+    )
+    birth_speed_sd: Positive = Field(
+        20.0,
+        description="Standard deviation of the speed along the road at the first detection where velocity is "
+        "none; its mean is 0 [m/s]",
+    )
+
+    @model_validator(mode="after")
+    def _check_birth(self) -> Self:
+        least, of = self.birth
+        if least > of:
+            raise ValueError(f"birth: {least} detections within {of} steps are impossible")
+        return self

@@ -9,7 +9,7 @@ modes is not used: its order of additions depends on the shape of the batch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +85,34 @@ def update(models: ModelSet, mixture: Mixture, measurement: Floats, detected: Bo
     distance = _sum(residual * _product(inverse, residual[:, None])[:, 0])
     posterior = _posterior(probability, -0.5 * (distance + log_determinant))
     return Mixture(moved.T, (_sandwich(keep, covariance) + noise).T, np.where(seen, posterior, probability).T)
+
+
+def same_modes(state: Floats, variances: Sequence[float], probability: Floats) -> Mixture:
+    """Return modes of (N, V, M) chances that are all at ``state`` (N, V, n), with independent components."""
+    m = probability.shape[-1]
+    covariance = np.diag(np.array(variances, dtype=float))
+    means = np.repeat(state[:, :, None], m, axis=2)
+    return Mixture(means, np.tile(covariance, (*state.shape[:2], m, 1, 1)), probability)
+
+
+def choose(where: Bools, first: Mixture, second: Mixture) -> Mixture:
+    """Return ``first`` where (N, V) ``where`` is true, else ``second``."""
+    pairs = zip(vars(first).values(), vars(second).values(), strict=True)
+    return Mixture(*(np.where(where.reshape(*where.shape, *[1] * (a.ndim - 2)), a, b) for a, b in pairs))
+
+
+def innovation_distance(models: ModelSet, mixture: Mixture, measurement: Floats) -> Floats:
+    """Return the (N, V) squared Mahalanobis distance of measurements (N, V, p) from a predicted mixture.
+
+    Mean and covariance are those of the mixture's predicted measurement, the spread of the modes included.
+    """
+    mean, covariance, probability = _particles_last(mixture)
+    p = len(models.measurement_variance)
+    centre, spread = _merge(list(probability), mean[:p], covariance[:p, :p])
+    residual = np.ascontiguousarray(measurement.T) - centre
+    noise = np.eye(p)[..., None, None] * models.measurement_variance[:, None, None]
+    inverse, _ = _invert(spread + noise)
+    return _sum(residual * _product(inverse, residual[:, None])[:, 0]).T
 
 
 def fuse(mixture: Mixture) -> tuple[Floats, Floats]:

@@ -45,7 +45,7 @@ class Horizon:
 def longitudinal_models(
     kinds: Sequence[str], dt: float, noise: float, variances: Sequence[float], stay: float
 ) -> ModelSet:
-    """Return models of (x, vx, ax) [m, m/s, m/s^2], measured in x and vx.
+    """Return models of (x, vx, ax) [m, m/s, m/s^2], measured in x, or in x and vx.
 
     Constant velocity ignores and clears the acceleration; constant acceleration keeps it.
 
@@ -53,7 +53,7 @@ def longitudinal_models(
         kinds: ``"cv"`` or ``"ca"`` for each mode.
         dt: Step [s].
         noise: Variance of the random acceleration of a step [(m/s^2)^2].
-        variances: Measurement variances of x [m^2] and vx [(m/s)^2].
+        variances: Measurement variances of x [m^2] and, if it is measured, of vx [(m/s)^2].
         stay: Probability of keeping the mode for one step.
     """
     dynamics = {

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from typing import Any
@@ -11,10 +12,21 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Prediction, Scene
-from avrare.protocols import Floats
+from avrare.protocols import Bools, Floats
 from avrare_imm.config import ImmConfig
-from avrare_imm.imm import Mixture, forecast, fuse, step
-from avrare_imm.models import Horizon, ModelSet, lateral_models, longitudinal_models, look_ahead
+from avrare_imm.imm import (
+    Mixture,
+    choose,
+    forecast,
+    fuse,
+    innovation_distance,
+    mix,
+    predict,
+    same_modes,
+    update,
+)
+from avrare_imm.life import Life, LifeRules
+from avrare_imm.models import Horizon, lateral_models, longitudinal_models, look_ahead
 
 
 @dataclass(frozen=True)
@@ -24,10 +36,12 @@ class ImmTrack:
     Attributes:
         longitudinal: Modes over (x, vx, ax), in the order of ``ImmConfig.longitudinal_models``.
         lateral: Modes over (y, vy), gain by gain and within it lane by lane.
+        life: Which vehicles have a track; None: all, from start to end.
     """
 
     longitudinal: Mixture
     lateral: Mixture
+    life: Life | None = None
 
 
 @dataclass(frozen=True)
@@ -43,6 +57,7 @@ class FusedTrack:
         longitudinal_covariance: (N, V, 3, 3) of (x, vx, ax).
         lateral_covariance: (N, V, 2, 2) of (y, vy).
         lane_probabilities: (N, V, lanes) probability that the vehicle heads for each lane.
+        exists: (N, V) whether there is a track; the other fields mean nothing where there is none.
     """
 
     x: Floats
@@ -53,6 +68,7 @@ class FusedTrack:
     longitudinal_covariance: Floats
     lateral_covariance: Floats
     lane_probabilities: Floats
+    exists: Bools
 
 
 class ImmTracker:
@@ -70,7 +86,7 @@ class ImmTracker:
             config.longitudinal_models,
             scene.dt,
             config.longitudinal_noise,
-            (config.position_variance, config.speed_variance),
+            (config.position_variance, *([config.speed_variance] if config.velocity == "noisy" else [])),
             config.stay_probability,
         )
         self.lateral = lateral_models(
@@ -82,34 +98,61 @@ class ImmTracker:
             config.lateral_variance,
             config.stay_probability,
         )
+        lasting = config.start == "truth" and config.death is None
+        self._rules = None if lasting else LifeRules(*config.birth, config.death)
         self._horizons: dict[int, tuple[Horizon, Horizon]] = {}
 
     def start(self, world: Any) -> ImmTrack:
-        """Return the track at t = 0: every mode at the true state of ``world.others``, fields (N, V)."""
+        """Return the track at t = 0: every mode at the true state of ``world.others``, or none, by option."""
         others = world.others
+        variance = self.config.initial_variance
+        if self._rules is not None and self.config.start == "empty":
+            return replace(self._begin(np.zeros((*others.x.shape, 3))), life=self._rules.none(others.x.shape))
         along = np.stack([others.x, others.speed * np.cos(others.heading), others.acceleration], axis=-1)
         across = np.stack([others.y, others.speed * np.sin(others.heading)], axis=-1)
-        even = np.full((*others.x.shape, len(self.longitudinal.offset)), 1.0 / len(self.longitudinal.offset))
-        return ImmTrack(
-            self._at_state(self.longitudinal, along, even),
-            self._at_state(self.lateral, across, self._lane_prior(others.y)),
-        )
+        life = self._rules.all(others.x.shape) if self._rules is not None else None
+        return self._at_state(along, across, (variance,) * 3, (variance,) * 2, life)
 
     def update(self, track: ImmTrack, observation: Observation) -> ImmTrack:
-        """Return the track one step later, from fields (N, V); a missed vehicle is only predicted."""
-        along = np.stack([observation.x, observation.speed_x], axis=-1)
-        seen = observation.detected
-        return ImmTrack(
-            step(self.longitudinal, track.longitudinal, along, seen),
-            step(self.lateral, track.lateral, observation.y[..., None], seen),
-        )
+        """Return the track one step later, from fields (N, V).
+
+        A vehicle that is missed, or detected beyond the gate, is only predicted. The options say when a
+        vehicle without a track gets one, and when a track ends.
+        """
+        positions = np.stack([observation.x, observation.speed_x, observation.y], axis=-1)
+        along, across = positions[..., : len(self.longitudinal.measurement_variance)], positions[..., 2:]
+        longitudinal = predict(self.longitudinal, mix(self.longitudinal, track.longitudinal))
+        lateral = predict(self.lateral, mix(self.lateral, track.lateral))
+        accepted = observation.detected
+        if self.config.gate is not None:
+            distance = innovation_distance(self.longitudinal, longitudinal, along)
+            distance = distance + innovation_distance(self.lateral, lateral, across)
+            accepted = accepted & ~(distance > self.config.gate**2)  # a NaN is an error, and stays one
+        longitudinal = update(self.longitudinal, longitudinal, along, accepted)
+        lateral = update(self.lateral, lateral, across, accepted)
+        if self._rules is None or track.life is None:
+            return ImmTrack(longitudinal, lateral)
+        first = observation.detected & self._rules.absent(track.life)
+        life = self._rules.update(track.life, accepted | first)
+        if first.any():
+            begun = self._begin(np.where(first[..., None], positions, 0.0))
+            longitudinal = choose(first, begun.longitudinal, longitudinal)
+            lateral = choose(first, begun.lateral, lateral)
+        return ImmTrack(longitudinal, lateral, life)
 
     def predict(self, track: ImmTrack, steps: int) -> Prediction:
-        """Return expected positions now and over ``steps`` further steps, without observations."""
+        """Return expected positions now and over ``steps`` further steps, without observations.
+
+        A vehicle without a track is infinitely far away.
+        """
         if steps not in self._horizons:
             self._horizons[steps] = look_ahead(self.longitudinal, steps), look_ahead(self.lateral, steps)
         along, across = self._horizons[steps]
-        return Prediction(forecast(along, track.longitudinal), forecast(across, track.lateral))
+        x, y = forecast(along, track.longitudinal), forecast(across, track.lateral)
+        if track.life is not None:
+            exists = track.life.exists[..., None]
+            x, y = np.where(exists, x, np.inf), np.where(exists, y, np.inf)
+        return Prediction(x, y)
 
     def estimate(self, track: ImmTrack) -> FusedTrack:
         """Return fused states, covariances and lane probabilities."""
@@ -126,15 +169,37 @@ class ImmTracker:
             longitudinal_covariance=longitudinal_covariance,
             lateral_covariance=lateral_covariance,
             lane_probabilities=reduce(add, np.moveaxis(by_gain, 2, 0)),
+            exists=np.ones(along.shape[:2], bool) if track.life is None else track.life.exists,
         )
 
-    def _at_state(self, models: ModelSet, state: Floats, probability: Floats) -> Mixture:
-        m, n = models.offset.shape
-        covariance = self.config.initial_variance * np.eye(n)
-        return Mixture(
-            np.repeat(state[:, :, None], m, axis=2),
-            np.tile(covariance, (*state.shape[:2], m, 1, 1)),
-            probability,
+    def _begin(self, measured: Floats) -> ImmTrack:
+        """Return tracks from first detections: x, speed along the road and y, (N, V, 3)."""
+        config = self.config
+        x, speed, y = np.moveaxis(measured, -1, 0)
+        speed_variance = config.speed_variance
+        if config.velocity == "none":
+            speed, speed_variance = np.zeros_like(x), config.birth_speed_sd**2
+        along = np.stack([x, speed, np.zeros_like(x)], axis=-1)
+        across = np.stack([y, np.zeros_like(y)], axis=-1)
+        variances = (config.position_variance, speed_variance, config.initial_variance)
+        return self._at_state(along, across, variances, (config.lateral_variance, config.initial_variance))
+
+    def _at_state(
+        self,
+        along: Floats,
+        across: Floats,
+        longitudinal_variances: Sequence[float],
+        lateral_variances: Sequence[float],
+        life: Life | None = None,
+    ) -> ImmTrack:
+        """Return tracks at (x, vx, ax) (N, V, 3) and (y, vy) (N, V, 2), in all modes with these variances."""
+        modes = len(self.longitudinal.offset)
+        even = np.full((*along.shape[:2], modes), 1.0 / modes)
+        prior = self._lane_prior(across[..., 0])
+        return ImmTrack(
+            same_modes(along, longitudinal_variances, even),
+            same_modes(across, lateral_variances, prior),
+            life,
         )
 
     def _lane_prior(self, y: Floats) -> Floats:

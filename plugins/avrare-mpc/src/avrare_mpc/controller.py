@@ -11,6 +11,8 @@ from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import Memory, Search, shift
 
+_FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
+
 
 class MpcController:
     """Controller that plans H steps ahead around the predicted vehicles and applies the first input.
@@ -53,7 +55,7 @@ class MpcController:
         Args:
             memory: Plans and counters.
             ego: Current state, fields (N,).
-            prediction: The other vehicles, at least H + 1 samples.
+            prediction: The other vehicles, at least H + 1 samples; one at infinity does not exist.
 
         Raises:
             UsageError: There is no prediction, or it is too short.
@@ -94,7 +96,8 @@ class MpcController:
         nodes = self.horizon + 1
         if prediction.x.shape[2] < nodes:
             raise UsageError(f"the controller mpc needs {self.horizon} predicted steps")
-        return prediction.x[:, :, :nodes], prediction.y[:, :, :nodes]
+        x, y = (np.where(np.isposinf(part), _FAR, part) for part in (prediction.x, prediction.y))
+        return x[:, :, :nodes], y[:, :, :nodes]
 
     def _action(self, planned: Bools, first: Floats, speed: Floats) -> Action:
         limit = self._config.acceleration_max

@@ -1,0 +1,221 @@
+"""Gate, birth and death of tracks, and tracks without measured speeds."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from avrare.base.batch import concatenate, take
+from avrare.driving import Observation
+from avrare_imm.config import ImmConfig
+from avrare_imm.imm import innovation_distance, mix, predict
+from avrare_imm.life import LifeRules
+from avrare_imm.tracker import build
+from tracked_cars import lane_change, noisy, scene, world
+
+
+def truth(n, v=1, speed=20.0):
+    zero = np.zeros((n, v))
+    return world(zero + 7, zero + 1.75, zero, zero + speed, zero)
+
+
+def run(config, seen, x, y, speed):
+    """Track one car at (steps + 1) places x, y, detected where ``seen`` (N, steps) says so."""
+    tracker = build(config, scene(1))
+    n = len(seen)
+    tracks = [tracker.start(truth(n, speed=speed))]
+    for t in range(1, len(x)):
+        detected = seen[:, t - 1, None]
+        fields = (np.where(detected, value, np.nan) for value in (x[t], y[t], speed))
+        tracks.append(tracker.update(tracks[-1], Observation(detected, *fields)))
+    return tracker, tracks
+
+
+def exists(pattern, speed=20.0, **options):
+    """Tell at which steps a car has a track; ``pattern`` has 1 for a detection, from step 1 on."""
+    seen = np.array([[mark == "1" for mark in pattern]])
+    x = 7 + 0.1 * speed * np.arange(len(pattern) + 1)
+    _, tracks = run(ImmConfig(**options), seen, x, np.full(len(x), 1.75), speed)
+    return "".join(str(int(track.life.exists[0, 0])) for track in tracks)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "birth", "death", "expected"),
+    [
+        ("1111", (2, 3), None, "00111"),
+        ("1011", (2, 3), None, "00011"),
+        ("10011", (2, 3), None, "000001"),  # the first of them is too long ago
+        ("1001", (2, 4), None, "00001"),
+        ("1111", (1, 1), None, "01111"),
+        ("0001", (1, 3), None, "00001"),
+        ("111000", (2, 3), None, "0011111"),
+        ("1110001100", (2, 3), 2, "00111000110"),
+        ("110101", (2, 3), 2, "0011111"),
+        ("11000", (2, 5), 3, "001110"),
+        ("1100011", (2, 5), 3, "00111001"),  # the detections of the old track do not count for the new one
+    ],
+)
+def test_birth_and_death(pattern, birth, death, expected):
+    assert exists(pattern, start="empty", birth=birth, death=death) == expected
+
+
+@pytest.mark.parametrize(("pattern", "expected"), [("0000", "11100"), ("00100011", "111111001")])
+def test_a_track_that_starts_from_the_truth_may_end(pattern, expected):
+    assert exists(pattern, start="truth", birth=(2, 3), death=3) == expected
+
+
+def test_without_options_tracks_have_no_life():
+    track = build(ImmConfig(), scene(2)).start(truth(3, 2))
+    assert track.life is None
+
+
+def test_a_vehicle_without_a_track_is_infinitely_far_away():
+    seen = np.array([[True, True, True], [False, False, True]])
+    tracker, tracks = run(ImmConfig(start="empty"), seen, 7 + 2.0 * np.arange(4), np.full(4, 1.75), 20.0)
+    for t, track in enumerate(tracks):
+        ahead = tracker.predict(track, 5)
+        known = np.array([t >= 2, False])
+        assert np.array_equal(tracker.estimate(track).exists[:, 0], known)
+        assert np.isposinf(ahead.x[~known]).all()
+        assert np.isposinf(ahead.y[~known]).all()
+        assert np.isfinite(ahead.x[known]).all()
+
+
+def test_an_empty_start_does_not_read_the_truth():
+    tracker = build(ImmConfig(start="empty"), scene(1))
+    here, there = tracker.start(truth(2, speed=20.0)), tracker.start(truth(2, speed=-3.0))
+    for one, other in ((here.longitudinal, there.longitudinal), (here.lateral, there.lateral)):
+        for name in ("mean", "covariance", "probability"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@pytest.mark.parametrize(("velocity", "speed_sd"), [("noisy", 0.25), ("none", 2.0)])
+def test_a_born_track_finds_position_and_speed(velocity, speed_sd):
+    rng = np.random.default_rng(1)
+    x, y, speed = lane_change(200, 20)
+    tracker = build(ImmConfig(start="empty", velocity=velocity), scene(1))
+    track = tracker.start(truth(200))
+    for t in range(1, len(x)):
+        seen = noisy(rng, x[t], y[t], speed[t])
+        if velocity == "none":
+            seen.speed_x[:] = np.nan  # not read
+        track = tracker.update(track, seen)
+    now = tracker.estimate(track)
+    assert np.std(now.x - x[-1]) < 0.3
+    assert np.std(now.vx - speed[-1]) < speed_sd
+
+
+def test_two_detections_give_the_speed_of_their_difference():
+    # with a wide prior, the second position determines the speed: (x2 - x1) / dt
+    x, y = np.array([7.0, 10.0, 11.7]), np.full(3, 1.75)
+    config = ImmConfig(start="empty", velocity="none", birth_speed_sd=1e4, longitudinal_models=("cv",))
+    tracker, tracks = run(config, np.ones((1, 2), bool), x, y, 20.0)
+    assert tracker.estimate(tracks[-1]).vx[0, 0] == pytest.approx(17.0, abs=0.01)
+
+
+def outlier(config, size, misses=0):
+    """Track a car at 20 m/s whose sixth detection, after ``misses`` missed ones, is ``size`` m off."""
+    x, steps = 7 + 2.0 * np.arange(8 + misses), 5 + misses
+    x[steps + 1 :] += size
+    seen = np.ones((1, len(x) - 1), bool)
+    seen[:, 5:steps] = False
+    tracker, tracks = run(config, seen, x, np.full(len(x), 1.75), 20.0)
+    return tracker.estimate(tracks[steps + 1]).x[0, 0] - (x[steps + 1] - size)
+
+
+def test_the_gate_turns_an_outlier_into_a_miss():
+    assert outlier(ImmConfig(), 4.0) > 0.5
+    assert abs(outlier(ImmConfig(gate=4.0), 4.0)) < 0.05
+    assert outlier(ImmConfig(gate=4.0), 0.6) == outlier(ImmConfig(), 0.6) > 0.1
+
+
+def test_the_gate_widens_while_a_vehicle_is_missed():
+    assert abs(outlier(ImmConfig(gate=4.0), 2.5)) < 0.05
+    assert outlier(ImmConfig(gate=4.0), 2.5, misses=20) > 1.0
+
+
+def test_the_gate_reads_the_measured_speed_too():
+    seen, x = np.ones((1, 3), bool), 7 + 2.0 * np.arange(4)
+    for velocity, expected in (("noisy", 0), ("none", 1)):
+        config = ImmConfig(gate=4.0, death=1, velocity=velocity)
+        tracker = build(config, scene(1))
+        track = tracker.start(truth(1))
+        report = Observation(seen[:, :1], x[None, 1:2], np.full((1, 1), 1.75), np.full((1, 1), 30.0))
+        assert tracker.update(track, report).life.exists[0, 0] == expected
+
+
+def test_innovation_distance_of_one_mode_is_the_textbook_one():
+    tracker = build(ImmConfig(longitudinal_models=("ca",)), scene(1))
+    models = tracker.longitudinal
+    track = tracker.start(truth(1)).longitudinal
+    predicted = predict(models, mix(models, track))
+    z = np.array([[[12.0, 18.0]]])
+    residual = z[0, 0] - predicted.mean[0, 0, 0, :2]
+    covariance = predicted.covariance[0, 0, 0, :2, :2] + np.diag(models.measurement_variance)
+    expected = residual @ np.linalg.inv(covariance) @ residual
+    assert innovation_distance(models, predicted, z)[0, 0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_innovation_distance_counts_the_spread_of_the_modes():
+    # samples of the predicted mixture have a mean squared distance of p
+    tracker, rng = build(ImmConfig(), scene(1)), np.random.default_rng(2)
+    models, track = tracker.lateral, tracker.start(truth(1)).lateral
+    for _ in range(3):
+        track = predict(models, mix(models, track))
+    count = 20_000
+    mode = rng.choice(models.offset.shape[0], count, p=track.probability[0, 0] / track.probability.sum())
+    sd = np.sqrt(track.covariance[0, 0, mode, 0, 0] + models.measurement_variance[0])
+    z = track.mean[0, 0, mode, 0] + sd * rng.standard_normal(count)
+    many = take(track, np.zeros(count, int))
+    distance = innovation_distance(models, many, z[:, None, None])
+    assert distance.mean() == pytest.approx(1.0, abs=0.04)
+
+
+def test_a_gate_does_not_hide_a_nan():
+    tracker = build(ImmConfig(gate=3.0), scene(1))
+    broken = Observation(np.ones((1, 1), bool), *[np.full((1, 1), np.nan)] * 3)
+    after = tracker.update(tracker.start(truth(1)), broken)
+    assert np.isnan(tracker.predict(after, 2).x).all()
+
+
+@pytest.mark.parametrize("velocity", ["noisy", "none"])
+def test_rows_do_not_depend_on_their_neighbours(velocity):
+    rng = np.random.default_rng(3)
+    n, v = 11, 3
+    options = {"gate": 2.0, "start": "empty", "birth": (2, 3), "death": 2, "velocity": velocity}
+    tracker = build(ImmConfig(**options), scene(v))
+    places = [rng.normal(m, s, (n, v)) for m, s in ((30, 9), (2, 3), (0, 0.1), (15, 3), (0, 1))]
+    whole = tracker.start(world(*places))
+    alone = [tracker.start(world(*(p[i : i + 1] for p in places))) for i in range(n)]
+    ages = set()
+    for _ in range(12):
+        seen = noisy(rng, *(places[k] for k in (0, 1, 3)), missing=0.5)
+        whole = tracker.update(whole, seen)
+        alone = [tracker.update(one, take(seen, slice(i, i + 1))) for i, one in enumerate(alone)]
+        ages |= set(whole.life.exists.ravel().tolist())
+    assert ages == {True, False}
+    joined = concatenate(alone)
+    for leaf in ("longitudinal.mean", "lateral.covariance", "lateral.probability", "life.detections"):
+        part, name = leaf.split(".")
+        one, other = (getattr(getattr(track, part), name) for track in (whole, joined))
+        np.testing.assert_array_equal(one, other)
+    for ours, theirs in zip(
+        vars(tracker.predict(whole, 9)).values(), vars(tracker.predict(joined, 9)).values(), strict=True
+    ):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_bits_of_life_reach_sixty_steps():
+    rules = LifeRules(1, 60, 60)
+    life = rules.all((1, 1))
+    for _ in range(59):
+        life = rules.update(life, np.zeros((1, 1), bool))
+    assert life.exists.all()
+    assert not rules.update(life, np.zeros((1, 1), bool)).exists.any()
+
+
+@pytest.mark.parametrize(
+    "options", [{"birth": (3, 2)}, {"birth": (0, 2)}, {"death": 61}, {"gate": 0.0}, {"start": "late"}]
+)
+def test_wrong_options(options):
+    with pytest.raises(ValidationError):
+        ImmConfig(**options)
