@@ -7,7 +7,7 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare_gp_pem.training.cleaning import clean, find_artefact
-from avrare_gp_pem.training.table import read_table, write_table
+from avrare_gp_pem.training.table import errors_in, read_table, write_table
 from avrare_gp_pem.training.text_tables import convert
 
 HEADER = "right,forward,yaw,length,width,height,visibility,detected,error_right,error_forward,error_yaw"
@@ -134,8 +134,31 @@ def test_two_files_without_and_with_names(tmp_path):
 def test_two_files_with_other_names_and_without_errors_of_yaw(tmp_path):
     inputs = "# <rot_y> <length> <width> <right> <forward>\n0.5 4.5 1.8 1 20\n"
     rows = convert(*pair(tmp_path, inputs, "# <err_loc_x> <err_loc_z> <detected>\n0.1 0.2 1\n"))
-    assert (rows.yaw[0], rows.forward[0], rows.error_forward[0]) == (0.5, 20, 0.2)
+    assert (rows.yaw[0], rows.forward[0], rows.error_forward[0]) == (-0.5, 20, 0.2)
     assert np.isnan(rows.error_yaw[0])
+
+
+@pytest.mark.parametrize("header", ["", "# <loc_x> <loc_z> <rot> <dim_l> <dim_w> <occlusion>\n",
+                                    "# <loc_x> <loc_z> <rot_y> <dim_l> <dim_w> <occlusion>\n"])  # fmt: skip
+def test_a_rotation_about_the_cameras_y_axis_is_clockwise(tmp_path, header):
+    # KITTI: x right, y down, z forward; rotation_y is 0 for a car that faces right, -pi/2 for one ahead that
+    # drives away, and it turns x towards -z: the direction is (cos r, -sin r) to the right and forward
+    angles = [0.0, -np.pi / 2, np.pi / 2, -0.3]
+    inputs = header + "".join(f"1 20 {r} 4.5 1.8 0\n" for r in angles)
+    rows = convert(*pair(tmp_path, inputs, "1 0.1 0.2 0.04\n" * 4))
+    np.testing.assert_allclose(rows.yaw, [0.0, np.pi / 2, -np.pi / 2, 0.3])
+    np.testing.assert_allclose(np.cos(rows.yaw), np.cos(angles))
+    np.testing.assert_allclose(np.sin(rows.yaw), -np.sin(angles), atol=1e-15)
+    np.testing.assert_allclose(rows.error_yaw, -0.04)
+    along = errors_in("vehicle", rows)[3, 0]  # the box's own axis points a little to the left
+    assert along == pytest.approx(np.cos(0.3) * 0.1 + np.sin(0.3) * 0.2)
+
+
+def test_a_rotation_about_an_upward_axis_is_kept(tmp_path):
+    for name in ("rot", "rot_z", "yaw"):
+        header = f"# <loc_x> <loc_y> <{name}> <dim_l> <dim_w> <dim_h> <visibility>\n"
+        rows = convert(*pair(tmp_path, header + "1 20 0.5 4.5 1.8 1.6 3\n", "1 0.1 0.2 0.04\n"))
+        assert (rows.yaw[0], rows.error_yaw[0]) == (0.5, 0.04)
 
 
 @pytest.mark.parametrize(

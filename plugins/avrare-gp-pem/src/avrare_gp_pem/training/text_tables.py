@@ -8,6 +8,9 @@ other columns are ignored.
 * vehicles: ``loc_x`` (right), ``loc_y`` or ``loc_z`` (forward) [m], ``rot`` [rad], ``dim_l``, ``dim_w``,
   ``dim_h`` [m], ``visibility`` (1 to 4) or ``occlusion`` (0 fully visible, 1 partly, 2 largely occluded, 3
   unknown);
+
+  A rotation named ``rot_y`` (KITTI's), or ``rot`` beside ``loc_z``, is that of a camera's frame, whose y axis
+  points down: it is clockwise from right, seen from above, so its sign and that of its error are changed;
 * detections: ``detected`` (0 or 1), ``err_loc_x``, ``err_loc_y`` or ``err_loc_z`` [m], and if known
   ``err_rot`` [rad]: truth minus estimate, any number where missed.
 """
@@ -59,7 +62,12 @@ def convert(inputs: Path, labels: Path) -> DetectionTable:
     Raises:
         UsageError: A file cannot be read or their lengths differ; the message gives file and line.
     """
-    vehicles, detections = _columns(inputs, _INPUTS), _columns(labels, _LABELS)
+    vehicles, names = _columns(inputs, _INPUTS)
+    detections, _ = _columns(labels, _LABELS)
+    if "rot_y" in names or {"rot", "loc_z"} <= set(names):
+        vehicles["yaw"] = -vehicles["yaw"]
+        if "error_yaw" in detections:
+            detections["error_yaw"] = -detections["error_yaw"]
     count, other = len(vehicles["right"]), len(detections["detected"])
     if count != other:
         raise UsageError(f"{inputs} has {count} rows and {labels} has {other}: they are not a pair")
@@ -74,7 +82,8 @@ def _visibility(occlusion: Floats, path: Path, lines: Sequence[int]) -> Floats:
     return _VISIBILITY_OF_OCCLUSION[occlusion.astype(np.intp)]
 
 
-def _columns(path: Path, default: Sequence[str]) -> dict[str, Floats]:
+def _columns(path: Path, default: Sequence[str]) -> tuple[dict[str, Floats], Sequence[str]]:
+    """Return the columns by the names of the table, and the file's own names."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
@@ -99,7 +108,7 @@ def _columns(path: Path, default: Sequence[str]) -> dict[str, Floats]:
     if "occlusion" in columns:
         columns["visibility"] = _visibility(columns.pop("occlusion"), path, numbers)
     check_values(path, columns, numbers)
-    return columns
+    return columns, names
 
 
 def _header(line: str) -> list[str]:
