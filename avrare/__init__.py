@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from avrare.base.version import __version__ as __version__
     from avrare.estimation.budget import Budget as Budget
     from avrare.estimation.estimate_problem import estimate as estimate
+    from avrare.estimation.estimate_problem import estimate_all as estimate_all
     from avrare.estimation.result import Result as Result
+    from avrare.estimation.result import Results as Results
     from avrare.logic.formula import Formula as Formula
     from avrare.logic.formula import stl as stl
+    from avrare.report.session.scenario_run import run as run
     from avrare.rollout.loaded_scenario import load as load
     from avrare.rollout.problem import Problem as Problem
 
@@ -31,8 +34,9 @@ _MODULES = {
     "avrare.base.errors": "AvrareError FormulaError HealthWarning PluginError ScenarioError UsageError",
     "avrare.base.version": "__version__",
     "avrare.estimation.budget": "Budget",
-    "avrare.estimation.estimate_problem": "estimate",
-    "avrare.estimation.result": "Result",
+    "avrare.estimation.estimate_problem": "estimate estimate_all",
+    "avrare.estimation.result": "Result Results",
+    "avrare.report.session.scenario_run": "run",
     "avrare.logic.formula": "Formula stl",
     "avrare.rollout.loaded_scenario": "load",
     "avrare.rollout.problem": "Problem",

@@ -8,7 +8,6 @@ import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from avrare.estimation.checkpoint import SaveError
 from avrare.estimation.cross_check import without_check
 from avrare.estimation.estimate_problem import estimate_specifications
 from avrare.estimation.loop import Settings, check_system, planned
-from avrare.estimation.result import verdict, worst_verdict
+from avrare.estimation.result import with_verdict
 from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
@@ -215,7 +214,7 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
     results = estimate_specifications(
         scenario, definition.estimated, budget, start_executor, watch, journal=journal, stop=stop
     )
-    return [_judged(definition, result) for result in results]
+    return [with_verdict(result, definition.thresholds) for result in results]
 
 
 def _report_restarts(executor: Any) -> None:
@@ -223,15 +222,6 @@ def _report_restarts(executor: Any) -> None:
     restarts = replacing.restarts if replacing is not None else 0
     if restarts:  # no part of any result: the chunks gave the same bits the second time
         print(f"note: workers died {restarts} time(s); their chunks were run again", file=sys.stderr)
-
-
-def _judged(definition: Scenario, result: Any) -> Any:
-    found = [
-        verdict(result, threshold.limit, threshold.strict, threshold.confidence)
-        for threshold in definition.thresholds
-        if threshold.specification == result.specification
-    ]
-    return replace(result, verdict=worst_verdict(found))
 
 
 def _show(

@@ -1,4 +1,4 @@
-"""The public function ``avrare.estimate``, and the estimates of a scenario's specifications."""
+"""Estimates of the specifications of a problem (``avrare.estimate``, ``estimate_all``) or a scenario."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
+from avrare.base.late_import import late_import
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.cross_check import cross_checked, parse_cross_check, without_check
 from avrare.estimation.loop import Progress, Settings, check_system, prepare_problem, run
 from avrare.estimation.plan import Estimator, Journal
-from avrare.estimation.result import Result
+from avrare.estimation.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import Executor, build_executor
@@ -39,6 +42,7 @@ def estimate(
     suppress: Sequence[str] = (),
     checkpoint: str | os.PathLike[str] | None = None,
     cross_check: CrossCheck | Mapping[str, Any] | bool = False,
+    progress: Progress | bool = False,
     **options: Any,
 ) -> Result:
     """Estimate the failure probability of ``problem``.
@@ -46,7 +50,7 @@ def estimate(
     Each health warning of the result is also given as a ``HealthWarning``.
 
     Args:
-        problem: Problem with one specification.
+        problem: Problem with one specification; ``estimate_all`` takes several.
         estimator: Name of an installed estimator: "mc", "ams", ...
         seed: The same seed gives the same bits, for any number of workers.
         workers: Number of processes.
@@ -58,6 +62,8 @@ def estimate(
             for any number of workers; a call that differs is refused.
         cross_check: Check the estimate by a smaller one of another family: True, or options such as
             {"estimator": "ess", "share": 0.15}. A budget pays for both.
+        progress: True: a live line, in a terminal or a notebook. A function is called after every chunk with
+            an ``Info``: rollouts, goal, failures, probability so far, ...
         **options: The estimator's options, per run: ``rollouts``, ``particles``, ``discard``, ``runs``, ...
 
     Raises:
@@ -65,55 +71,120 @@ def estimate(
             breaks a rule that the estimator relies on, as by changing its state in place.
         PluginError: No installed plugin provides the estimator.
     """
-    _check_arguments(problem, checkpoint)
-    check = parse_cross_check(cross_check, estimator)
-    paid = without_check(Budget.parse(budget), check)
-    settings = Settings(seed, confidence, paid, suppress=tuple(suppress))
-    built = _estimator(estimator, options)
-
-    def complete(journal: Callable[[str], Journal | None]) -> Result:
-        def execute(problem: Problem, used: Estimator, settings: Settings, part: str = _CHECK) -> Result:
-            saved = journal(f"{problem.names[0]}{part}")
-            return run(problem, used, build_executor(workers), settings, journal=saved)[0]
-
-        result = execute(problem, built, settings, "")
-        return result if check is None else cross_checked(problem, result, check, settings, execute)
-
-    if checkpoint is None:
-        return _told(complete(lambda name: None))
-    task = _task(problem, estimator, built, settings)
-    if check is not None:
-        task["cross_check"] = check.model_dump()
-    with Checkpoint.open(Path(checkpoint), task).held() as saved:
-        result = complete(saved.journal)
-        saved.remove()
-    return _told(result)
+    _check_problem(problem)
+    if len(problem.names) != 1:
+        raise UsageError(
+            f"the problem has {len(problem.names)} specifications; estimate gives one result",
+            "avrare.estimate_all(problem, ...) estimates all of them",
+        )
+    call = _Call(seed, workers, confidence, budget, suppress, checkpoint, cross_check, progress, options)
+    return _told(call.estimate(problem, estimator))[0]
 
 
-def _check_arguments(problem: object, checkpoint: object) -> None:
+def estimate_all(
+    problem: Problem,
+    estimator: str = "mc",
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    confidence: float = 0.95,
+    budget: Budget | Mapping[str, float] | str | None = None,
+    suppress: Sequence[str] = (),
+    checkpoint: str | os.PathLike[str] | None = None,
+    cross_check: CrossCheck | Mapping[str, Any] | bool = False,
+    progress: Progress | bool = False,
+    **options: Any,
+) -> Results:
+    """Estimate the failure probability of each specification of ``problem``.
+
+    Monte Carlo judges all specifications on the same rollouts; other estimators take one after the other,
+    and a budget is for each. Arguments and errors are those of ``estimate``.
+    """
+    _check_problem(problem)
+    call = _Call(seed, workers, confidence, budget, suppress, checkpoint, cross_check, progress, options)
+    return Results(_told(call.estimate(problem, estimator)))
+
+
+@dataclass(frozen=True)
+class _Call:
+    seed: int
+    workers: int
+    confidence: float
+    budget: Any
+    suppress: Sequence[str]
+    checkpoint: Any
+    cross_check: Any
+    progress: Progress | bool
+    options: dict[str, Any]
+
+    def estimate(self, problem: Problem, name: str) -> list[Result]:
+        if not isinstance(self.checkpoint, (str, os.PathLike, type(None))):
+            raise UsageError(f"checkpoint must be the path of a folder, not {self.checkpoint!r}")
+        check = parse_cross_check(self.cross_check, name)
+        paid = without_check(Budget.parse(self.budget), check)
+        settings = Settings(self.seed, self.confidence, paid, suppress=tuple(self.suppress))
+        built = _estimator(name, self.options)
+
+        def complete(journal: Callable[[str], Journal | None]) -> list[Result]:
+            def execute(
+                problem: Problem, used: Estimator, settings: Settings, part: str = _CHECK
+            ) -> list[Result]:
+                saved = journal(f"{problem.names[0]}{part}")
+                with self._watch(problem, used) as progress:
+                    return run(problem, used, build_executor(self.workers), settings, progress, saved)
+
+            found = []
+            for group in problem.separate() if built.single else [problem]:
+                results = execute(group, built, settings, "")
+                for part, result in zip(group.separate(), results, strict=True):
+                    if check is not None:
+                        one = partial(_first, execute)
+                        result = cross_checked(part, result, check, settings, one, parts=len(results))
+                    origin = Origin(part, built, self.seed, self.options)
+                    found.append(dataclasses.replace(result, origin=origin))
+            return found
+
+        if self.checkpoint is None:
+            return complete(lambda name: None)
+        task = _task(problem, name, built, settings)
+        if check is not None:
+            task["cross_check"] = check.model_dump()
+        with Checkpoint.open(Path(self.checkpoint), task).held() as saved:
+            results = complete(saved.journal)
+            saved.remove()
+        return results
+
+    def _watch(self, problem: Problem, estimator: Estimator) -> AbstractContextManager[Progress | None]:
+        if callable(self.progress):
+            return nullcontext(self.progress)
+        if not self.progress:
+            return nullcontext()
+        show = late_import("avrare.report.session.live_progress:show_progress")
+        return show(problem, estimator.name, self.confidence)  # type: ignore[no-any-return]
+
+
+def _first(execute: Callable[..., list[Result]], *arguments: Any) -> Result:
+    return execute(*arguments)[0]
+
+
+def _check_problem(problem: object) -> None:
     if not isinstance(problem, Problem):
         raise UsageError(
             f"estimate needs a Problem, not {type(problem).__name__}",
             "avrare.Problem(system, specification, steps), or avrare.load(path).problem(name)",
         )
-    if len(problem.names) != 1:
-        raise UsageError(
-            f"the problem has {len(problem.names)} specifications; estimate one at a time",
-            "make a Problem for each, or use `avrare run`",
-        )
-    if checkpoint is not None and not isinstance(checkpoint, (str, os.PathLike)):
-        raise UsageError(f"checkpoint must be the path of a folder, not {checkpoint!r}")
 
 
-def _told(result: Result) -> Result:
-    for name, message in result.health.items():
-        warnings.warn(f"{result.specification}: {name}: {message}", HealthWarning, stacklevel=3)
-    return result
+def _told(results: list[Result]) -> list[Result]:
+    for result in results:
+        for name, message in result.health.items():
+            warnings.warn(f"{result.specification}: {name}: {message}", HealthWarning, stacklevel=3)
+    return results
 
 
 _CHECK = "+check"
 """End of the name of a cross-check's journal; no specification has a "+" in its name."""
-_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint", "cross_check")
+_ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint", "cross_check", "progress")
 """Arguments of ``estimate`` that are not options: suggested for a misspelt option."""
 
 

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from avrare.base.late_import import late_import
+from avrare.base.number_format import format_interval, format_probability
+from avrare.base.records import Records
 from avrare.protocols import Floats
+
+if TYPE_CHECKING:
+    from avrare.rollout.problem import Problem
 
 Interval = tuple[float, float]
 _WORST_FIRST = ("fail", "inconclusive", "pass")
@@ -64,6 +72,29 @@ class CrossCheckResult:
 
 
 @dataclass(frozen=True)
+class Origin:
+    """Call that made a result in Python.
+
+    Attributes:
+        problem: Problem with the result's specification.
+        estimator: The estimator that was built.
+        seed: Seed of the estimate.
+        options: Options that the call named.
+    """
+
+    problem: Problem
+    estimator: Any
+    seed: int
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def call(self) -> str:
+        """The call as text, for people: ``avrare.estimate(problem, "ams", seed=1, runs=4)``."""
+        options = "".join(f", {name}={value!r}" for name, value in self.options.items())
+        return f'avrare.estimate(problem, "{self.estimator.name}", seed={self.seed}{options})'
+
+
+@dataclass(frozen=True, repr=False)
 class Result:
     """One estimate of one specification's failure probability.
 
@@ -90,6 +121,7 @@ class Result:
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
         verdict: Verdict on the threshold of the scenario: "pass", "fail", "inconclusive" or None.
+        origin: Problem and call, for ``trace`` and ``report``; neither written, pickled nor compared.
     """
 
     specification: str
@@ -113,6 +145,7 @@ class Result:
     seconds: float = 0.0
     relation: str = "violated"
     verdict: str | None = None
+    origin: Origin | None = field(default=None, compare=False)
 
     @cached_property
     def interval(self) -> Interval:
@@ -150,6 +183,89 @@ class Result:
         """Return ``to_dict`` as JSON text."""
         return json.dumps(self.to_dict())
 
+    def table(self) -> Records:
+        """Return the main numbers as one row; ``.frame()`` of it is a DataFrame."""
+        low, high = self.interval
+        row = {
+            "specification": self.specification, "estimator": self.estimator,
+            "probability": self.probability, "low": low, "high": high,
+            "relative_error": self.relative_error, "rollouts": self.rollouts,
+            "failures": self.failures.count, "errors": self.errors, "seconds": self.seconds,
+            "verdict": self.verdict, "warnings": tuple(self.health),
+        }  # fmt: skip
+        return Records([row])
+
+    def plot(self) -> Any:
+        """Draw estimate, interval, runs and the robustness of the rollouts (needs matplotlib).
+
+        Returns:
+            A plot that a notebook shows; ``.save(path)`` writes it.
+        """
+        return late_import("avrare.report.session.result_plot:plot_results")([self])
+
+    def trace(self, index: int | None = None) -> Any:
+        """Replay the least robust rollout, or the kept failure ``index``; see ``Problem.trace``.
+
+        Raises:
+            UsageError: There is no such failure, or the result was not made in this process.
+        """
+        return late_import("avrare.report.session.trace:trace_result")(self, index)
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write the result as one HTML file and return its path.
+
+        Raises:
+            UsageError: The file cannot be written, or the result was not made in this process.
+        """
+        return late_import("avrare.report.session.python_report:write_report")([self], path)  # type: ignore[no-any-return]
+
+    def __repr__(self) -> str:
+        numbers = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
+        warned = f", warnings: {', '.join(self.health)}" if self.health else ""
+        cost = f"{self.estimator}, {self.rollouts:,} rollouts"
+        return f"<Result {self.specification}: {numbers}, {cost}{warned}>"
+
+    def _repr_html_(self) -> str:
+        return Results([self])._repr_html_()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"origin": None}
+
+
+class Results(Mapping[str, Result]):
+    """Results of several specifications, by name, in their order."""
+
+    def __init__(self, results: Iterable[Result]) -> None:
+        self._results = {result.specification: result for result in results}
+
+    def __getitem__(self, name: str) -> Result:
+        return self._results[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._results)
+
+    def __len__(self) -> int:
+        return len(self._results)
+
+    def table(self) -> Records:
+        """Return one row for each result; ``.frame()`` of it is a DataFrame."""
+        return Records(row for result in self.values() for row in result.table())
+
+    def plot(self) -> Any:
+        """Draw all estimates with their intervals; see ``Result.plot``."""
+        return late_import("avrare.report.session.result_plot:plot_results")(list(self.values()))
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write the results as one HTML file; see ``Result.report``."""
+        write = late_import("avrare.report.session.python_report:write_report")
+        return write(list(self.values()), path)  # type: ignore[no-any-return]
+
+    def __repr__(self) -> str:
+        return "\n".join(map(repr, self.values()))
+
+    def _repr_html_(self) -> str:
+        return late_import("avrare.report.session.notebook_table:render_results")(list(self.values()))  # type: ignore[no-any-return]
+
 
 def finite(value: Any) -> Any:
     """Replace NaN and infinities by None, as JSON cannot write them."""
@@ -170,6 +286,13 @@ def verdict(result: Result, limit: float, strict: bool, confidence: float) -> st
     if low > limit or (low == limit and strict):
         return "fail"
     return "inconclusive"
+
+
+def with_verdict(result: Result, thresholds: Iterable[Any]) -> Result:
+    """Return the result with its worst verdict on those thresholds of a scenario that are its own."""
+    own = [one for one in thresholds if one.specification == result.specification]
+    found = [verdict(result, one.limit, one.strict, one.confidence) for one in own]
+    return replace(result, verdict=worst_verdict(found))
 
 
 def worst_verdict(verdicts: Iterable[str | None]) -> str | None:

@@ -139,8 +139,21 @@ class RunFolder:
     @property
     def written(self) -> datetime:
         """Time of the result: as its provenance says, else when the file was last changed."""
-        changed = (self.path / "result.json").stat().st_mtime
-        return self.provenance.date or datetime.fromtimestamp(changed, UTC)
+        if self.provenance.date is not None:
+            return self.provenance.date
+        return datetime.fromtimestamp((self.path / "result.json").stat().st_mtime, UTC)
+
+    @property
+    def reproduction(self) -> str:
+        """Command that gives the numbers again."""
+        # scenario.yaml contains the seed, but not the budget
+        budget = ["--budget", self.provenance.budget] if self.provenance.budget else []
+        return shlex.join(["avrare", "run", str(self.path / SCENARIO), *budget])
+
+    def estimator(self, specification: str) -> Any:
+        """Build the estimator of a specification; the scenario can be built."""
+        assert self.scenario is not None, specification
+        return self.scenario.estimator()
 
     def thresholds(self, specification: str) -> list[Threshold]:
         """List the thresholds that the scenario sets for a specification."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.late_import import late_import
 from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.protocols import Floats, HasMargin, Specification, System, find_ability
 from avrare.rollout.early_stop import Deciding
@@ -111,6 +112,31 @@ class Problem:
         other.__dict__.update(self.__dict__)
         other.score, other._scored = score, None
         return other
+
+    def separate(self) -> list[Problem]:
+        """Return a problem for each specification; the only one of a problem is the problem itself."""
+        if len(self.names) == 1:
+            return [self]
+        parts = []
+        for index, name in enumerate(self.names):
+            part = object.__new__(type(self))
+            part.__dict__.update(self.__dict__)
+            part.names, part.monitors = (name,), (self.monitors[index],)
+            part._scored, part._sizes = None, self._sizes and (self._sizes[index],)
+            parts.append(part)
+        return parts
+
+    def trace(self, noise: Any = None) -> Any:
+        """Run one rollout and return its signals over time, an ``avrare.report.session.trace.Trace``.
+
+        Args:
+            noise: Noise tape (steps + 1, noise_size), or anything that has one as ``noise``, such as
+                ``result.worst`` or a stored failure. None: the noise-free rollout.
+
+        Raises:
+            UsageError: The tape does not fit.
+        """
+        return late_import("avrare.report.session.trace:trace_problem")(self, noise)
 
     def gamma(self, level: float) -> float:
         """Return the robustness threshold of a score's level, 0 at failure as in the papers."""

@@ -20,7 +20,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-import avrare
+from avrare.base.errors import UsageError
+from avrare.estimation.estimate_problem import estimate
 from avrare.estimation.result import Result
 from avrare.logic.formula import stl
 from avrare.protocols import Floats
@@ -83,7 +84,7 @@ class EstimatorConformance:
 
     def estimate(self, problem: Problem, **keywords: Any) -> Result:
         """Run one estimate; override to test an estimator that is not installed under a name."""
-        return avrare.estimate(problem, self.estimator, **{**self.options, **keywords})
+        return estimate(problem, self.estimator, **{**self.options, **keywords})
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -204,7 +205,7 @@ class EstimatorConformance:
 
     def test_budget_too_small_is_refused(self) -> None:
         """A budget of one step, too small for a rollout, is refused."""
-        with pytest.raises(avrare.UsageError):
+        with pytest.raises(UsageError):
             self.estimate(self.reference.problem(), budget="steps=1")
 
     def test_result_is_consistent(self) -> None:
@@ -235,7 +236,7 @@ class EstimatorConformance:
 
     def test_unknown_option_is_refused(self) -> None:
         """An unknown option is refused by its name."""
-        with pytest.raises(avrare.UsageError, match="bananas"):
+        with pytest.raises(UsageError, match="bananas"):
             self.estimate(self.reference.problem(), bananas=3)
 
     # Edge cases

@@ -42,7 +42,11 @@ _SENTENCES = {
 
 def render_report(path: Path) -> str:
     """Return the report of a run folder as HTML."""
-    folder = read_run_folder(path)
+    return render_folder(read_run_folder(path))
+
+
+def render_folder(folder: RunFolder) -> str:
+    """Return the report of the content of a run folder as HTML."""
     script = _read_asset("script.js")
     sections = [*_render_sections(folder), _render_provenance(folder)]
     body = tag(
@@ -101,14 +105,9 @@ def _render_provenance(folder: RunFolder) -> Markup:
     result, origin = folder.result, folder.provenance
     commit = origin.commit
     changed = " with uncommitted changes" if origin.uncommitted_changes else ""
-    # scenario.yaml contains the seed, but not the budget.
-    again = ["avrare", "run", str(folder.path / "scenario.yaml")]
-    again += ["--budget", origin.budget] if origin.budget else []
-    original = "not recorded"
-    if origin.command:
-        original = shlex.join([Path(origin.command[0]).name, *origin.command[1:]])
+    original = shlex.join([Path(origin.command[0]).name, *origin.command[1:]]) if origin.command else ""
     rows = [
-        ("fingerprint", tag("code", result.fingerprint)),
+        ("fingerprint", tag("code", result.fingerprint)) if result.fingerprint else None,
         ("commit", tag("code", f"{commit}{changed}") if commit else "none"),
         ("Python", origin.python or "–"),
         ("budget", origin.budget or "the estimator's own options"),
@@ -117,12 +116,14 @@ def _render_provenance(folder: RunFolder) -> Markup:
     return tag(
         "section",
         tag("h2", "Provenance"),
-        tag("p", "To reproduce the numbers from this run folder:"),
-        tag("pre", shlex.join(again), class_="command", tabindex=0),
-        tag("p", "Original command:"),
-        tag("pre", original, class_="command", tabindex=0),
-        tag("dl", [tag("div", tag("dt", name), tag("dd", value)) for name, value in rows], class_="origin"),
-        tag("details", tag("summary", "Scenario with all defaults"), tag("pre", folder.scenario_text)),
+        tag("p", "To reproduce the numbers:"),
+        tag("pre", folder.reproduction, class_="command", tabindex=0),
+        tag("p", "Original command:") if original else None,
+        tag("pre", original, class_="command", tabindex=0) if original else None,
+        tag("dl", [tag("div", tag("dt", row[0]), tag("dd", row[1])) for row in rows if row], class_="origin"),
+        tag("details", tag("summary", "Scenario with all defaults"), tag("pre", folder.scenario_text))
+        if folder.scenario_text
+        else None,
         id="provenance",
     )
 
@@ -336,7 +337,8 @@ def _find_gamma(folder: RunFolder, entry: StoredEstimate) -> tuple[Callable[[flo
     # the map from levels of the score to robustness thresholds γ, if it is known, and its label
     if folder.scenario is not None:
         with suppress(AvrareError):  # the label says that the axis is the score
-            problem, estimator = folder.scenario.problem(entry.specification), folder.scenario.estimator()
+            problem = folder.scenario.problem(entry.specification)
+            estimator = folder.estimator(entry.specification)
             return prepare_problem(estimator, problem).gamma, "γ, 0 at failure"
     return float, "score"
 

@@ -1,0 +1,64 @@
+"""Records: a small table of plain dicts that shows itself as text, as HTML and as a DataFrame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import Any
+
+from avrare.base.errors import UsageError
+
+_SHOWN = 60
+"""Rows that are printed; the others are only counted."""
+
+
+class Records(list[dict[str, Any]]):
+    """List of dicts with the same keys.
+
+    ``json.dumps``, ``csv.DictWriter`` and ``pandas.DataFrame`` take it as it is.
+    """
+
+    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        super().__init__(dict(row) for row in rows)
+
+    def frame(self) -> Any:
+        """Return a ``pandas.DataFrame``.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise UsageError("a DataFrame needs pandas", "pip install pandas; the rows are dicts") from None
+        return pandas.DataFrame(list(self))
+
+    def __repr__(self) -> str:
+        if not self:
+            return "(no rows)"
+        rows = [list(self[0]), *(list(map(_format, row.values())) for row in self[:_SHOWN])]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+        return "\n".join([*lines, *self._rest()])
+
+    def _repr_html_(self) -> str:
+        if not self:
+            return "<p>no rows</p>"
+        head = "".join(f"<th>{escape(name)}</th>" for name in self[0])
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(_format(value))}</td>" for value in row.values()) + "</tr>"
+            for row in self[:_SHOWN]
+        )
+        rest = "".join(f"<p>{line}</p>" for line in self._rest())
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}"
+
+    def _rest(self) -> list[str]:
+        return [f"... {len(self) - _SHOWN} more rows"] if len(self) > _SHOWN else []
+
+
+def _format(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_format, value))
+    return "" if value is None else str(value)

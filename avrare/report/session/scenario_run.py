@@ -1,0 +1,118 @@
+"""Runs of scenario files from Python: what ``avrare run`` does, with typed results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import UsageError
+from avrare.estimation.budget import Budget
+from avrare.estimation.estimate_problem import estimate_specifications
+from avrare.estimation.loop import Progress
+from avrare.estimation.result import Origin, Result, Results, with_verdict, worst_verdict
+from avrare.report.html.page import render_report
+from avrare.report.session.live_progress import show_progress
+from avrare.results import run_folder
+from avrare.rollout.executors.work import build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
+from avrare.scenario.load import load
+
+
+class ScenarioRun(Results):
+    """Results of a scenario, by specification, and the folder that has them.
+
+    Attributes:
+        folder: Run folder, as ``avrare run --out`` writes it.
+    """
+
+    def __init__(self, results: Sequence[Result], folder: Path) -> None:
+        super().__init__(results)
+        self.folder = folder
+
+    @property
+    def verdict(self) -> str | None:
+        """Worst verdict on the thresholds: "pass", "inconclusive", "fail"; None without any."""
+        return worst_verdict(result.verdict for result in self.values())
+
+    def report(self, path: str | os.PathLike[str] | None = None) -> Path:
+        """Write the report, by default ``report.html`` in the run folder, and return its path."""
+        file = self.folder / "report.html" if path is None else Path(path)
+        text = render_report(self.folder)
+        with explain_file_errors(f"{file}: cannot write", "choose another file"):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_text(file, text)
+        return file
+
+
+def run(
+    path: str | os.PathLike[str],
+    overrides: Sequence[str] = (),
+    out: str | os.PathLike[str] | None = None,
+    *,
+    estimator: str | None = None,
+    budget: Budget | Mapping[str, float] | str | None = None,
+    workers: int = 1,
+    resume: bool = False,
+    progress: Progress | bool = False,
+) -> ScenarioRun:
+    """Estimate every specification of a scenario and write the run folder, as ``avrare run`` does.
+
+    Args:
+        path: YAML file.
+        overrides: Settings as for ``--set``, for example ``["seed=3", "estimator.particles=50"]``.
+        out: Run folder; by default a new one under ``runs/``.
+        estimator: Name of another estimator, with its default options.
+        budget: As for ``avrare.estimate``.
+        workers: Number of processes; changes no bit of a result.
+        resume: Continue the interrupted run in ``out``.
+        progress: As for ``avrare.estimate``.
+
+    Raises:
+        ScenarioError: The file has problems; the message lists all of them with line and column.
+        UsageError: The arguments or the parts do not fit, or ``out`` contains another run.
+        PluginError: A plugin is missing.
+    """
+    definition = load(path, overrides, estimator)
+    scenario, paid = LoadedScenario(definition), Budget.parse(budget)
+    if resume and out is None:
+        raise UsageError(
+            "resume needs the folder of the interrupted run", "avrare.run(path, out=FOLDER, resume=True)"
+        )
+    _ = scenario.stack  # what cannot be built leaves no folder
+    home = run_folder.fresh([definition.name]) if out is None else Path(out)
+    folder = run_folder.choose(home, definition.name, several=False)
+    with run_folder.begin_checkpoint(home, [definition], paid, resume) as checkpoint:
+        journal = cache(lambda name: checkpoint.journal(f"{definition.name}/{name}"))
+        found = estimate_specifications(
+            scenario, definition.estimated, paid, lambda: build_executor(workers), _watch(scenario, progress),
+            journal=journal,
+        )  # fmt: skip
+        results = [_finished(scenario, one) for one in found]
+        run_folder.write(folder, definition, run_folder.document(definition, results), results, paid)
+        checkpoint.remove()
+    return ScenarioRun(results, folder)
+
+
+def _watch(scenario: LoadedScenario, progress: Progress | bool) -> Any:
+    name, confidence = scenario.definition.estimator.plugin, scenario.definition.confidence
+
+    def watch(label: str, problem: Problem) -> AbstractContextManager[Progress | None]:
+        if callable(progress):
+            return nullcontext(progress)
+        return show_progress(problem, name, confidence) if progress else nullcontext()
+
+    return watch
+
+
+def _finished(scenario: LoadedScenario, result: Result) -> Result:
+    definition, problem = scenario.definition, scenario.problem(result.specification)
+    options = definition.estimator.config.model_dump(exclude_defaults=True)
+    origin = Origin(problem, scenario.estimator(), definition.seed, options)
+    return with_verdict(replace(result, origin=origin), definition.thresholds)

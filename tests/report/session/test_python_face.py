@@ -1,0 +1,201 @@
+"""What a Python session sees of results: text, tables, traces, plots, reports, progress."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.testing import faulty_systems as systems
+
+
+def walk(*bounds):
+    formulas = {f"below_{bound}": avrare.stl(f"always (x < {bound})") for bound in bounds}
+    return avrare.Problem(systems.Walk(), formulas, steps=40)
+
+
+@pytest.fixture(scope="module")
+def several():
+    return avrare.estimate_all(walk(1.0, 1.5), rollouts=500, seed=3)
+
+
+@pytest.fixture(scope="module")
+def split():
+    return avrare.estimate(walk(1.5), "ams", particles=40, discard=8, runs=3, seed=1)
+
+
+def test_a_result_is_one_readable_line(split):
+    low, high = split.interval
+    assert repr(split).startswith(
+        f"<Result below_1.5: {split.probability:.3g} ({low:.2g} .. {high:.2g}), ams, "
+    )
+    assert "\n" not in repr(split)
+    assert "few_roots" in repr(split)
+
+
+def test_all_specifications_at_once_equal_one_at_a_time(several):
+    assert list(several) == ["below_1.0", "below_1.5"]
+    for bound in (1.0, 1.5):
+        alone = avrare.estimate(walk(bound), rollouts=500, seed=3)
+        assert several[f"below_{bound}"].probability == alone.probability
+
+
+def test_other_estimators_take_one_after_the_other():
+    options = {"particles": 40, "discard": 8, "runs": 2, "seed": 4}
+    both = avrare.estimate_all(walk(1.0, 1.5), "ams", **options)
+    for bound in (1.0, 1.5):
+        alone = avrare.estimate(walk(bound), "ams", **options)
+        np.testing.assert_array_equal(both[f"below_{bound}"].run_probabilities, alone.run_probabilities)
+
+
+def test_all_specifications_of_a_scenario_keep_their_own_scores(tmp_path):
+    (tmp_path / "s.yaml").write_text(
+        "name: s\nsteps: 20\nsimulator: {plugin: example_walk}\n"
+        "specifications:\n  a: {stl: 'always (x < 3)'}\n  b: {stl: 'always (x > -2)', score: margin}\n"
+    )
+    try:
+        scenario = avrare.load(tmp_path / "s.yaml")
+    except avrare.AvrareError:
+        pytest.skip("the example plugin is not installed")
+    problem = scenario.problem(("a", "b"))
+    assert [part.score for part in problem.separate()] == [scenario.problem(n).score for n in ("a", "b")]
+
+
+def test_estimate_of_several_names_the_function_for_it():
+    with pytest.raises(avrare.UsageError, match="estimate_all"):
+        avrare.estimate(walk(1.0, 1.5))
+
+
+def test_table_is_plain_rows(several):
+    rows = several.table()
+    assert [row["specification"] for row in rows] == list(several)
+    assert rows[0]["low"] <= rows[0]["probability"] <= rows[0]["high"]
+    assert json.loads(json.dumps(rows)) == [{**row, "warnings": []} for row in rows]
+    assert repr(rows).splitlines()[0].split()[:2] == ["specification", "estimator"]
+    assert "below_1.5" in rows._repr_html_()
+
+
+def test_table_becomes_a_data_frame(several):
+    pytest.importorskip("pandas")
+    frame = several.table().frame()
+    assert frame["probability"].tolist() == [one.probability for one in several.values()]
+
+
+def test_notebook_table_escapes_names():
+    formulas = {"<b>bold</b>": avrare.stl("always (x < 1)")}
+    shown = avrare.estimate_all(avrare.Problem(systems.Walk(), formulas, steps=5), rollouts=10)._repr_html_()
+    assert "<td>&lt;b&gt;bold&lt;/b&gt;</td>" in shown
+    assert "<b>bold" not in shown
+
+
+def test_trace_is_the_replay_of_a_tape(split):
+    trace = split.trace()
+    assert (trace.outcome, trace.robustness) == ("fails", split.worst.robustness)
+    assert trace["x"].shape == (41,)
+    assert trace.robustness == pytest.approx(1.5 - trace["x"].max())
+    assert trace.times.tolist() == list(range(41))
+    assert [row["x"] for row in trace.table()] == trace["x"].tolist()
+    assert split.trace(0).robustness == split.failures.robustness[0]
+
+
+def test_trace_takes_a_tape_or_what_has_one(split):
+    problem = walk(1.5)
+    assert problem.trace(split.worst).robustness == problem.trace(split.worst.noise).robustness
+    assert problem.trace().outcome == "passes"
+    assert (problem.trace()["x"] == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("noise", "message"),
+    [(np.zeros((40, 1)), r"shape \(40, 1\)"), (np.zeros((2, 41, 1)), "one tape, not 2")],
+)
+def test_trace_refuses_what_does_not_fit(noise, message):
+    with pytest.raises(avrare.UsageError, match=message):
+        walk(1.5).trace(noise)
+
+
+def test_trace_of_a_failure_that_is_not_there(split):
+    with pytest.raises(avrare.UsageError, match="no failure 999"):
+        split.trace(999)
+
+
+def test_trace_becomes_a_dataset(split):
+    pytest.importorskip("xarray")
+    data = split.trace().to_xarray()
+    assert data["x"].dims == ("time",)
+    assert data.sizes == {"time": 41}
+    assert data.attrs["outcome"] == "fails"
+
+
+def test_plots_are_pictures(split, several, tmp_path):
+    pytest.importorskip("matplotlib")
+    for plot in (split.plot(), several.plot(), split.trace().plot(), split.trace().plot(["x"])):
+        assert plot._repr_png_().startswith(b"\x89PNG")
+    assert split.plot().save(tmp_path / "plot.svg").read_text().lstrip().startswith("<?xml")
+    with pytest.raises(avrare.UsageError, match="no signal 'y'"):
+        split.trace().plot(["y"])
+
+
+def test_report_shows_the_failure_and_how_to_make_it_again(split, tmp_path):
+    text = split.report(tmp_path / "new" / "report.html").read_text(encoding="utf-8")
+    assert "avrare.estimate(problem, &quot;ams&quot;, seed=1, particles=40, discard=8, runs=3)" in text
+    assert "Worst failure" in text
+    assert "always (x &lt; 1.5)" in text
+    assert "cannot be built" not in text
+
+
+def test_report_of_several(several, tmp_path):
+    text = several.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert all(f"<h2>{name}</h2>" in text for name in several)
+
+
+def test_a_pickled_result_has_lost_its_problem_and_says_so(split):
+    copy = pickle.loads(pickle.dumps(split.origin and _without_function(split)))
+    with pytest.raises(avrare.UsageError, match="does not know its problem"):
+        copy.trace()
+    with pytest.raises(avrare.UsageError, match="does not know its problem"):
+        copy.report("nowhere.html")
+
+
+def _without_function(result):
+    import dataclasses
+
+    return dataclasses.replace(result, interval_at=_interval)
+
+
+def _interval(confidence):
+    return 0.0, 1.0
+
+
+def test_progress_is_called_after_every_chunk():
+    seen = []
+    problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1)"), steps=40, chunk=100)
+    avrare.estimate(problem, rollouts=500, progress=lambda info: seen.append(info.rollouts))
+    assert sorted(set(seen)) == [100, 200, 300, 400, 500]
+
+
+def test_progress_line_leaves_the_result_as_it_is(several, capsys):
+    shown = avrare.estimate_all(walk(1.0, 1.5), rollouts=500, seed=3, progress=True)
+    assert {name: one.probability for name, one in shown.items()} == {
+        name: one.probability for name, one in several.items()
+    }
+    assert not capsys.readouterr().out
+
+
+def test_checkpoint_holds_all_specifications(tmp_path):
+    def stop(info):
+        if info.rollouts >= 60:
+            raise KeyboardInterrupt
+
+    options = {"particles": 40, "discard": 8, "runs": 2, "seed": 4, "checkpoint": tmp_path / "saved"}
+    with pytest.raises(KeyboardInterrupt):
+        avrare.estimate_all(walk(1.0, 1.5), "ams", progress=stop, **options)
+    assert (tmp_path / "saved").is_dir()
+    resumed = avrare.estimate_all(walk(1.0, 1.5), "ams", **options)
+    assert (
+        resumed.table()[1]["probability"]
+        == avrare.estimate_all(walk(1.0, 1.5), "ams", **{**options, "checkpoint": None}).table()[1][
+            "probability"
+        ]
+    )

@@ -1,0 +1,81 @@
+"""Runs of scenarios from Python."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import avrare
+from avrare.cli.main import main
+from avrare.plugin.registry import default_registry
+
+TOY = Path(__file__).parents[2] / "analysis" / "check" / "toy"
+SCENARIO = """\
+name: drive
+steps: 1
+simulator: {plugin: gusts}
+controller: {plugin: driver}
+specifications:
+  in_lane: {stl: "always (offset < 1.6448536269514722)"}
+  on_road: {stl: "always (offset < 6)"}
+thresholds: [{specification: in_lane, probability: '< 0.2'}]
+estimator: {plugin: mc, rollouts: 400}
+chunk: 100
+"""
+
+
+@pytest.fixture
+def scenario(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(TOY))
+    monkeypatch.chdir(tmp_path)
+    default_registry.cache_clear()
+    Path("drive.yaml").write_text(SCENARIO)
+    yield "drive.yaml"
+    default_registry.cache_clear()
+
+
+def estimates(folder):
+    entries = json.loads((Path(folder) / "result.json").read_text())["estimates"]
+    return [{**entry, "seconds": 0.0} for entry in entries]
+
+
+def test_run_writes_what_the_command_writes(scenario):
+    run = avrare.run(scenario, ["seed=3"], "python", workers=2)
+    assert main(["run", scenario, "--seed", "3", "--out", "command", "--quiet"]) == 0
+    assert estimates("python") == estimates("command")
+    assert list(run) == ["in_lane", "on_road"]
+    assert run.folder == Path("python")
+    assert (run.verdict, run["in_lane"].verdict, run["on_road"].verdict) == ("pass", "pass", None)
+
+
+def test_results_replay_and_report(scenario):
+    run = avrare.run(scenario, out="here")
+    trace = run["in_lane"].trace()
+    assert (trace.outcome, trace.robustness) == ("fails", run["in_lane"].worst.robustness)
+    assert run.report() == Path("here/report.html")
+    assert "in_lane" in Path("here/report.html").read_text(encoding="utf-8")
+    assert "avrare.estimate(problem" in run["in_lane"].report("own.html").read_text(encoding="utf-8")
+
+
+def test_an_interrupted_run_is_resumed(scenario):
+    def stop(info):
+        if info.rollouts >= 200:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        avrare.run(scenario, out="half", progress=stop)
+    with pytest.raises(avrare.UsageError, match="interrupted run"):
+        avrare.run(scenario, out="half")
+    resumed = avrare.run(scenario, out="half", resume=True)
+    assert resumed["in_lane"].probability == avrare.run(scenario, out="whole")["in_lane"].probability
+
+
+def test_resume_needs_a_folder(scenario):
+    with pytest.raises(avrare.UsageError, match="needs the folder"):
+        avrare.run(scenario, resume=True)
+
+
+def test_a_faulty_scenario_leaves_no_folder(scenario):
+    with pytest.raises(avrare.ScenarioError, match="rollout"):
+        avrare.run(scenario, ["estimator.rollout=5"])
+    assert not Path("runs").exists()
