@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ def pages() -> dict[str, str]:
         "reference/cli.md": _commands(),
         "reference/scenario.md": _scenario(),
         "reference/components.md": _components(),
+        "reference/python.md": _python(),
     }
 
 
@@ -82,7 +84,7 @@ def _scenario() -> str:
         "One YAML file: which parts, their options, the rules. An unknown key is an error with a hint. "
         "`avrare schema` prints the JSON schema for editors, `avrare validate` checks a file.",
         "## Keys",
-        _options(schema, ("extends",)),
+        _options(schema, ("extends",), _PARTS),
     ]
     for title, name in (
         ("thresholds", "Threshold"),
@@ -119,8 +121,34 @@ def _components() -> str:
     return _page(parts)
 
 
-def _options(schema: dict[str, Any], first: tuple[str, ...] = ()) -> str:
-    """The properties of a JSON schema as a table, required ones first."""
+def _python() -> str:
+    import avrare
+
+    parts = ["# Python", "What `import avrare` offers; [Work in Python](../python.md) shows how to use it."]
+    for name in sorted(avrare._HOMES, key=lambda name: (not name[0].islower(), name)):
+        if not name.startswith("_"):
+            parts.append(f"::: {avrare._HOMES[name]}.{name}")
+    parts.append("::: avrare.report.session.trace.Trace")
+    return _page(parts)
+
+
+_PARTS = {
+    name: f"block: `{{plugin: NAME}}` and the options of one of the [{text}](components.md#{anchor})"
+    for name, text, anchor in (
+        ("simulator", "simulators", "simulators"),
+        ("perception", "perception error models", "perception"),
+        ("tracker", "trackers", "trackers"),
+        ("controller", "controllers", "controllers"),
+        ("estimator", "estimators", "estimators"),
+    )
+}
+"""Type of the keys whose options are a plugin's."""
+
+
+def _options(
+    schema: dict[str, Any], first: tuple[str, ...] = (), types: Mapping[str, str] | None = None
+) -> str:
+    """The properties of a JSON schema as a table, required ones first; ``types`` of some are given."""
     required = {*schema.get("required", []), *(schema.get("anyOf", [{}])[-1].get("required", []))}
     properties = schema.get("properties", {})
     if not properties:
@@ -130,7 +158,9 @@ def _options(schema: dict[str, Any], first: tuple[str, ...] = ()) -> str:
     for name in order:
         part = properties[name]
         default = "required" if name in required else _value(part["default"]) if "default" in part else ""
-        rows.append((f"`{name}`", _type(part), default, part.get("description", "")))
+        rows.append(
+            (f"`{name}`", (types or {}).get(name) or _type(part), default, part.get("description", ""))
+        )
     return _table(("key", "type", "default", "meaning"), rows)
 
 
