@@ -1,6 +1,6 @@
 """Is the riccati backend of the controller `mpc` the controller that the casadi backend is, and how fast?
 
-    OMP_NUM_THREADS=1 python benchmarks/mpc.py [--rollouts 60]
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py [--rollouts 60] [--set KEY=VALUE ...]
     OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--pair casadi ipopt] [--set KEY=VALUE ...]
 
 The first form drives lane changes with the casadi backend and solves every programme of every later step
@@ -74,9 +74,9 @@ class Answers:
     seconds: float
 
 
-def collect(rollouts: int, seed: int) -> tuple[Any, MpcConfig, Programmes]:
+def collect(rollouts: int, seed: int, settings: list[str]) -> tuple[Any, MpcConfig, Programmes]:
     """Every programme but the first of ``rollouts`` closed loops."""
-    scenario = LoadedScenario(load(SCENARIO, ["controller.backend=casadi"]))
+    scenario = LoadedScenario(load(SCENARIO, [*settings, "controller.backend=casadi"]))
     loop, scene = scenario.stack.loop, scenario.stack.scene
     config, act = scenario.definition.controller.config, loop.controller.act
     rows: list[tuple[Floats, ...]] = []
@@ -143,6 +143,9 @@ def lost_constraints(config: MpcConfig, answers: Answers) -> int:
     out = (a > config.acceleration_max + SLACK) | (w > config.turn_rate_max + SLACK)
     out |= (speed > config.speed_max + SLACK).any(axis=1) | (speed < config.speed_min - SLACK).any(axis=1)
     out |= (heading > config.heading_max + SLACK).any(axis=1)
+    if config.lateral_acceleration_max is not None:
+        lateral = np.abs(answers.states[:, :-1, 2] * answers.inputs[..., 1])
+        out |= (lateral > config.lateral_acceleration_max + SLACK).any(axis=1)
     return int((out & np.isfinite(answers.cost)).sum())
 
 
@@ -162,9 +165,9 @@ def row(name: str, config: MpcConfig, answers: Answers, reference: Answers) -> s
     )
 
 
-def agreement(rollouts: int, seed: int) -> None:
+def agreement(rollouts: int, seed: int, settings: list[str]) -> None:
     """Print the table, what the riccati backend spent, and where it differs most."""
-    scene, config, given = collect(rollouts, seed)
+    scene, config, given = collect(rollouts, seed, settings)
     reference = by_casadi(scene, config, given, converged(scene, config))
     own = NlpSolver(build_problem(config, scene), config.solver)
 
@@ -297,7 +300,7 @@ def main() -> None:
     parser.add_argument("--last", type=int, help="block to stop before")
     args = parser.parse_args()
     if args.paired is None:
-        agreement(args.rollouts, args.seed)
+        agreement(args.rollouts, args.seed, args.set)
     else:
         scenarios = [load(SCENARIO, [*args.set, *SYSTEMS[name]]) for name in args.pair]
         blocks = range(-(-args.paired // BLOCK))

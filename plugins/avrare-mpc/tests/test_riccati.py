@@ -137,6 +137,7 @@ def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
         {"lanes": [0, 1, 2], "y_goal": 3.0, "sharpness": 4.0},
         {"lanes": [2], "y_goal": 5.25, "turn_rate_change_weight": 2000.0},
         {"horizon": 12, "obstacle_weight": 50.0, "y_penalty": 1e4, "clearance_x": 1.0},
+        {"lateral_acceleration_max": 3.0, "v_goal": 40.0, "speed_max": 24.0},
         {"acceleration_max": 2.0, "turn_rate_max": 0.1, "braking_weight": 0.0, "y_margin": 0.0},
     ],
 )

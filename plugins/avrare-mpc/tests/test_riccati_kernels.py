@@ -13,6 +13,7 @@ VARIANTS = {
     "reference": {},
     "lead": {"lateral_lead": "speed", "heading_weight": 3.0},
     "three lanes": {"lanes": [0, 1, 2], "turn_rate_change_weight": 2000.0},
+    "lateral": {"lateral_acceleration_max": 20.0},
     "one lane": {"lanes": [1], "sharpness": 3.0, "turn_rate_weight": 0.0, "turn_rate_change_weight": 0.0},
 }
 
@@ -33,8 +34,12 @@ def drawn(config, lane_change, plain):
     others = plain.values.Others(rng.uniform(28, 55, shape), rng.uniform(-1, 6, shape))
     plain.newton.simulate(p, path)
     plain.cost.path_cost(p, path, others)
-    plain.cost.barrier(p, path, 3, 0.5)
+    plain.cost.barrier(p, path, every_bound(plain, config), 0.5)
     return p, path, others
+
+
+def every_bound(plain, config):
+    return plain.values.Bounds(hard=4 if config.lateral_acceleration_max is None else 6, soft=3)
 
 
 def copy(plain, path):
@@ -127,35 +132,35 @@ def test_sweep_solves_the_dense_newton_system(lane_change, plain, config, drawn)
     """Against gradient and Gauss-Newton Hessian in the inputs alone, assembled from differences of drives."""
     p, path, others = drawn
     steps, mu, damping = config.horizon, 0.5, 7.0
-    work = plain.values.new_workspace(steps)
-    plain.newton._start_multipliers(p, path, work, 3, mu)
-    slope = plain.sweep.sweep(p, path, work, others, 3, mu, damping)
-    plain.newton._direction(p, path, work, 3)
+    work, bounds = plain.values.new_workspace(steps), every_bound(plain, config)
+    plain.newton._start_multipliers(p, path, work, bounds, mu)
+    slope = plain.sweep.sweep(p, path, work, others, bounds, mu, damping)
+    plain.newton._direction(p, path, work, bounds)
 
     def merit(inputs):
         there = copy(plain, path)
         there.inputs[:] = inputs.reshape(steps, 2)
         plain.newton.simulate(p, there)
-        return plain.cost.path_cost(p, there, others) + plain.cost.barrier(p, there, 3, mu)
+        return plain.cost.path_cost(p, there, others) + plain.cost.barrier(p, there, bounds, mu)
 
     flat, small = path.inputs.ravel(), 1e-6
     axes = small * np.eye(2 * steps)
     gradient = np.array([merit(flat + axis) - merit(flat - axis) for axis in axes]) / (2 * small)
-    move = work.move.ravel()
+    move = work.move[:, :2].ravel()
     assert slope < 0.0
     assert slope == pytest.approx(gradient @ move, rel=1e-5)
     hessian = dense_hessian(plain, p, path, others, work, mu, damping)
     np.testing.assert_allclose(move, np.linalg.solve(hessian, -gradient), rtol=1e-4, atol=1e-6)
+    lateral = lambda inputs: inputs[:, 1] * states_of(plain, p, path, inputs)[:-1, 2]  # noqa: E731
+    ahead, behind = (lateral(path.inputs + sign * small * work.move[:, :2]) for sign in (1, -1))
+    np.testing.assert_allclose(work.move[:, 2], (ahead - behind) / (2 * small), atol=1e-6)
 
 
 def dense_hessian(plain, p, path, others, work, mu, damping):
     steps, small = len(path.inputs), 1e-6
 
     def states(inputs):
-        there = copy(plain, path)
-        there.inputs[:] = inputs.reshape(steps, 2)
-        plain.newton.simulate(p, there)
-        return there.states.copy()
+        return states_of(plain, p, path, inputs)
 
     flat = path.inputs.ravel()
     axes = small * np.eye(2 * steps)
@@ -173,7 +178,19 @@ def dense_hessian(plain, p, path, others, work, mu, damping):
             for j in range(3):
                 matrix[j + 1, j + 1] += plain.sweep._soft_bound(p, path, work, k - 1, j, mu)[1]
         hessian += rows.T @ matrix @ rows
+        if k < steps and np.isfinite(p.lateral_max):
+            speed, w = path.states[k, 2], path.inputs[k, 1]
+            toward = w * jacobian[k, 2] + speed * np.eye(2 * steps)[2 * k + 1]
+            low, high = p.lateral_max + speed * w, p.lateral_max - speed * w
+            hessian += (work.box[k, 4] / low + work.box[k, 5] / high) * np.outer(toward, toward)
     return hessian + turn_rate_hessian(p, steps) + box_hessian(p, path, work, damping)
+
+
+def states_of(plain, p, path, inputs):
+    there = copy(plain, path)
+    there.inputs[:] = inputs.reshape(-1, 2)
+    plain.newton.simulate(p, there)
+    return there.states.copy()
 
 
 def turn_rate_hessian(p, steps):
@@ -191,4 +208,4 @@ def turn_rate_hessian(p, steps):
 def box_hessian(p, path, work, damping):
     limits = np.array([p.acceleration_max, p.turn_rate_max])
     low, high = path.inputs + limits, limits - path.inputs
-    return np.diag((work.box[:, ::2] / low + work.box[:, 1::2] / high + damping / limits**2).ravel())
+    return np.diag((work.box[:, :4:2] / low + work.box[:, 1:4:2] / high + damping / limits**2).ravel())

@@ -44,6 +44,10 @@ class PlannerConfig(BaseModel):
     )
     acceleration_max: Positive = Field(default=11.5, description="Bound of |acceleration| [m/s^2].")
     turn_rate_max: Positive = Field(default=0.5, description="Bound of |turn rate| [rad/s].")
+    lateral_acceleration_max: Positive | None = Field(
+        default=None,
+        description="Bound of |speed x turn rate|, the lateral acceleration [m/s^2]; none: not bounded.",
+    )
     speed_min: Finite = Field(default=-36.6, description="Lower bound of the speed [m/s].")
     speed_max: Finite = Field(default=36.6, description="Upper bound of the speed [m/s].")
     heading_max: Positive = Field(default=1.5707963267948966, description="Bound of |heading| [rad].")

@@ -19,7 +19,8 @@ class MpcController:
 
     A plan is searched from the last one, shifted by one step; the first plan from each of the initial guesses
     (``avrare_mpc.plan.initial_guesses``), where the cheapest result counts. A failed search is counted, never
-    raised: the particle follows its old plan and, once that has ended, brakes straight ahead.
+    raised: the particle follows its old plan and, once that has ended, brakes straight ahead. The turn
+    rate of an old plan is clipped to ``lateral_acceleration_max`` at the current speed.
 
     Args:
         config: Options.
@@ -100,11 +101,15 @@ class MpcController:
         return x[:, :, :nodes], y[:, :, :nodes]
 
     def _action(self, planned: Bools, first: Floats, speed: Floats) -> Action:
-        limit = self._config.acceleration_max
+        limit, lateral = self._config.acceleration_max, self._config.lateral_acceleration_max
+        turn_rate = first[:, 1]
+        if lateral is not None:  # an old plan was made for another speed
+            with np.errstate(divide="ignore"):
+                turn_rate = np.clip(turn_rate, -lateral / np.abs(speed), lateral / np.abs(speed))
         stopping = np.nan_to_num(-speed / self._scene.dt, nan=-limit)
         return Action(
             acceleration=np.where(planned, first[:, 0], np.clip(stopping, -limit, limit)),
-            yaw_rate=np.where(planned, first[:, 1], 0.0),
+            yaw_rate=np.where(planned, turn_rate, 0.0),
         )
 
 

@@ -179,6 +179,8 @@ def _bounds(
     if not node.last:
         rows.append((node.acceleration, -planner.acceleration_max, planner.acceleration_max))
         rows.append((node.turn_rate, -planner.turn_rate_max, planner.turn_rate_max))
+        if (lateral := planner.lateral_acceleration_max) is not None:
+            rows.append((node.speed * node.turn_rate, -lateral, lateral))
         rows.append((node.slack, 0.0, np.inf))
         # bounding the next node here avoids inputs at the last one
         following = node.y + dt * node.speed * ca.sin(node.heading)

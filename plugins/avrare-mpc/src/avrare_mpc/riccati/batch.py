@@ -9,7 +9,7 @@ from avrare_mpc.plan import Integers
 from avrare_mpc.riccati.cost import penalties
 from avrare_mpc.riccati.jit import entry, kernel, sources_digest
 from avrare_mpc.riccati.newton import search
-from avrare_mpc.riccati.values import Floats, Others, Programme, Tuning, new_path, new_workspace
+from avrare_mpc.riccati.values import Bounds, Floats, Others, Programme, Tuning, new_path, new_workspace
 
 GUESS_SHARE = 0.98
 """Share of the input bounds that a guess may use."""
@@ -40,8 +40,8 @@ def _clip(value: float, limit: float) -> float:
     return max(min(value, limit), -limit)
 
 
-def _entry(bounds: int, sources: str) -> Callable[..., str]:
-    """Compile the kernel in which the first ``bounds`` soft bounds count; as a constant it is a third faster.
+def _entry(bounds: Bounds, sources: str) -> Callable[..., str]:
+    """Compile the kernel in which ``bounds`` count; as a constant they make it a third faster.
 
     numba identifies cached machine code by the values of the closure, hence the digest of the sources.
     """
@@ -56,9 +56,13 @@ def _entry(bounds: int, sources: str) -> Callable[..., str]:
         for m in range(len(rows)):
             n = rows[m]
             one.states[0] = start[n]
+            speed = start[n, 2]
             for k in range(steps):
                 one.inputs[k, 0] = _clip(guesses[m, k, 0], GUESS_SHARE * p.acceleration_max)
                 one.inputs[k, 1] = _clip(guesses[m, k, 1], GUESS_SHARE * p.turn_rate_max)
+                if bounds.hard > 4:
+                    one.inputs[k, 1] = _clip(one.inputs[k, 1], GUESS_SHARE * p.lateral_max / abs(speed))
+                    speed += p.dt * one.inputs[k, 0]
             path, cost, status, spent = search(
                 p, tuning, one, two, work, Others(other_x[n], other_y[n]), bounds
             )
@@ -72,7 +76,11 @@ def _entry(bounds: int, sources: str) -> Callable[..., str]:
     return solve_all
 
 
-solve_without_bounds = _entry(1, sources_digest())
-"""Kernel that searches programmes ``rows`` from ``guesses`` into ``answer``; only y is bounded."""
-solve_with_bounds = _entry(3, sources_digest())
+solve_without_bounds = _entry(Bounds(hard=4, soft=1), sources_digest())
+"""Kernel that searches programmes ``rows`` from ``guesses`` into ``answer``; of states, y is bounded."""
+solve_with_bounds = _entry(Bounds(hard=4, soft=3), sources_digest())
 """Kernel with bounds of y, speed and heading."""
+solve_lateral_without_bounds = _entry(Bounds(hard=6, soft=1), sources_digest())
+"""``solve_without_bounds`` that bounds the lateral acceleration, too."""
+solve_lateral_with_bounds = _entry(Bounds(hard=6, soft=3), sources_digest())
+"""``solve_with_bounds`` that bounds the lateral acceleration, too."""

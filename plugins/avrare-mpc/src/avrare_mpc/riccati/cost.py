@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from avrare_mpc.riccati.jit import kernel
-from avrare_mpc.riccati.values import Floats, Others, Path, Programme
+from avrare_mpc.riccati.values import Bounds, Floats, Others, Path, Programme
 
 NEGLIGIBLE = -37.0
 """Scaled clearance below which a softplus is under 1e-16 and taken as 0."""
@@ -107,18 +107,21 @@ def _clearance_cost(p: Programme, path: Path, k: int, a: float, others: Others) 
 
 
 @kernel
-def barrier(p: Programme, path: Path, bounds: int, mu: float) -> float:
+def barrier(p: Programme, path: Path, bounds: Bounds, mu: float) -> float:
     """Return penalties and barriers of the bounds at parameter ``mu``; fills the path's distances and slacks.
 
     A soft bound g >= 0 costs min over slacks t of penalty t - mu log(t) - mu log(g + t), in closed form.
-    Only the first ``bounds`` soft bounds count.
+    Only the first ``bounds.soft`` soft bounds count.
     """
     total = 0.0
     for k in range(len(path.inputs)):
         a, w = path.inputs[k, 0], path.inputs[k, 1]
         product = (a + p.acceleration_max) * (p.acceleration_max - a)
         product *= (w + p.turn_rate_max) * (p.turn_rate_max - w)
-        for j in range(bounds):
+        if bounds.hard > 4:
+            lateral = path.states[k, 2] * w
+            product *= (lateral + p.lateral_max) * (p.lateral_max - lateral)
+        for j in range(bounds.soft):
             value, penalty = path.states[k + 1, j + 1], p.penalty[j]
             for side in range(2):
                 gap = value - p.low[j] if side == 0 else p.high[j] - value

@@ -18,7 +18,7 @@ import math
 from avrare_mpc.riccati.cost import barrier, path_cost
 from avrare_mpc.riccati.jit import kernel
 from avrare_mpc.riccati.sweep import sweep
-from avrare_mpc.riccati.values import Floats, Others, Path, Programme, Tuning, Workspace
+from avrare_mpc.riccati.values import Bounds, Floats, Others, Path, Programme, Tuning, Workspace
 
 FOUND, UNFINISHED, STUCK = 0, 1, 2
 MARGIN = 0.995
@@ -34,7 +34,7 @@ MIN_START_BARRIER = 1e-2
 
 @kernel
 def search(
-    p: Programme, tuning: Tuning, path: Path, trial: Path, work: Workspace, others: Others, bounds: int
+    p: Programme, tuning: Tuning, path: Path, trial: Path, work: Workspace, others: Others, bounds: Bounds
 ) -> tuple[Path, float, int, int]:
     """Improve ``path``, given by its first state and its inputs, until it is a local minimum.
 
@@ -82,12 +82,12 @@ def search(
 
 @kernel
 def _line_search(
-    p: Programme, path: Path, trial: Path, work: Workspace, others: Others, bounds: int, mu: float,
+    p: Programme, path: Path, trial: Path, work: Workspace, others: Others, bounds: Bounds, mu: float,
     merit: float, slope: float, longest: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     step = longest
     for _ in range(TRIALS):
-        follow(p, path, trial, work.gains, step)
+        follow(p, path, trial, work.gains, bounds, step)
         cost = path_cost(p, trial, others)
         new = cost + barrier(p, trial, bounds, mu)
         if new <= merit + 1e-4 * step * min(slope, 0.0) + 1e-10 * abs(merit):
@@ -97,7 +97,7 @@ def _line_search(
 
 
 @kernel
-def _direction(p: Programme, path: Path, work: Workspace, bounds: int) -> tuple[float, float]:
+def _direction(p: Programme, path: Path, work: Workspace, bounds: Bounds) -> tuple[float, float]:
     """Fill the linear moves; return the longest step that keeps the bounds, and the size of the move."""
     x = y = v = h = before = size = 0.0
     longest = 1.0
@@ -106,6 +106,7 @@ def _direction(p: Programme, path: Path, work: Workspace, bounds: int) -> tuple[
         a = gain[0] + gain[1] * x + gain[2] * y + gain[3] * v + gain[4] * h + gain[5] * before
         w = gain[6] + gain[7] * x + gain[8] * y + gain[9] * v + gain[10] * h + gain[11] * before
         work.move[k, 0], work.move[k, 1] = a, w
+        work.move[k, 2] = v * path.inputs[k, 1] + path.states[k, 2] * w
         size = max(size, abs(a) / p.acceleration_max, abs(w) / p.turn_rate_max)
         c, s, speed = path.cosine[k], path.sine[k], path.states[k, 2]
         x += p.dt * (c * v - s * speed * h)
@@ -116,7 +117,10 @@ def _direction(p: Programme, path: Path, work: Workspace, bounds: int) -> tuple[
         work.drift[k, 0], work.drift[k, 1], work.drift[k, 2] = y, v, h
         for i in range(4):
             longest = _shorten(longest, _gap(p, path, k, i), _toward(work.move, k, i))
-        for i in range(2 * bounds):
+        if bounds.hard > 4:
+            longest = _shorten(longest, _lateral_gap(p, path, k, 1.0), work.move[k, 2])
+            longest = _shorten(longest, _lateral_gap(p, path, k, -1.0), -work.move[k, 2])
+        for i in range(2 * bounds.soft):
             gap = path.inside[k, i] - path.outside[k, i]
             if gap > 0.0:  # a kept soft bound stays kept: crossing it would cost the penalty at once
                 longest = _shorten(longest, gap, _toward(work.drift, k, i))
@@ -143,32 +147,60 @@ def _gap(p: Programme, path: Path, k: int, i: int) -> float:
 
 
 @kernel
-def _start_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, mu: float) -> None:
+def _lateral_gap(p: Programme, path: Path, k: int, sign: float) -> float:
+    gap: float = p.lateral_max + sign * path.states[k, 2] * path.inputs[k, 1]
+    return gap
+
+
+@kernel
+def _start_multipliers(p: Programme, path: Path, work: Workspace, bounds: Bounds, mu: float) -> None:
     for k in range(len(path.inputs)):
         for i in range(4):
             work.box[k, i] = mu / _gap(p, path, k, i)
-        for i in range(2 * bounds):
+        if bounds.hard > 4:
+            work.box[k, 4] = mu / _lateral_gap(p, path, k, 1.0)
+            work.box[k, 5] = mu / _lateral_gap(p, path, k, -1.0)
+        for i in range(2 * bounds.soft):
             work.soft[k, i] = min(mu / path.inside[k, i], (1.0 - 1e-9) * p.penalty[i // 2])
 
 
 @kernel
-def _move_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, mu: float) -> None:
+def _move_multipliers(p: Programme, path: Path, work: Workspace, bounds: Bounds, mu: float) -> None:
     step = 1.0
     for k in range(len(path.inputs)):
         for i in range(4):
-            gap, multiplier = _gap(p, path, k, i), work.box[k, i]
-            change = mu / gap - multiplier - multiplier / gap * _toward(work.move, k, i)
+            multiplier = work.box[k, i]
+            change = _hard_move(multiplier, _gap(p, path, k, i), _toward(work.move, k, i), mu)
             work.box_move[k, i] = change
             step = _shorten(step, multiplier, change)
-        for i in range(2 * bounds):
+        if bounds.hard > 4:
+            low, high = _lateral_gap(p, path, k, 1.0), _lateral_gap(p, path, k, -1.0)
+            work.box_move[k, 4] = _hard_move(work.box[k, 4], low, work.move[k, 2], mu)
+            work.box_move[k, 5] = _hard_move(work.box[k, 5], high, -work.move[k, 2], mu)
+            step = _shorten(step, work.box[k, 4], work.box_move[k, 4])
+            step = _shorten(step, work.box[k, 5], work.box_move[k, 5])
+        for i in range(2 * bounds.soft):
             change, rest = _soft_move(p, path, work, k, i, mu)
             work.soft_move[k, i] = change
             step = _shorten(_shorten(step, work.soft[k, i], change), rest, -change)
     for k in range(len(path.inputs)):
         for i in range(4):
             work.box[k, i] += step * work.box_move[k, i]
-        for i in range(2 * bounds):
+        if bounds.hard > 4:
+            work.box[k, 4] += step * work.box_move[k, 4]
+            work.box[k, 5] += step * work.box_move[k, 5]
+        for i in range(2 * bounds.soft):
             work.soft[k, i] += step * work.soft_move[k, i]
+
+
+@kernel
+def _hard_move(multiplier: float, gap: float, toward: float, mu: float) -> float:
+    return mu / gap - multiplier - multiplier / gap * toward
+
+
+@kernel
+def _central(multiplier: float, central: float) -> float:
+    return max(min(multiplier, 1e8 * central), 1e-8 * central)
 
 
 @kernel
@@ -182,12 +214,14 @@ def _soft_move(p: Programme, path: Path, work: Workspace, k: int, i: int, mu: fl
 
 
 @kernel
-def _limit_multipliers(p: Programme, path: Path, work: Workspace, bounds: int, mu: float) -> None:
+def _limit_multipliers(p: Programme, path: Path, work: Workspace, bounds: Bounds, mu: float) -> None:
     for k in range(len(path.inputs)):
         for i in range(4):
-            central = mu / _gap(p, path, k, i)
-            work.box[k, i] = max(min(work.box[k, i], 1e8 * central), 1e-8 * central)
-        for i in range(2 * bounds):
+            work.box[k, i] = _central(work.box[k, i], mu / _gap(p, path, k, i))
+        if bounds.hard > 4:
+            work.box[k, 4] = _central(work.box[k, 4], mu / _lateral_gap(p, path, k, 1.0))
+            work.box[k, 5] = _central(work.box[k, 5], mu / _lateral_gap(p, path, k, -1.0))
+        for i in range(2 * bounds.soft):
             central = mu / path.inside[k, i]
             highest = min(1e6 * central, (1.0 - 1e-9) * p.penalty[i // 2])
             work.soft[k, i] = max(min(work.soft[k, i], highest), 1e-6 * central)
@@ -202,7 +236,7 @@ def simulate(p: Programme, path: Path) -> None:
 
 
 @kernel
-def follow(p: Programme, path: Path, trial: Path, gains: Floats, step: float) -> None:
+def follow(p: Programme, path: Path, trial: Path, gains: Floats, bounds: Bounds, step: float) -> None:
     """Simulate ``trial`` with the inputs of ``path``, moved by ``step`` and with feedback on the states.
 
     du_k = step * constant_k + gain_k (dx_k, du_(k-1)): the feedback of the Riccati sweep compensates for the
@@ -219,6 +253,8 @@ def follow(p: Programme, path: Path, trial: Path, gains: Floats, step: float) ->
         w = step * gain[6] + gain[7] * x + gain[8] * y + gain[9] * v + gain[10] * h + gain[11] * before
         trial.inputs[k, 0] = _move_inside(path.inputs[k, 0], a, p.acceleration_max)
         trial.inputs[k, 1] = _move_inside(path.inputs[k, 1], w, p.turn_rate_max)
+        if bounds.hard > 4:
+            trial.inputs[k, 1] = _keep_lateral(p, path, trial, k)
         before = trial.inputs[k, 1] - path.inputs[k, 1]
         _advance(p, trial, k)
     _update_heading(trial, len(path.inputs))
@@ -227,6 +263,18 @@ def follow(p: Programme, path: Path, trial: Path, gains: Floats, step: float) ->
 @kernel
 def _move_inside(value: float, move: float, limit: float) -> float:
     return value + max(min(move, MARGIN * (limit - value)), -MARGIN * (limit + value))
+
+
+@kernel
+def _keep_lateral(p: Programme, path: Path, trial: Path, k: int) -> float:
+    """Return the trial's turn rate, clipped so that v w covers at most MARGIN of its distance to a bound."""
+    lateral, speed = path.states[k, 2] * path.inputs[k, 1], trial.states[k, 2]
+    high = (MARGIN * p.lateral_max + (1.0 - MARGIN) * lateral) / abs(speed)
+    low = (MARGIN * p.lateral_max - (1.0 - MARGIN) * lateral) / abs(speed)
+    if speed < 0.0:
+        low, high = high, low
+    turn_rate: float = max(min(trial.inputs[k, 1], high), -low)
+    return turn_rate
 
 
 @kernel

@@ -12,7 +12,13 @@ from avrare.driving import Scene
 from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import Integers, SearchResult, cheapest, initial_guesses, lane_centres, lateral_bounds
-from avrare_mpc.riccati.batch import Answer, solve_with_bounds, solve_without_bounds
+from avrare_mpc.riccati.batch import (
+    Answer,
+    solve_lateral_with_bounds,
+    solve_lateral_without_bounds,
+    solve_with_bounds,
+    solve_without_bounds,
+)
 from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.newton import FOUND
 from avrare_mpc.riccati.values import Programme, Tuning
@@ -77,6 +83,9 @@ class RiccatiSolver:
     ) -> None:  # fmt: skip
         self.programme = programme(config, scene)
         self._tunings, self._near = (quick, patient), near
+        self._kernels = (solve_without_bounds, solve_with_bounds)
+        if config.lateral_acceleration_max is not None:
+            self._kernels = (solve_lateral_without_bounds, solve_lateral_with_bounds)
         if not COMPILED:
             warnings.warn(
                 "numba is not installed: the riccati backend of the controller mpc is not compiled and takes "
@@ -123,7 +132,7 @@ class RiccatiSolver:
         self, found: Solutions, index: Integers, rough: Tuning, problems: Problems, rows: Integers,
         guesses: Floats,
     ) -> None:  # fmt: skip
-        first = _run(solve_without_bounds, self.programme, rough, problems, rows, guesses)
+        first = _run(self._kernels[0], self.programme, rough, problems, rows, guesses)
         found.iterations[index] += first.iterations
         with np.errstate(invalid="ignore"):
             promising = ~found.found[index] | (first.cost < (1.0 - BETTER) * found.cost[index])
@@ -142,7 +151,7 @@ class RiccatiSolver:
         answer = _blank(*guesses.shape[:2])
         found, retried = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
         todo = np.arange(len(rows))
-        for kernel, allowed in ((solve_without_bounds, np.inf), (solve_with_bounds, TOLERANCE)):
+        for kernel, allowed in zip(self._kernels, (np.inf, TOLERANCE), strict=True):
             for number, tuning in enumerate(tunings):
                 if not len(todo):  # do not compile a kernel that is not needed
                     break
@@ -201,6 +210,7 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
     """Collect weights, goals and bounds of a scene's controller."""
     dt, low_high = scene.dt, lateral_bounds(config, scene)
     change, rate = config.turn_rate_change_weight, config.turn_rate_weight
+    lateral = config.lateral_acceleration_max
     by_speed = config.lateral_lead == "speed"
     along = config.clearance_ego_lengths * scene.ego_length + config.clearance_x
     across = config.clearance_ego_widths * scene.ego_width + config.clearance_y
@@ -212,6 +222,7 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
         lead_speed=dt + dt**2 if by_speed else dt,
         lead_acceleration=0.0 if by_speed else dt**2,
         final_turn_rate=change * rate / (change + rate) if change + rate else 0.0,
+        lateral_max=np.inf if lateral is None else lateral,
         low=np.array([low_high[0], config.speed_min, -config.heading_max]),
         high=np.array([low_high[1], config.speed_max, config.heading_max]),
         penalty=np.array([config.y_penalty, HARD_PENALTY, HARD_PENALTY]),

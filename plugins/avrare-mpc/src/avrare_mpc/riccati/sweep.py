@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from avrare_mpc.riccati.cost import Stage, stage_model
 from avrare_mpc.riccati.jit import kernel
-from avrare_mpc.riccati.values import Floats, Others, Path, Programme, Workspace
+from avrare_mpc.riccati.values import Bounds, Floats, Others, Path, Programme, Workspace
 
 
 class Value(NamedTuple):
@@ -79,15 +79,18 @@ class Expansion(NamedTuple):
 
 
 class InputModel(NamedTuple):
-    """Gradient and Hessian of weights and bounds of a stage's inputs, and of the change of the turn rate.
+    """Gradient and Hessian of weights and hard bounds of a stage, and of the change of the turn rate.
 
     Attributes:
         change: Second derivative of the cost of the change.
         lag: First derivative of the cost of the change.
     """
 
+    v: float
     a: float
     w: float
+    vv: float
+    vw: float
     aa: float
     ww: float
     change: float
@@ -96,7 +99,7 @@ class InputModel(NamedTuple):
 
 @kernel
 def sweep(
-    p: Programme, path: Path, work: Workspace, others: Others, bounds: int, mu: float, damping: float
+    p: Programme, path: Path, work: Workspace, others: Others, bounds: Bounds, mu: float, damping: float
 ) -> float:
     """Compute the gains of every stage into ``work.gains``.
 
@@ -130,7 +133,7 @@ def sweep(
         value = _add_bounds(p, path, work, k, bounds, mu, value)
         # 2. expansion
         model = stage_model(p, path, k, path.inputs[k, 0], others)
-        inputs = _input_model(p, path, work, k, mu, damping)
+        inputs = _input_model(p, path, work, k, bounds, mu, damping)
         expansion = _expand(p, path, k, value, model, inputs)
         # 3. and 4. gains and cost to go
         value, along = _minimise(expansion, inputs, work.gains, k)
@@ -140,11 +143,11 @@ def sweep(
 
 @kernel
 def _add_bounds(
-    p: Programme, path: Path, work: Workspace, k: int, bounds: int, mu: float, to: Value
+    p: Programme, path: Path, work: Workspace, k: int, bounds: Bounds, mu: float, to: Value
 ) -> Value:
     gy, hy = _soft_bound(p, path, work, k, 0, mu)
     gv = hv = gh = hh = 0.0
-    if bounds > 1:
+    if bounds.soft > 1:
         gv, hv = _soft_bound(p, path, work, k, 1, mu)
         gh, hh = _soft_bound(p, path, work, k, 2, mu)
     return Value(
@@ -181,7 +184,7 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
     return Expansion(
         x=at.x + to.x,
         y=at.y + to.y,
-        v=at.v + to.v + xv * to.x + yv * to.y,
+        v=at.v + to.v + xv * to.x + yv * to.y + own.v,
         h=at.h + to.h + xh * to.x + yh * to.y,
         a=at.a + dt * to.v + own.a,
         w=dt * to.h + to.w + own.w,
@@ -196,10 +199,10 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
         yh=at.yh + h_y,
         ya=at.ya + dt * to.yv,
         yw=w_y,
-        vv=at.vv + v_v + xv * v_x + yv * v_y,
+        vv=at.vv + v_v + xv * v_x + yv * v_y + own.vv,
         vh=at.vh + h_v + xv * h_x + yv * h_y,
         va=at.va + dt * v_v,
-        vw=w_v + xv * w_x + yv * w_y,
+        vw=w_v + xv * w_x + yv * w_y + own.vw,
         hh=at.hh + h_h + xh * h_x + yh * h_y,
         ha=at.ha + dt * h_v,
         hw=w_h + xh * w_x + yh * w_y,
@@ -210,18 +213,33 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
 
 
 @kernel
-def _input_model(p: Programme, path: Path, work: Workspace, k: int, mu: float, damping: float) -> InputModel:
+def _input_model(
+    p: Programme, path: Path, work: Workspace, k: int, bounds: Bounds, mu: float, damping: float
+) -> InputModel:
     a, w = path.inputs[k, 0], path.inputs[k, 1]
     change = 2.0 * p.turn_rate_change_weight if k > 0 else 0.0
     lag = change * (w - path.inputs[k - 1, 1]) if k > 0 else 0.0
     low_a, high_a = a + p.acceleration_max, p.acceleration_max - a
     low_w, high_w = w + p.turn_rate_max, p.turn_rate_max - w
     rate, box = 2.0 * p.turn_rate_weight, work.box[k]
+    speed = push = stiff = 0.0
+    if bounds.hard > 4:  # force and stiffness of the bounds of v w
+        speed = path.states[k, 2]
+        low, high = p.lateral_max + speed * w, p.lateral_max - speed * w
+        push, stiff = mu / high - mu / low, box[4] / low + box[5] / high
     return InputModel(
+        v=push * w,
         a=mu / high_a - mu / low_a,
-        w=rate * w + lag + mu / high_w - mu / low_w,
+        w=rate * w + lag + mu / high_w - mu / low_w + push * speed,
+        vv=stiff * w * w,
+        vw=stiff * w * speed,
         aa=box[0] / low_a + box[1] / high_a + damping / (p.acceleration_max * p.acceleration_max),
-        ww=rate + change + box[2] / low_w + box[3] / high_w + damping / (p.turn_rate_max * p.turn_rate_max),
+        ww=rate
+        + change
+        + box[2] / low_w
+        + box[3] / high_w
+        + damping / (p.turn_rate_max * p.turn_rate_max)
+        + stiff * speed * speed,
         change=change,
         lag=lag,
     )

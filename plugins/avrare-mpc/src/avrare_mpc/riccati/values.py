@@ -27,6 +27,7 @@ class Programme(NamedTuple):
         lead_speed: Factor of speed x sin(heading) in the lateral reach.
         lead_acceleration: Factor of acceleration x sin(heading) in the lateral reach.
         final_turn_rate: Weight of the last turn rate: cost of the last node with its optimal input.
+        lateral_max: Bound of |speed x turn rate|; infinite where there is none.
         low: (3,) lower soft bounds.
         high: (3,) upper soft bounds.
         penalty: (3,) weight of each unit beyond a soft bound.
@@ -53,9 +54,22 @@ class Programme(NamedTuple):
     sharpness: float
     acceleration_max: float
     turn_rate_max: float
+    lateral_max: float
     low: Floats
     high: Floats
     penalty: Floats
+
+
+class Bounds(NamedTuple):
+    """Number of bounds that count; the rows of ``Workspace`` have them in this order.
+
+    Attributes:
+        hard: 4: acceleration and turn rate; 6: lateral acceleration, too.
+        soft: 1: y; 3: speed and heading, too.
+    """
+
+    hard: int
+    soft: int
 
 
 class Others(NamedTuple):
@@ -113,12 +127,12 @@ class Workspace(NamedTuple):
     """Memory of one search, reused for every particle.
 
     Attributes:
-        box: (H, 4) multipliers of the input bounds: low a, high a, low w, high w.
-        box_move: (H, 4) their Newton direction.
+        box: (H, 6) multipliers of the hard bounds: low a, high a, low w, high w, low v w, high v w.
+        box_move: (H, 6) their Newton direction.
         soft: (H, 6) multipliers of the soft bounds.
         soft_move: (H, 6) their Newton direction.
         gains: (H, 12) change of a, then of w: constant, and by x, y, v, h, previous w.
-        move: (H, 2) direction of the inputs.
+        move: (H, 3) direction of the inputs, and of v w.
         drift: (H, 3) direction of y, v, h at nodes 1..H.
     """
 
@@ -135,12 +149,12 @@ class Workspace(NamedTuple):
 def new_workspace(steps: int) -> Workspace:
     """Allocate memory for plans of ``steps`` steps."""
     return Workspace(
-        np.zeros((steps, 4)),
-        np.zeros((steps, 4)),
+        np.zeros((steps, 6)),
+        np.zeros((steps, 6)),
         np.zeros((steps, 6)),
         np.zeros((steps, 6)),
         np.zeros((steps, 12)),
-        np.zeros((steps, 2)),
+        np.zeros((steps, 3)),
         np.zeros((steps, 3)),
     )
 

@@ -1,0 +1,116 @@
+"""`lateral_acceleration_max`: |speed x turn rate| stays below it, planned and driven, in both backends."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from avrare.driving import Prediction, Road, Vehicles
+from avrare_mpc.config import MpcConfig, TrajectoryPlan
+from avrare_mpc.controller import build
+from avrare_mpc.riccati.jit import COMPILED
+from avrare_mpc.riccati.solver import programme
+from avrare_mpc.trajectory import plan_trajectory
+
+LIMIT = 4.0
+BACKENDS = [
+    "casadi",
+    pytest.param("riccati", marks=pytest.mark.skipif(not COMPILED, reason="numba is not installed")),
+]
+
+
+def bounded(**options):
+    return MpcConfig(lateral_acceleration_max=LIMIT, **options)
+
+
+def first_situations(lane_change, n=6):
+    rng = np.random.default_rng(3)
+    state = np.array([10.0, 1.75, 21.6, 0.0]) + [1.0, 0.3, 1.0, 0.02] * rng.standard_normal((n, 4))
+    prediction = lane_change.predict(0, 0.2 * rng.standard_normal((n, 3, 3)))
+    x, y, speed, heading = state.T
+    return Vehicles(x=x, y=y, heading=heading, speed=speed, acceleration=np.zeros(n)), prediction
+
+
+def planned(memory):
+    return memory.plan_states[:, :-1, 2] * memory.plan_inputs[..., 1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPILED, reason="numba is not installed")
+def test_both_backends_find_the_same_plan_at_the_bound(lane_change):
+    given = first_situations(lane_change)
+    found = []
+    for backend in ("casadi", "riccati"):
+        controller = build(bounded(backend=backend), lane_change.scene)
+        found.append(controller.act(controller.start(len(given[0].x)), *given)[1])
+    expected, ours = found
+    assert ours.solved.all()
+    for memory in found:
+        lateral = np.abs(planned(memory))
+        assert (lateral.max(axis=1) > 0.999 * LIMIT).all()
+        assert lateral.max() <= LIMIT + 1e-6
+    same = np.abs(ours.plan_inputs - expected.plan_inputs).max(axis=(1, 2)) < 2e-3
+    assert same.mean() > 0.8
+    np.testing.assert_allclose(ours.plan_inputs[same, 0], expected.plan_inputs[same, 0], atol=1e-4)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_driven_lateral_acceleration_keeps_the_bound(lane_change, backend):
+    noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(2).standard_normal((1, 11, 3, 3))
+    free = lane_change.drive(build(MpcConfig(backend=backend), lane_change.scene), noise, samples=12)
+    drive = lane_change.drive(build(bounded(backend=backend), lane_change.scene), noise, samples=12)
+    driven = [np.abs(each.states[:, :-1, 2] * each.actions[..., 1]).max(axis=1) for each in (free, drive)]
+    assert (driven[0] > 8.0).all()
+    assert (driven[1] > 0.99 * LIMIT).all()
+    assert (driven[1] <= LIMIT + 1e-6).all()
+    assert drive.memory.fallbacks.sum() == 0
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_an_old_plan_is_followed_within_the_bound_at_another_speed(lane_change, backend):
+    controller = build(bounded(backend=backend), lane_change.scene)
+    ego, prediction = first_situations(lane_change, n=1)
+    _, memory = controller.act(controller.start(1), ego, prediction)
+    step = 3 + int(np.abs(planned(memory))[0, 3:].argmax())
+    unseen = Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
+    for _ in range(step):  # at the end the plan's turn rate at that step
+        faster = dataclasses.replace(ego, speed=ego.speed + 10.0)
+        action, memory = controller.act(memory, faster, unseen)
+    assert memory.fallbacks[0] == step
+    assert np.abs(faster.speed * memory.plan_inputs[:, 0, 1])[0] > 1.2 * LIMIT
+    assert abs(faster.speed * action.yaw_rate)[0] == pytest.approx(LIMIT)
+    action, _ = controller.act(memory, dataclasses.replace(ego, speed=np.zeros(1)), unseen)
+    assert np.isfinite(action.yaw_rate).all()
+
+
+@pytest.mark.parametrize("speed", [20.0, 0.0, -20.0, 0.5])
+def test_a_trial_stays_strictly_inside_whatever_its_direction(lane_change, plain, speed):
+    rng, p = np.random.default_rng(1), programme(bounded(horizon=8), lane_change.scene)
+    path, trial = (plain.values.new_path(8, 3) for _ in range(2))
+    path.states[0] = trial.states[0] = [0.0, 1.75, speed, 0.0]
+    path.inputs[:] = [1.0, 0.1] * rng.uniform(-1.0, 1.0, (8, 2))
+    plain.newton.simulate(p, path)
+    bounds = plain.values.Bounds(hard=6, soft=1)
+    for size in (1e-3, 1.0, 1e6):
+        with np.errstate(divide="ignore"):
+            plain.newton.follow(p, path, trial, size * rng.standard_normal((8, 12)), bounds, 1.0)
+        gap, before = (LIMIT - np.abs(each.states[:-1, 2] * each.inputs[:, 1]) for each in (trial, path))
+        assert (gap > 0.0049 * before).all()
+        assert (np.abs(trial.inputs) < [p.acceleration_max, p.turn_rate_max]).all()
+
+
+def test_scripted_cars_keep_it_too():
+    plan = {"steps": 40, "y_goal": 5.25, "schedule": [{"from_step": 0, "to_step": 39, "lane": 2}]}
+    road = Road((-1.75, 1.75, 5.25), 3.5)
+    peaks = []
+    for limit in (None, 2.0):
+        options = TrajectoryPlan.model_validate({**plan, "lateral_acceleration_max": limit})
+        car = plan_trajectory(options, 0.0, 1.75, 20.0, 0.0, road, 0.1)
+        peaks.append(np.abs(car.speed[:-1] * np.diff(car.heading) / 0.1).max())
+    assert peaks[0] > 4.0
+    assert peaks[1] == pytest.approx(2.0, abs=1e-6)
+
+
+def test_a_bound_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="lateral_acceleration_max"):
+        MpcConfig(lateral_acceleration_max=0.0)
