@@ -6,8 +6,11 @@ which file it is.
 
 from __future__ import annotations
 
+import errno
 import io
 import json
+import os
+import stat
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +25,8 @@ Arrays = dict[str, NDArray[Any]]
 _Content = TypeVar("_Content")
 _MOST_JSON = 2**26
 """Bytes of a JSON file."""
+MOST_BYTES = 2**32
+"""Bytes of any other file."""
 _MOST_DEPTH = 64
 """Levels of lists and objects: what is deeper cannot be copied or written again."""
 _MOST_EXPANDED = 2**30
@@ -31,12 +36,30 @@ _KINDS = "biufU"
 
 def read_json(path: Path, hint: str) -> dict[str, Any]:
     """Read a file that holds a JSON object."""
-    return _explained(path, hint, lambda: parse_json(_read(path, _MOST_JSON)))
+    return _explained(path, hint, lambda: parse_json(read_regular(path, _MOST_JSON)))
 
 
 def read_arrays(path: Path, hint: str) -> Arrays:
     """Read all arrays of an npz file."""
-    return _explained(path, hint, lambda: parse_arrays(path.read_bytes()))
+    return _explained(path, hint, lambda: parse_arrays(read_regular(path)))
+
+
+def read_regular(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
+    """Return the content of a file that is no pipe and no device, which could hang or never end.
+
+    Raises:
+        ValueError: It is one, or larger than ``most`` bytes.
+    """
+    with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
+        kind = os.fstat(file.fileno()).st_mode
+        if stat.S_ISDIR(kind):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+        if not stat.S_ISREG(kind):
+            raise ValueError("it is not a regular file")
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f"it is larger than {most / 2**20:.0f} MiB")
+    return content
 
 
 def parse_json(content: bytes | str) -> dict[str, Any]:
@@ -83,14 +106,6 @@ def parse_arrays(content: bytes) -> Arrays:
         if array.dtype.kind not in _KINDS:
             raise ValueError(f"{name} is of type {array.dtype}")
     return arrays
-
-
-def _read(path: Path, most: int) -> bytes:
-    with path.open("rb") as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise ValueError(f"it is larger than {most / 2**20:.0f} MiB")
-    return content
 
 
 def _explained(path: Path, hint: str, read: Callable[[], _Content]) -> _Content:

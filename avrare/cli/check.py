@@ -23,6 +23,7 @@ from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
 from avrare.rollout.executors.interruption import Stopping
+from avrare.scenario.safe_mode import refuse_outside
 
 _PILOT_ROLLOUTS = 200
 
@@ -60,6 +61,8 @@ def _subjects(args: argparse.Namespace) -> list[Any]:
     found = []
     for scenario in scenarios:
         folder = default_folder(scenario) if args.baseline is None else Path(args.baseline)
+        if args.baseline is None:
+            refuse_outside(folder, Path(scenario.path).parent, "the baseline folder")
         if args.baseline is not None and len(scenarios) > 1:
             folder /= scenario.name
         asked = args.baseline is not None or args.save or scenario.regression is not None

@@ -96,7 +96,12 @@ def _dispatch(words: list[str]) -> int:
         return int(ExitCode.PASS)
     name = words[place]
     args = command_parser(name).parse_args(words[place + 1 :])
-    return int(_module(name).execute(args) or ExitCode.PASS)
+    if not getattr(args, "safe", False):
+        return int(_module(name).execute(args) or ExitCode.PASS)
+    from avrare.scenario.safe_mode import safe_mode
+
+    with safe_mode():
+        return int(_module(name).execute(args) or ExitCode.PASS)
 
 
 def command_parser(name: str) -> Parser:

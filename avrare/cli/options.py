@@ -41,9 +41,14 @@ _NATURAL: dict[str, Any] = {"type": at_least(0)}
 _REPEATABLE: dict[str, Any] = {"action": "append", "default": []}
 _SCENARIO: Options = {"scenario SCENARIO": "scenario file"}
 _SET: Options = {"--set KEY=VALUE": ("override one value", _REPEATABLE)}
+_SAFE: Options = {
+    "--safe": "refuse code that is no installed plugin, and files outside the scenario's folder: for "
+    "scenarios of strangers"
+}
 _OVERRIDES: Options = {
     "--set KEY=VALUE": ("override one value, e.g. estimator.rollouts=1000; may be repeated", _REPEATABLE),
     "--estimator NAME": "use estimator NAME with its defaults instead of the scenario's estimator block",
+    **_SAFE,
 }
 _SCENARIOS: Options = {"scenarios SCENARIO": ("scenario file", {"nargs": "+"}), **_OVERRIDES}
 _WORKERS: Options = {"--workers N": ("processes (default 1)", {"type": at_least(1), "default": 1})}
@@ -120,12 +125,14 @@ OPTIONS: dict[str, Options] = {
         "--out DIR": "write comparison.json, .md and .png",
         "--json": "print comparison.json and nothing else on stdout",
         "--no-pictures": "draw nothing",
+        **_SAFE,
         **_DISPLAY,
     },
     "validate": {**_SCENARIOS, "--build": "also build the stack and run three steps"},
     "replay": {
         "scenario SCENARIO": ("scenario file; optional with --run", {"nargs": "?"}),
         **_SET,
+        **_SAFE,
         "failure": {
             "--failure ID": "ID of a stored failure; with --run: an index",
             "--blob TEXT": "failure as text; @FILE reads it from a file, @- from stdin",
@@ -140,6 +147,7 @@ OPTIONS: dict[str, Options] = {
     "falsify": {
         **_SCENARIO,
         **_SET,
+        **_SAFE,
         "--specification NAME": "specification to violate; required if there are several",
         "--seed N": ("random seed (default 0)", {**_NATURAL, "default": 0}),
         **_SEARCH,
@@ -147,10 +155,11 @@ OPTIONS: dict[str, Options] = {
     "failures": {},
     "failures list": _FAILURES,
     "failures blob": {"id ID": "", **_FAILURES},
-    "failures add": {"run DIR": "folder written by `avrare run`", **_FAILURES},
+    "failures add": {"run DIR": "folder written by `avrare run`", **_FAILURES, **_SAFE},
     "failures cluster": {
         **_SCENARIO,
         **_SET,
+        **_SAFE,
         "--specification NAME": "only failures of this specification",
         "--shrink": "shrink all failures before clustering (slow)",
         "--budget N": (
@@ -181,11 +190,13 @@ OPTIONS: dict[str, Options] = {
         },
         "--out DIR": "write monitor.csv, monitor.json and monitor.png",
         "--json": "print the result with all samples as JSON",
+        **_SAFE,
     },
     "report": {
         "folder DIR": "run folder",
         "--out FILE": "report file (default: report.html in DIR)",
         "--open": "open the report in the browser",
+        **_SAFE,
     },
     "history": {
         "words SCENARIO": ("scenario name, or 'add' and run folders", {"nargs": "*"}),

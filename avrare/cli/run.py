@@ -39,6 +39,7 @@ from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.safe_mode import is_safe
 from avrare.scenario.schema import Scenario
 
 
@@ -78,6 +79,7 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
         raise UsageError("--out cannot be combined with --resume", "results go to the run's folder")
     if not Path(args.resume).is_dir():
         raise UsageError(f"--resume {args.resume}: no such folder")
+    rundir.refuse_links(Path(args.resume))
     return Path(args.resume)
 
 
@@ -147,7 +149,8 @@ def _run_all(
 
 
 def _resume_command(checkpoint: Any) -> str:
-    return shlex.join(["avrare", "run", "--resume", str(checkpoint.folder.parent)])
+    safe = ["--safe"] if is_safe() else []
+    return shlex.join(["avrare", "run", "--resume", str(checkpoint.folder.parent), *safe])
 
 
 def _finish(args: argparse.Namespace, contents: list[dict[str, Any]]) -> int:

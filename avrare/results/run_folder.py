@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import platform
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -23,6 +22,7 @@ from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
 from avrare.estimation.result import Result
+from avrare.results.checkout import describe_checkout
 from avrare.results.reader import FAILURE_FIELDS, FAILURES_FILE, ROLLOUTS_FILE, RunFolder, read_run_folder
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
@@ -54,6 +54,14 @@ def fresh(names: Sequence[str]) -> Path:
     return folder
 
 
+def refuse_links(folder: Path) -> None:
+    """Raise a ``UsageError`` if there is a link in a folder: what is written or removed would be elsewhere."""
+    for path in folder.rglob("*"):
+        if path.is_symlink():
+            text = f"{path}: is a link; a run is resumed in a folder of its own files only"
+            raise UsageError(text, "replace it by a copy, or start afresh in another folder")
+
+
 def remove_empty(folder: Path) -> None:
     """Remove a run folder and the folders in it, as far as they are empty."""
     for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
@@ -75,26 +83,17 @@ def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
 
 def provenance(scenario: Scenario, budget: Budget | None = None) -> dict[str, Any]:
     """Return the origin of a result: date, command, budget, Python, and commit of the scenario."""
-    folder = Path(scenario.path).resolve().parent
-    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    commit, changed = describe_checkout(Path(scenario.path).resolve().parent)
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sys.argv,
         "budget": None if budget is None else f"{budget.kind}={budget.amount!r}",
         "python": platform.python_version(),
-        "commit": _git(folder, "rev-parse", "HEAD"),
-        "uncommitted_changes": None if changes is None else bool(changes),
+        "commit": commit,
+        "uncommitted_changes": changed,
     }
 
 
-def _git(folder: Path, *words: str) -> str | None:
-    try:
-        answer = subprocess.run(
-            ["git", *words], cwd=folder, capture_output=True, text=True, timeout=10, check=True
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return answer.stdout.strip()
 
 
 def write(
@@ -161,7 +160,7 @@ def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) 
     index = read_index(out / FOLDER)
     names, paths = (index["task"].get("scenarios"), index["about"].get("paths")) if index else ({}, {})
     plain = isinstance(names, dict) and isinstance(paths, dict)
-    if not plain or any(Path(name).name != name for name in names):
+    if not plain or any(Path(name).name != name or name in ("", "..") for name in names):
         text = f"{out / FOLDER}: this is not the checkpoint of a run"
         raise UsageError(text, "give the scenario as well, or start afresh in another folder")
     if not all((out / FOLDER / name / SCENARIO).exists() for name in names):

@@ -15,21 +15,26 @@ from avrare.protocols import HasMargin, find_ability
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.progress_score import shape_of
 from avrare.scenario.load import load as read_scenario
+from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Formula, Scenario, ScoreFormula
 from avrare.stack.builder import Stack, build_stack, check_start
 
 
-def load(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> LoadedScenario:
+def load(
+    path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool = False
+) -> LoadedScenario:
     """Read and validate a scenario file; ``.problem(name)`` builds the stack.
 
     Args:
         path: YAML file.
         overrides: Settings as for ``--set``, for example ``["steps=20", "estimator.particles=50"]``.
+        safe: Refuse code that is no installed plugin, and files outside the scenario's folder.
 
     Raises:
         ScenarioError: The file has problems; the message lists all of them with line and column.
     """
-    return LoadedScenario(read_scenario(path, overrides))
+    with safe_mode(safe):
+        return LoadedScenario(read_scenario(path, overrides))
 
 
 class LoadedScenario:

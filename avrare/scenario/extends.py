@@ -6,16 +6,21 @@ import os
 import re
 
 from avrare.base.errors import ScenarioError, did_you_mean
+from avrare.base.stored_files import read_regular
+from avrare.scenario.safe_mode import TRUST, is_outside, is_safe
 from avrare.scenario.value_positions import Mark, Node, printable
 from avrare.scenario.yaml import MAX_BYTES, parse
 
 
 def read(path: str) -> Node:
     """Read a file and merge it over the files that it extends; the key ``extends`` is removed."""
-    return _read(path, named_at=None, seen=())
+    folder = os.path.dirname(path) or "."
+    if is_safe() and is_outside(path, folder):
+        raise Mark(path).error("safe mode: this is a link to a file outside its folder", TRUST)
+    return _read(path, folder, named_at=None, seen=())
 
 
-def _read(path: str, named_at: Mark | None, seen: tuple[str, ...]) -> Node:
+def _read(path: str, folder: str, named_at: Mark | None, seen: tuple[str, ...]) -> Node:
     tree = parse(_content(path, named_at), path)
     assert isinstance(tree.value, dict)
     entries = dict(tree.value)
@@ -31,7 +36,9 @@ def _read(path: str, named_at: Mark | None, seen: tuple[str, ...]) -> Node:
         raise parent.mark.error(
             f"extends: files extend each other in a circle: {chain}", "remove one 'extends'"
         )
-    return merge(_read(base, parent.mark, seen), tree)
+    if is_safe() and is_outside(base, folder):
+        raise parent.mark.error(f"extends: safe mode: {base!r} is outside the scenario's folder", TRUST)
+    return merge(_read(base, folder, parent.mark, seen), tree)
 
 
 def _base(parent: Node, path: str) -> str:
@@ -49,7 +56,9 @@ def _base(parent: Node, path: str) -> str:
 def _content(path: str, named_at: Mark | None) -> bytes:
     where = f"{named_at}: extends: {printable(path)}" if named_at else printable(path)
     try:
-        with open(path, "rb") as file:
+        if named_at is not None:
+            return read_regular(path, MAX_BYTES)
+        with open(path, "rb") as file:  # the user may give a pipe
             return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise ScenarioError([(f"{where}: no such file", _similar_files(path))]) from None

@@ -7,6 +7,8 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from pydantic.fields import FieldInfo
+
 from avrare.scenario.schema import Block, Scenario
 
 FILE_OPTION = "file"
@@ -45,9 +47,14 @@ def changed_files(before: Mapping[str, str], after: Mapping[str, str], keys: tup
     return [f"{path}: its file has changed" for path in both if before[path] != after[path]]
 
 
+def is_marked(field: FieldInfo, kind: str) -> bool:
+    """Return whether an option is marked with ``json_schema_extra={kind: True}``."""
+    extra = field.json_schema_extra
+    return isinstance(extra, dict) and bool(extra.get(kind))
+
+
 def _files(block: Block) -> Iterator[tuple[str, Path]]:
     for name, field in type(block.config).model_fields.items():
-        extra, value = field.json_schema_extra, getattr(block.config, name)
-        marked = isinstance(extra, dict) and extra.get(FILE_OPTION)
-        if marked and isinstance(value, str | Path) and Path(value).is_file():
+        value = getattr(block.config, name)
+        if is_marked(field, FILE_OPTION) and isinstance(value, str | Path) and Path(value).is_file():
             yield name, Path(value)

@@ -11,6 +11,7 @@ from avrare.base.errors import ExitCode, PluginError, did_you_mean
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.extends import read
 from avrare.scenario.overrides import override
+from avrare.scenario.safe_mode import check_import_path, find_refusals
 from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_block, check_formula, step_of
 from avrare.scenario.validation import Mistake, check, describe, scenario_error
@@ -30,9 +31,11 @@ def load(
     """Load and check a scenario; builds nothing and imports nothing heavy.
 
     The defaults of ``estimator`` replace the file's estimator block; ``overrides``, ``KEY=VALUE`` as after
-    ``--set``, are applied last. The error has all mistakes, each with its place.
+    ``--set``, are applied last. The error has all mistakes, each with its place. In safe mode
+    (``avrare.scenario.safe_mode``) they include what a scenario of a stranger may not name.
     """
     file = os.fspath(path)
+    check_import_path(os.path.dirname(file) or ".")
     tree = override(_with_estimator(read(file), estimator), overrides)
     return _resolve(tree, file, registry or default_registry())
 
@@ -47,6 +50,7 @@ def _with_estimator(tree: Node, name: str | None) -> Node:
 
 
 def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
+    folder = os.path.dirname(path) or "."
     # 1. The core's own keys; the contents of component blocks are left to the plugins' models.
     document, mistakes = check(Document, _without_options(tree))
     # 2. The component blocks.
@@ -54,7 +58,7 @@ def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
     for key in PARTS:
         node = tree.child(key)
         if node is not None and isinstance(node.value, dict):
-            block, found = _resolve_block(key, node, (key,), registry)
+            block, found = _resolve_block(key, node, (key,), registry, folder)
             mistakes += found
             if block:
                 blocks[key] = block
@@ -64,7 +68,7 @@ def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
     dt, steps = step_of(blocks.get("simulator")), document.steps if document else None
     written = tree.entries_at("specifications")
     for name, node in written.items():
-        part, errors, found = _resolve_specification(name, node, registry, dt, steps)
+        part, errors, found = _resolve_specification(name, node, registry, folder, dt, steps)
         mistakes += errors
         warnings += found
         if part:
@@ -101,7 +105,7 @@ def _emptied(node: Node) -> Node:
 
 
 def _resolve_block(
-    kind: str, node: Node, path: Path, registry: Registry
+    kind: str, node: Node, path: Path, registry: Registry, folder: str
 ) -> tuple[Block | None, list[Mistake]]:
     plugin, plugin_path = node.child("plugin"), (*path, "plugin")
     if plugin is None:
@@ -114,6 +118,8 @@ def _resolve_block(
         model = _options_model(row)
     except PluginError as error:
         return None, [Mistake(plugin.mark, plugin_path, error.message, error.hint, ExitCode.PLUGIN)]
+    if refusals := find_refusals(row, model, node, path, folder):
+        return None, refusals
     config, mistakes = check(model, node, path, _CORE_KEYS.get(kind, ("plugin",)))
     if config is None or row.component is None:
         return None, mistakes
@@ -134,7 +140,7 @@ def _options_model(row: Row) -> type[BaseModel]:
 
 
 def _resolve_specification(
-    name: str, node: Node, registry: Registry, dt: float | None, steps: int | None
+    name: str, node: Node, registry: Registry, folder: str, dt: float | None, steps: int | None
 ) -> tuple[Block | Formula | None, list[Mistake], list[Mistake]]:
     path = ("specifications", name)
     if not isinstance(node.value, dict):
@@ -146,7 +152,7 @@ def _resolve_specification(
         formula, errors = check(Formula, node, path)
         found = check_formula(formula, node, path, dt, steps) if formula else ([], [])
         return formula, errors + found[0], found[1]
-    block, errors = _resolve_block("specification", node, path, registry)
+    block, errors = _resolve_block("specification", node, path, registry, folder)
     found = check_block(block, node, path, dt) if block else ([], [])
     return block, errors + found[0], found[1]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import parse_arrays
+from avrare.base.stored_files import parse_arrays, read_regular
 from avrare.protocols import Floats
 
 KINDS = ("affine_coupling", "spline_autoregressive")
@@ -206,7 +206,7 @@ class Flow:
             UsageError: There is no such file, or it is not a flow.
         """
         try:
-            return _from_arrays(parse_arrays(Path(path).read_bytes()))
+            return _from_arrays(parse_arrays(read_regular(path)))
         except OSError as error:
             raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from error
         except _DAMAGED as error:

@@ -74,7 +74,7 @@ class InitialConfig(ChannelConfig):
 
     attribute: str = Field(
         default="state",
-        pattern=r"[A-Za-z_]\w*",
+        pattern=r"^[A-Za-z_]\w*$",
         description="attribute of the environment that holds its state",
     )
 

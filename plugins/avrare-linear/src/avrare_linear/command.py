@@ -55,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the first step (the scenario's, or 0)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override one value")
     parser.add_argument("--out", metavar="FILE.yaml", help="write the changed scenario")
+    parser.add_argument("--safe", action="store_true", help="as of `avrare run`: for scenarios of strangers")
 
 
 def execute(args: argparse.Namespace) -> int:

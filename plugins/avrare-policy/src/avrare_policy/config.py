@@ -13,4 +13,5 @@ class PolicyConfig(BaseModel):
     model: str = Field(
         min_length=1,
         description="name of a policy that an installed plugin ships, or the path of an .npz file",
+        json_schema_extra={"file": True},
     )

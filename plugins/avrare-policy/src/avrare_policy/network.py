@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import parse_arrays
+from avrare.base.stored_files import parse_arrays, read_regular
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -66,7 +66,7 @@ def load(path: Path) -> Network:
         UsageError: The file was not written by ``save``.
     """
     try:
-        return _assemble(path, parse_arrays(path.read_bytes()))
+        return _assemble(path, parse_arrays(read_regular(path)))
     except KeyError as error:
         raise UsageError(f"{path}: not a policy: {error.args[0]!r} is missing") from None
     except (ValueError, OSError, TypeError, LookupError, ArithmeticError) as error:

@@ -13,7 +13,9 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.base.errors import ScenarioError, UsageError, did_you_mean
+from avrare.base.stored_files import read_regular
 from avrare.scenario.validation import UNKNOWN_KEY, check
+from avrare.scenario.yaml import MAX_BYTES
 from avrare.scenario.yaml import parse as parse_yaml
 
 _OPTION = re.compile(r"\{(\w+)\}")
@@ -102,7 +104,7 @@ def read(path: Path) -> Rulebook:
         UsageError: The file cannot be read, is not YAML or not a rules file; ``FILE:LINE:COLUMN:`` if known.
     """
     try:
-        data = path.read_bytes()
+        data = read_regular(path, MAX_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"{path}: {reason}", "give `rules_file` relative to the current folder") from error

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.base.stored_files import parse_arrays
+from avrare.base.stored_files import parse_arrays, read_regular
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
 from avrare_gp_pem.runtime.networks import Networks, networks
@@ -61,7 +61,7 @@ def load(path: Path) -> FittedPem:
         UsageError: The file was not written by ``save``.
     """
     try:
-        arrays = parse_arrays(path.read_bytes())
+        arrays = parse_arrays(read_regular(path))
         version = int(arrays["format"])
         if version not in (1, FORMAT):
             raise UsageError(f"{path}: model format {version}, this version reads 1 and {FORMAT}")

@@ -1,0 +1,152 @@
+"""Safe mode: a scenario of a stranger may name installed plugins and the files of its own folder, no others."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import sys
+import sysconfig
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from importlib.metadata import entry_points
+from typing import Any
+
+from avrare.base.errors import ExitCode, UsageError
+from avrare.plugin.component import GROUP
+from avrare.plugin.registry import Row
+from avrare.scenario.fingerprint import FILE_OPTION, is_marked
+from avrare.scenario.validation import Mistake
+from avrare.scenario.value_positions import Node, Path, printable
+
+VARIABLE = "AVRARE_SAFE"
+"""Environment variable that switches safe mode on for all commands; empty or 0 means off."""
+CODE_OPTION = "code"
+"""Key in ``Field(..., json_schema_extra={"code": True})`` of an option that names a module or an object in it."""
+
+_active: ContextVar[bool] = ContextVar("safe", default=False)
+_REFERENCE = re.compile(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)*(:[A-Za-z_][\w.-]*)?")
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+TRUST = "without --safe this is allowed: leave it out only for scenarios that you trust"
+
+
+@contextmanager
+def safe_mode(on: bool = True) -> Iterator[None]:
+    """Load scenarios safely within the block; ``on`` False changes nothing."""
+    token = _active.set(_active.get() or on)
+    try:
+        yield
+    finally:
+        _active.reset(token)
+
+
+def is_safe() -> bool:
+    """Return whether scenarios are loaded safely."""
+    return _active.get() or os.environ.get(VARIABLE, "") not in ("", "0")
+
+
+def is_outside(path: str | os.PathLike[str], folder: str | os.PathLike[str]) -> bool:
+    """Return whether a path leads out of a folder, by ``..`` or by a link."""
+    root = os.path.realpath(folder)
+    try:
+        return os.path.commonpath([root, os.path.realpath(path)]) != root
+    except ValueError:  # another drive, or a NUL in the path
+        return True
+
+
+def refuse_outside(path: str | os.PathLike[str], folder: str | os.PathLike[str], what: str) -> None:
+    """Raise a ``UsageError`` in safe mode if a path leads out of the scenario's folder."""
+    if is_safe() and is_outside(path, folder):
+        raise UsageError(f"{what} {printable(os.fspath(path))} leads out of the scenario's folder", TRUST)
+
+
+def check_import_path(folder: str) -> None:
+    """Raise a ``UsageError`` in safe mode if files of the scenario's or the current folder could be imported.
+
+    Python would find them before its own modules, as after ``python -m avrare``.
+    """
+    if not is_safe():
+        return
+    places = [os.path.realpath(place) for place in sys.path]
+    own = os.path.realpath(sysconfig.get_path("stdlib"))
+    before = places[: places.index(own)] if own in places else places
+    for place in dict.fromkeys((os.path.realpath(folder), os.path.realpath("."))):
+        if place in before:
+            raise UsageError(
+                f"safe mode: Python would import any file in {printable(place)}",
+                "call `avrare`, or `python -P -m avrare`, and leave this folder out of PYTHONPATH",
+            )
+
+
+def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: str) -> list[Mistake]:
+    """List what safe mode refuses in the block of a component; the model has not seen the options yet.
+
+    What is written on the command line is the user's own and is not refused.
+    """
+    if not is_safe():
+        return []
+    if not row.distribution:
+        text = f"safe mode: {row.kind} {row.name!r} is of no installed plugin"
+        return [Mistake(node.name_mark, path, text, TRUST, ExitCode.PLUGIN)]
+    marked = {kind: _marked(model, kind) for kind in (FILE_OPTION, CODE_OPTION)}
+    found = []
+    for at, leaf in _strings(node, ()):
+        if not leaf.mark.line or at == ("plugin",):
+            continue
+        text = str(leaf.value)
+        reason = None
+        if at[0] not in marked[FILE_OPTION]:
+            reason = _code_refusal(text, row, at[0] in marked[CODE_OPTION])
+        reason = reason or _file_refusal(text, folder)
+        if reason is not None:
+            found.append(Mistake(leaf.mark, (*path, *at), f"safe mode: {reason}", TRUST))
+    return found
+
+
+def _marked(model: type[Any], kind: str) -> set[str]:
+    fields = model.model_fields.items()
+    return {info.alias or name for name, info in fields if is_marked(info, kind)}
+
+
+def _strings(node: Node, path: Path) -> Iterator[tuple[Path, Node]]:
+    children: list[tuple[str | int, Node]] = [*node.entries.items(), *enumerate(node.items)]
+    for step, child in children:
+        yield from _strings(child, (*path, step))
+    if isinstance(node.value, str):
+        yield path, node
+
+
+def _file_refusal(text: str, folder: str) -> str | None:
+    named = os.path.isabs(text) or text[:1] in ("~", "\\") or ".." in re.split(r"[/\\]", text)
+    if _URL.match(text):
+        return f"{text!r} is not a file of the scenario's folder"
+    exists = os.path.exists(text) if "/" in text else os.path.isfile(text)
+    if (named or exists) and (text[:1] == "~" or is_outside(text, folder)):
+        return f"{text!r} is a file outside the scenario's folder"
+    return None
+
+
+def _code_refusal(text: str, row: Row, is_code: bool) -> str | None:
+    reference = _REFERENCE.fullmatch(text)
+    if reference is None:
+        return f"{text!r} is code of no installed plugin" if is_code else None
+    top, dotted, attribute = reference.groups()
+    if not is_code and attribute is None and (dotted is None or not _is_module(top)):
+        return None
+    if top in _plugin_modules(row):
+        return None
+    return f"{text!r} would import {top!r}, which is no installed plugin"
+
+
+def _is_module(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):  # ValueError: imported already, but without a spec
+        return True
+
+
+def _plugin_modules(row: Row) -> set[str]:
+    needs = row.component.needs if row.component is not None else ()
+    modules = [*(point.module for point in entry_points(group=GROUP)), *needs]
+    return {"avrare", *(module.partition(".")[0] for module in modules)}

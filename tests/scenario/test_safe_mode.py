@@ -1,0 +1,250 @@
+"""Safe mode: what a scenario of a stranger may not name is refused, with its place, before it is opened."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+import avrare
+from avrare.base.errors import AvrareError, UsageError
+from avrare.plugin.component import Component, hookimpl
+from avrare.plugin.registry import Registry, default_registry
+from avrare.scenario.load import load
+from avrare.scenario.safe_mode import VARIABLE, is_outside, is_safe, safe_mode
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+GYM = """\
+name: toy
+steps: 3
+simulator:
+  plugin: gymnasium
+  env: {env}
+  options: {options}
+controller: {controller}
+specifications:
+  near: {specification}
+"""
+PARTS = {
+    "env": "Pendulum-v1",
+    "options": "{}",
+    "controller": "{plugin: gym_constant, action: [0.0]}",
+    "specification": '{stl: "always (o0 > -2)"}',
+}
+SECRET = "rules: {SECRET_WORD: {formula: nothing}}\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder of a stranger's scenario, with files beside it that are none of its business."""
+    inner = tmp_path / "stranger"
+    inner.mkdir()
+    (tmp_path / "secret.npz").write_bytes(b"secret")
+    (tmp_path / "secret.yaml").write_text(SECRET)
+    (inner / "own.npz").write_bytes(b"own")
+    (inner / "link.npz").symlink_to(tmp_path / "secret.npz")
+    (inner / "away").symlink_to(tmp_path)
+    monkeypatch.chdir(inner)
+    return inner
+
+
+def refusals(path="s.yaml", overrides=()):
+    with pytest.raises(AvrareError) as caught, safe_mode():
+        load(path, overrides)
+    return "\n".join(caught.value.lines())
+
+
+def write(text=None, **parts):
+    Path("s.yaml").write_text(text or GYM.format(**PARTS | parts))
+
+
+def test_an_honest_scenario_loads(folder):
+    write()
+    with safe_mode():
+        assert load("s.yaml").name == "toy"
+    assert avrare.load("s.yaml", safe=True).name == "toy"
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_scenario_loads(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with safe_mode():
+        load(path)
+
+
+@pytest.mark.parametrize("base", ["../base.yaml", "away/base.yaml", "link.yaml"])
+def test_extends_stays_in_the_folder(folder, base):
+    (folder.parent / "base.yaml").write_text(GYM.format(**PARTS))
+    (folder / "link.yaml").symlink_to(folder.parent / "base.yaml")
+    write(f"extends: {base}\n")
+    assert load("s.yaml").name == "toy"
+    assert f"s.yaml:1:10: extends: safe mode: {base!r} is outside the scenario's folder" in refusals()
+
+
+def test_a_base_may_go_up_within_the_folder(folder):
+    (folder / "sub").mkdir()
+    (folder / "sub" / "middle.yaml").write_text("extends: ../base.yaml\n")
+    (folder / "base.yaml").write_text(GYM.format(**PARTS))
+    write("extends: sub/middle.yaml\n")
+    with safe_mode():
+        assert load("s.yaml").name == "toy"
+    (folder / "sub" / "middle.yaml").write_text("extends: ../../secret.yaml\n")
+    assert "sub/middle.yaml:1:10: extends: safe mode" in refusals()
+
+
+def test_the_scenario_itself_may_not_be_a_link_out_of_its_folder(folder):
+    (folder.parent / "real.yaml").write_text(GYM.format(**PARTS))
+    Path("s.yaml").symlink_to("../real.yaml")
+    assert "link to a file outside its folder" in refusals()
+
+
+@pytest.mark.parametrize("kind", ["absolute", "up", "link", "through a linked folder", "home", "address"])
+def test_a_model_file_is_in_the_folder(folder, kind):
+    names = {
+        "absolute": str(folder.parent / "secret.npz"),
+        "up": "../secret.npz",
+        "link": "link.npz",
+        "through a linked folder": "away/secret.npz",
+        "home": "~/secret.npz",
+        "address": "https://example.org/secret.npz",
+    }
+    name = names[kind]
+    write(controller=f"{{plugin: policy, model: '{name}'}}")
+    assert "s.yaml:7:" in refusals()
+    assert f"controller.model: safe mode: {name!r}" in refusals()
+    assert "outside" in refusals() or "is not a file of" in refusals()
+
+
+def test_a_model_file_in_the_folder_is_allowed(folder):
+    for name in ("own.npz", str(folder / "own.npz"), "../stranger/own.npz"):
+        write(controller=f"{{plugin: policy, model: '{name}'}}")
+        with safe_mode():
+            load("s.yaml")
+
+
+def test_a_file_beside_another_folder_is_found_from_the_current_one(folder, monkeypatch):
+    """Plugins open files relative to the current folder, and so does the check."""
+    write(controller="{plugin: policy, model: secret.npz}")
+    monkeypatch.chdir(folder.parent)
+    assert "'secret.npz' is a file outside" in refusals("stranger/s.yaml")
+
+
+def test_a_rules_file_outside_is_not_even_opened(folder):
+    rule = "{plugin: traffic_rules, rules_file: ../secret.yaml, rule: X}"
+    write(specification=rule)
+    with pytest.raises(AvrareError, match="SECRET_WORD"):
+        load("s.yaml")
+    text = refusals()
+    assert "specifications.near.rules_file: safe mode: '../secret.yaml' is a file outside" in text
+    assert "SECRET_WORD" not in text
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("{config: {other_vehicles_type: os.path.join}}", "would import 'os'"),
+        ("{config: [{a: 'evil_module:Env'}]}", "would import 'evil_module'"),
+        ("{config: {file: ../secret.npz}}", "is a file outside"),
+        ("{config: {file: /etc/passwd}}", "'/etc/passwd' is a file outside"),
+        ("{config: {folder: away/}}", "'away/' is a file outside"),
+    ],
+)
+def test_options_that_are_handed_on_name_no_code_and_no_file(folder, options, said):
+    write(options=options)
+    load("s.yaml")
+    text = refusals()
+    assert "simulator.options.config" in text
+    assert said in text
+    assert "hint: without --safe this is allowed" in text
+
+
+@pytest.mark.parametrize("word", ["v1.5", "no_such_package.thing", "human", "a:b c", "3.5", "gymnasium.spaces"])
+def test_other_words_are_no_code(folder, word):
+    write(options=f"{{config: '{word}'}}")
+    with safe_mode():
+        load("s.yaml")
+
+
+def test_a_module_of_an_environment_is_that_of_a_plugin(folder):
+    write(env="os:Env-v0")
+    assert "'os:Env-v0' would import 'os', which is no installed plugin" in refusals()
+
+
+def test_a_block_inside_a_block_is_looked_into(folder):
+    inner = "{plugin: gymnasium, env: Pendulum-v1, options: {file: ../secret.npz}}"
+    write(
+        GYM.format(**PARTS).replace(
+            "plugin: gymnasium\n  env: Pendulum-v1\n  options: {}",
+            f"plugin: transformed\n  simulator: {inner}\n  flow: ../secret.npz",
+        )
+    )
+    text = refusals()
+    assert "simulator.simulator.options.file: safe mode" in text
+    assert "simulator.flow: safe mode" in text
+
+
+def test_what_the_user_writes_on_the_command_line_is_allowed(folder):
+    write(controller="{plugin: policy, model: own.npz}")
+    with safe_mode():
+        load("s.yaml", [f"controller.model={folder.parent / 'secret.npz'}"])
+
+
+def test_a_component_of_no_distribution_is_refused(folder):
+    class Plugin:
+        @hookimpl
+        def avrare_components(self):
+            own = default_registry().get("simulator", "gymnasium")
+            return [Component("simulator", "mine", own.config, own.factory, "mine")]
+
+    registry = Registry()
+    registry.register(Plugin(), "mine")
+    Path("s.yaml").write_text(
+        "name: a\nsteps: 1\nsimulator: {plugin: mine, env: CartPole-v1}\n"
+        'specifications: {x: {stl: "o0 > 0"}}\n'
+    )
+    load("s.yaml", registry=registry)
+    with safe_mode(), pytest.raises(AvrareError, match="'mine' is of no installed plugin") as caught:
+        load("s.yaml", registry=registry)
+    assert caught.value.exit_code == 5
+
+
+@pytest.mark.parametrize("place", ["current", "scenario's"])
+def test_a_folder_of_strangers_on_the_import_path_is_refused(folder, monkeypatch, place):
+    write()
+    added = str(folder)
+    if place == "scenario's":
+        monkeypatch.chdir(folder.parent)
+    monkeypatch.syspath_prepend(added)
+    with pytest.raises(UsageError, match="Python would import any file in") as caught, safe_mode():
+        load(folder / "s.yaml")
+    assert "python -P -m avrare" in caught.value.hint
+    sys.path.remove(added)
+    sys.path.append(added)  # after the standard library: as an editable installation
+    with safe_mode():
+        load(folder / "s.yaml")
+
+
+def test_the_variable_switches_it_on(folder, monkeypatch):
+    for value, on in (("1", True), ("0", False), ("", False)):
+        monkeypatch.setenv(VARIABLE, value)
+        assert is_safe() is on
+    monkeypatch.delenv(VARIABLE)
+    assert not is_safe()
+    with safe_mode(), safe_mode(False):
+        assert is_safe()
+    assert not is_safe()
+
+
+def test_is_outside(tmp_path):
+    assert not is_outside(tmp_path / "a/../b", tmp_path)
+    assert not is_outside(tmp_path, tmp_path)
+    assert is_outside(tmp_path / "../b", tmp_path)
+    assert is_outside(f"{tmp_path}-b", tmp_path)
+    assert is_outside("a\0b", tmp_path)
+
+
+def test_a_pipe_is_no_base(folder):
+    os.mkfifo("base.yaml")
+    write("extends: base.yaml\n")
+    with pytest.raises(AvrareError, match="not a regular file"):
+        load("s.yaml")
