@@ -1,12 +1,43 @@
-"""Text from strangers made harmless: what a terminal would obey, or a reader not see, is spelt out."""
+"""Text from strangers made harmless: what a terminal would obey, or a reader not see, is spelt out.
+
+The same for names in documents: Markdown, spreadsheets, XML.
+"""
 
 from __future__ import annotations
+
+import re
 
 _CONTROLS = (*range(9), *range(11, 32), *range(127, 160))
 _DIRECTIONS = (0x61C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A))
 _SPELT = {code: f"\\x{code:02x}" for code in _CONTROLS} | {code: f"\\u{code:04x}" for code in _DIRECTIONS}
+_SPELT_LINE = _SPELT | {ord("\n"): "\\x0a", ord("\t"): "\\x09"}
+_MARKS = re.compile(r"([\\`*_{}\[\]()#|!~@])")
+_ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_FORMULA_SIGNS = tuple("=+-@")
 
 
 def spell_controls(text: str) -> str:
     """Spell out control characters but tab and line feed, and marks of the writing direction."""
     return text.translate(_SPELT)
+
+
+def spell_line(text: str) -> str:
+    """Spell out tabs and line feeds as well: for a name on a line of its own."""
+    return text.translate(_SPELT_LINE)
+
+
+def escape_markdown(text: str) -> str:
+    """Return text for Markdown, on one line, inside a table or out of it; nothing in it is markup."""
+    return _MARKS.sub(r"\\\1", " ".join(spell_controls(text).split()).translate(_ENTITIES))
+
+
+def escape_xml(text: str) -> str:
+    """Return text that XML can hold; ElementTree escapes the markup."""
+    return _NOT_XML.sub("\ufffd", spell_controls(text))
+
+
+def escape_cell(text: str) -> str:
+    """Return text for a cell of a CSV file that no spreadsheet takes for a formula."""
+    line = spell_line(text)
+    return f"'{line}" if line.lstrip().startswith(_FORMULA_SIGNS) else line

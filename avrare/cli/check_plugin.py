@@ -8,6 +8,7 @@ import sys
 from dataclasses import asdict
 
 from avrare.base.errors import ExitCode, UsageError
+from avrare.cli.output import say
 from avrare.plugin.registry import default_registry
 from avrare.scenario.overrides import override
 from avrare.scenario.value_positions import Mark, Node
@@ -28,7 +29,7 @@ def execute(args: argparse.Namespace) -> int:
     outcomes = []
     for subject in chosen:
         if not args.json:
-            print(f"{subject.kind} {subject.name} ({subject.row.origin})")
+            say(f"{subject.kind} {subject.name} ({subject.row.origin})")
         for outcome in examine(subject):
             outcomes.append(outcome)
             if not args.json:
@@ -37,7 +38,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps([asdict(outcome) for outcome in outcomes], indent=2))
     else:
-        print(", ".join(f"{found.count(status)} {status}" for status in ("passed", "failed", "skipped")))
+        say(", ".join(f"{found.count(status)} {status}" for status in ("passed", "failed", "skipped")))
     return int(ExitCode.FAIL if "failed" in found else ExitCode.PASS)
 
 
@@ -46,7 +47,7 @@ def _options(settings: list[str]) -> dict[str, object]:
 
 
 def _print_outcome(outcome: Outcome) -> None:
-    print(f"  {outcome.status:<8}{outcome.check:<30}{outcome.sentence}")
+    say(f"  {outcome.status:<8}{outcome.check:<30}{outcome.sentence}")
     if outcome.reason:
-        print(f"{'':10}{outcome.reason}")
+        say(f"{'':10}{outcome.reason}")
     sys.stdout.flush()

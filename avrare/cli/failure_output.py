@@ -12,7 +12,7 @@ from typing import Any
 
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.cli.options import FAILURES_FOLDER
-from avrare.cli.output import write_file
+from avrare.cli.output import say, write_file
 from avrare.report.terminal.failure_text import MAX_BLOB
 
 
@@ -39,7 +39,7 @@ def store_failure(args: argparse.Namespace, failure: Any) -> None:
     scenario = getattr(args, "scenario", None) or f"{args.run}/scenario.yaml"
     settings = [word for setting in args.set for word in ("--set", setting)]
     command = ["avrare", "replay", scenario, *settings]
-    print(f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")
+    say(f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")
     blob = encode(failure)
     if args.write_blob is not None:
         write_file(args.write_blob, blob + "\n", "choose another --write-blob")
@@ -49,4 +49,4 @@ def store_failure(args: argparse.Namespace, failure: Any) -> None:
     else:
         export = shlex.join(["avrare", "failures", "blob", failure.id, *folder])
         elsewhere = f"{export} > FILE, then {shlex.join([*command, '--blob'])} @FILE"
-    print(f"on another machine: {elsewhere}")
+    say(f"on another machine: {elsewhere}")

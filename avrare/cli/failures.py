@@ -14,6 +14,7 @@ from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.analysis.failures.stored_replays import replay_failures, store_worst
 from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
+from avrare.cli.output import say
 from avrare.report.terminal.failure_text import describe_clusters
 from avrare.results.reader import load_run_scenario, read_failures
 from avrare.rollout.loaded_scenario import load
@@ -23,7 +24,7 @@ def execute(args: argparse.Namespace) -> None:
     """Run the chosen action and print its lines."""
     actions = {"list": _list, "blob": _blob, "add": _add, "cluster": _cluster}
     for line in actions[args.action](args, FailureDatabase(Path(args.failures))):
-        print(line)
+        say(line)
 
 
 def _list(args: argparse.Namespace, database: Any) -> Sequence[str]:

@@ -9,7 +9,7 @@ from avrare.analysis.failures.failure import record_failure
 from avrare.analysis.failures.falsify import BUDGET, falsify
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import print_warnings
+from avrare.cli.output import print_warnings, say
 from avrare.report.terminal.failure_text import describe_falsification
 from avrare.rollout.loaded_scenario import load
 
@@ -22,9 +22,9 @@ def execute(args: argparse.Namespace) -> int:
     problem = scenario.problem(name)
     with progress_line() as progress:
         found = falsify(problem, args.seed, BUDGET if args.budget is None else args.budget, progress)
-    print(f"{scenario.name}: {name}")
+    say(f"{scenario.name}: {name}")
     for line in describe_falsification(scenario, found):
-        print(line)
+        say(line)
     if found.noise is not None:
         store_failure(args, record_failure(scenario, name, found.noise))
     return int(ExitCode.PASS if found.noise is None else ExitCode.FAIL)

@@ -11,6 +11,7 @@ from avrare.analysis.history.entry import find_breaks, group_series, read_entrie
 from avrare.analysis.history.store import DEFAULT, HistoryStore
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError, UsageError, did_you_mean
+from avrare.cli.output import say
 from avrare.report.plots import has_matplotlib
 from avrare.report.plots.history_plot import draw
 from avrare.report.terminal.console import make_console, print_lines, print_table
@@ -32,7 +33,7 @@ def _add(args: argparse.Namespace) -> None:
     with _store(args, create=True) as store:
         added = store.add(found)
         known = f", {len(found) - added} were stored already" if added < len(found) else ""
-        print(f"{added} of {len(found)} estimates added to {store.location}{known}")
+        say(f"{added} of {len(found)} estimates added to {store.location}{known}")
 
 
 def _show(args: argparse.Namespace) -> None:

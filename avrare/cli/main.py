@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from avrare.base import version
 from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError, did_you_mean
+from avrare.base.visible_text import spell_controls
 
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
@@ -162,6 +163,7 @@ def _report_bug(error: Exception, full: bool) -> None:
     words = " ".join(str(error).split())
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{frame.filename}:{frame.lineno} in {frame.name}"
-    print(f"this is a bug in avrare: {type(error).__name__}: {words} ({place})", file=sys.stderr)
+    line = f"this is a bug in avrare: {type(error).__name__}: {words} ({place})"
+    print(spell_controls(line), file=sys.stderr)
     if not full:
         print("hint: run the command again with --traceback and report the output", file=sys.stderr)

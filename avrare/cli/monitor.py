@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError, did_you_mean
@@ -21,6 +19,7 @@ from avrare.logic.syntax import nodes
 from avrare.protocols import find_scene
 from avrare.report.documents.monitoring_documents import monitoring_document, write_monitoring_csv
 from avrare.report.plots import monitoring_plot
+from avrare.report.terminal.console import make_console
 from avrare.report.terminal.monitoring_text import draw_chart, headline
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
@@ -152,7 +151,7 @@ def _write(scored: Any, folder: Path) -> None:
 
 
 def _show(scored: Any, out: str | None) -> None:
-    console = Console(soft_wrap=True, highlight=False)
+    console = make_console()
     for line in [*headline(scored), *([] if scored.no_vehicles else ["", *draw_chart(scored)])]:
         console.print(line)
     if out:

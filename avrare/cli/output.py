@@ -12,11 +12,16 @@ from avrare.base.errors import UsageError
 from avrare.base.visible_text import spell_controls
 
 
+def say(*lines: str, error: bool = False) -> None:
+    """Print lines, on stderr if asked to; a name from a file cannot command the terminal."""
+    for line in lines:
+        print(spell_controls(line), file=sys.stderr if error else sys.stdout)
+
+
 def print_warnings(warnings: Iterable[tuple[str, str | None]]) -> None:
     """Print (message, hint) pairs on stderr, each pair once."""
     for message, hint in dict.fromkeys(warnings):
-        text = f"warning: {message}" + (f"\nhint: {hint}" if hint else "")
-        print(spell_controls(text), file=sys.stderr)
+        say(f"warning: {message}" + (f"\nhint: {hint}" if hint else ""), error=True)
 
 
 def write_file(path: Path | str, text: str, hint: str) -> None:

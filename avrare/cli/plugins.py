@@ -12,12 +12,12 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from rich import box
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from avrare.plugin.component import GROUP
 from avrare.plugin.registry import VARIABLE, Row, default_registry
+from avrare.report.terminal.console import make_console
 
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 
@@ -73,4 +73,4 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
 
 def print_wide(table: Table) -> None:
     """Print a table; a pipe has no width: wide enough that nothing wraps."""
-    Console(width=None if sys.stdout.isatty() else 240).print(table)
+    make_console(soft_wrap=False, highlight=True, width=None if sys.stdout.isatty() else 240).print(table)

@@ -13,7 +13,7 @@ from avrare.analysis.failures.storage import FailureDatabase, decode
 from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import write_file
+from avrare.cli.output import say, write_file
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
 from avrare.results.reader import load_run_scenario, read_failures, read_versions, select_failure
 from avrare.results.recordings.commonroad import to_commonroad
@@ -28,7 +28,7 @@ def execute(args: argparse.Namespace) -> int:
     scenario, failure = _failure_of_run(args) if args.run is not None else _stored_failure(args)
     found = replay_failure(scenario, failure)
     for line in describe_replay(found):
-        print(line)
+        say(line)
     _export(args, scenario, found.rollout, f"failure {failure.id}")
     if found.rollout.outcome == "error":
         return int(ExitCode.ROLLOUT_ERRORS)
@@ -101,14 +101,17 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
         _write(args.csv, to_csv(recording))
         for name, written in zip(names, csv_vehicle_names(names), strict=True):
             if written != name:
-                print(f"the vehicle {name!r} is written as {written!r}: {name!r} is the ego")
+                reason = (
+                    f"{name!r} is the ego" if name == "ego" else "a spreadsheet or terminal would obey it"
+                )
+                say(f"the vehicle {name!r} is written as {written!r}: {reason}")
     if args.commonroad is not None:
         _write(args.commonroad, to_commonroad(recording, scenario.name))
 
 
 def _write(path: str, text: str) -> None:
     write_file(path, text, "choose another file")
-    print(f"written to {path}")
+    say(f"written to {path}")
 
 
 def _shrink(args: argparse.Namespace, scenario: Any, failure: Any) -> None:
@@ -116,5 +119,5 @@ def _shrink(args: argparse.Namespace, scenario: Any, failure: Any) -> None:
     with progress_line() as progress:
         small = shrink(scenario.problem(failure.specification), failure.noise, budget, progress)
     for line in describe_shrinking(scenario, small):
-        print(line)
+        say(line)
     store_failure(args, record_failure(scenario, failure.specification, small.noise))

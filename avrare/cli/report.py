@@ -8,6 +8,7 @@ from pathlib import Path
 
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
+from avrare.cli.output import say
 from avrare.report.html.page import render_report
 
 
@@ -21,6 +22,6 @@ def execute(args: argparse.Namespace) -> None:
     with explain_file_errors(f"{path}: cannot write", "choose another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
-    print(f"report in {path}")
+    say(f"report in {path}")
     if args.open:
         webbrowser.open(path.resolve().as_uri())

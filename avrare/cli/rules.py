@@ -5,19 +5,19 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import sys
 import textwrap
 from collections.abc import Sequence
 
 from rich import box
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from avrare.cli.output import say
 from avrare.cli.plugins import print_wide
 from avrare.plugin.registry import default_registry
 from avrare.plugin.rule_catalogue import Catalogue, Offer
+from avrare.report.terminal.console import make_console
 
 _WIDTH = 100
 
@@ -26,7 +26,7 @@ def execute(args: argparse.Namespace) -> None:
     """Print a table of all rules, or the named rules in full."""
     catalogue = Catalogue.of(default_registry())
     for line in catalogue.failures:
-        print(f"warning: {line}", file=sys.stderr)
+        say(f"warning: {line}", error=True)
     found = [offer for name in args.names for offer in catalogue.find(name, loosely=True)]
     offers = list({id(offer): offer for offer in found}.values())
     if args.json:
@@ -43,17 +43,17 @@ def _plain(offer: Offer) -> dict[str, object]:
 
 def _print_table(offers: Sequence[Offer]) -> None:
     if not offers:
-        print("no installed plugin offers rules; try: pip install avrare-traffic-rules")
+        say("no installed plugin offers rules; try: pip install avrare-traffic-rules")
         return
     table = Table("rule", "title", "plugin", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for offer in offers:
         table.add_row(*map(escape, (offer.card.name, offer.card.title, offer.row.name)))
     print_wide(table)
-    print("\n'avrare rules NAME' shows a rule in full.")
+    say("\n'avrare rules NAME' shows a rule in full.")
 
 
 def _print_cards(offers: Sequence[Offer]) -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console()
     width = min(console.width, _WIDTH)
     for index, offer in enumerate(offers):
         for line in [*([""] if index else []), *_card(offer, width)]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -16,7 +15,7 @@ from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
-from avrare.cli.output import can_draw, print_warnings
+from avrare.cli.output import can_draw, print_warnings, say
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
 from avrare.estimation.cross_check import without_check
@@ -51,7 +50,7 @@ def execute(args: argparse.Namespace) -> int:
         assert out is not None
         contents = rundir.finished_results(out, scenarios, _overrides(args), args.estimator, budget)
         if contents:
-            print(f"{out}: this run is already finished", file=sys.stderr)
+            say(f"{out}: this run is already finished", error=True)
             return _finish(args, contents)
         budget = budget or rundir.saved_budget(out)
         scenarios = scenarios or _interrupted_scenarios(args, out)
@@ -190,8 +189,7 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
         new, lines = store_worst(database, scenario, found)
         if new:
             lines = [f"{len(new)} new failures in {args.failures}: {', '.join(new)}", *lines]
-    for line in lines:
-        print(line, file=sys.stderr if args.json else sys.stdout)
+    say(*lines, error=args.json)
 
 
 def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
@@ -224,14 +222,14 @@ def _report_restarts(executor: Any) -> None:
     replacing = find_ability(executor, ReplacesWorkers)
     restarts = replacing.restarts if replacing is not None else 0
     if restarts:  # no part of any result: the chunks gave the same bits the second time
-        print(f"note: workers died {restarts} time(s); their chunks were run again", file=sys.stderr)
+        say(f"note: workers died {restarts} time(s); their chunks were run again", error=True)
 
 
 def _show(
     definition: Scenario, results: Sequence[Any], folder: Path, pictures: Sequence[Path], mode: Any
 ) -> None:
     if mode == "quiet":
-        print("\n".join(verdict_lines(definition.name, results)))
+        say(*verdict_lines(definition.name, results))
         return
     console = make_console(mode)
     settings = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from avrare.base.errors import AvrareError, ExitCode
-from avrare.cli.output import print_warnings
+from avrare.cli.output import print_warnings, say
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
 
@@ -36,7 +35,7 @@ def _check(path: str, args: argparse.Namespace) -> int:
         if args.build:
             _build(scenario)
     except AvrareError as error:
-        print("\n".join(error.lines()), file=sys.stderr)
+        say("\n".join(error.lines()), error=True)
         return int(error.exit_code)
     steps, count = scenario.steps, len(scenario.specifications)
     parts = [
@@ -46,5 +45,5 @@ def _check(path: str, args: argparse.Namespace) -> int:
         f"estimator {scenario.estimator.plugin}",
         *(["built and run for 3 steps"] if args.build else []),
     ]
-    print(f"{path}: ok  {', '.join(parts)}")
+    say(f"{path}: ok  {', '.join(parts)}")
     return int(ExitCode.PASS)

@@ -55,7 +55,7 @@ def fresh(names: Sequence[str]) -> Path:
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise a ``UsageError`` if there is a link in a folder: what is written or removed would be elsewhere."""
+    """Raise a ``UsageError`` if there is a link in a folder: files elsewhere would be written or removed."""
     for path in folder.rglob("*"):
         if path.is_symlink():
             text = f"{path}: is a link; a run is resumed in a folder of its own files only"
@@ -92,8 +92,6 @@ def provenance(scenario: Scenario, budget: Budget | None = None) -> dict[str, An
         "commit": commit,
         "uncommitted_changes": changed,
     }
-
-
 
 
 def write(

@@ -20,9 +20,7 @@ from avrare.scenario.schema import Formula, Scenario, ScoreFormula
 from avrare.stack.builder import Stack, build_stack, check_start
 
 
-def load(
-    path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool = False
-) -> LoadedScenario:
+def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool = False) -> LoadedScenario:
     """Read and validate a scenario file; ``.problem(name)`` builds the stack.
 
     Args:

@@ -1,4 +1,4 @@
-"""Safe mode: a scenario of a stranger may name installed plugins and the files of its own folder, no others."""
+"""Safe mode: a scenario of a stranger may name installed plugins and the files of its own folder only."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from avrare.scenario.value_positions import Node, Path, printable
 VARIABLE = "AVRARE_SAFE"
 """Environment variable that switches safe mode on for all commands; empty or 0 means off."""
 CODE_OPTION = "code"
-"""Key in ``Field(..., json_schema_extra={"code": True})`` of an option that names a module or an object in it."""
+"""Key in ``Field(..., json_schema_extra={"code": True})`` of an option that names a module or its object."""
 
 _active: ContextVar[bool] = ContextVar("safe", default=False)
 _REFERENCE = re.compile(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)*(:[A-Za-z_][\w.-]*)?")

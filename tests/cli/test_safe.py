@@ -98,7 +98,16 @@ def test_the_option_ends_with_the_command(folder, capsys):
 
 def test_every_command_with_a_scenario_has_it():
     """A new command that takes a scenario or a run folder must offer ``--safe`` too."""
-    exempt = {"history", "failures list", "failures blob", "rules", "plugins", "schema", "new", "check-plugin"}
+    exempt = {
+        "history",
+        "failures list",
+        "failures blob",
+        "rules",
+        "plugins",
+        "schema",
+        "new",
+        "check-plugin",
+    }
     for name, options in OPTIONS.items():
         if options and name not in exempt:
             assert "--safe" in options, name
@@ -111,7 +120,10 @@ def test_baselines_stay_in_the_folder(folder, capsys):
     (inner / "s.yaml").write_text(HONEST + 'thresholds: [{specification: near, probability: "< 0.5"}]\n')
     (inner / "baselines").symlink_to(folder)
     assert main(["check", "inner/s.yaml", "--safe", "--save", "--budget", "rollouts=50"]) == 4
-    assert "the baseline folder inner/baselines/toy leads out of the scenario's folder" in capsys.readouterr().err
+    assert (
+        "the baseline folder inner/baselines/toy leads out of the scenario's folder"
+        in capsys.readouterr().err
+    )
     assert not (folder / "toy").exists()
 
 

@@ -158,7 +158,9 @@ def test_options_that_are_handed_on_name_no_code_and_no_file(folder, options, sa
     assert "hint: without --safe this is allowed" in text
 
 
-@pytest.mark.parametrize("word", ["v1.5", "no_such_package.thing", "human", "a:b c", "3.5", "gymnasium.spaces"])
+@pytest.mark.parametrize(
+    "word", ["v1.5", "no_such_package.thing", "human", "a:b c", "3.5", "gymnasium.spaces"]
+)
 def test_other_words_are_no_code(folder, word):
     write(options=f"{{config: '{word}'}}")
     with safe_mode():

@@ -21,7 +21,7 @@ from avrare.analysis.failures.failure import Failure
 from avrare.base.atomic_files import explain_file_errors, write_atomic
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import parse_json, read_arrays
-from avrare.base.visible_text import spell_controls
+from avrare.base.visible_text import spell_line
 
 PREFIX = "avrare1."
 """Start of every blob: the format version, without a dash so that no parser takes it for an option."""
@@ -201,7 +201,7 @@ def _read_header(content: bytes | str) -> dict[str, Any]:
 
 
 def _escape(value: Any) -> str:
-    return spell_controls(str(value)).replace("\n", "\\x0a").replace("\t", "\\x09")
+    return spell_line(str(value))
 
 
 def _read_shape(header: Mapping[str, Any], name: str) -> tuple[int, ...]:

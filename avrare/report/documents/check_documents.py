@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.base.number_format import describe_blind_bound, format_interval, format_probability
+from avrare.base.visible_text import escape_markdown, escape_xml
 
-_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SIGNS = {"pass": "✅ pass", "fail": "❌ fail", "inconclusive": "❔ inconclusive"}
 
 
@@ -27,7 +26,7 @@ def junit(outcome: CheckResult) -> str:
             for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
         }
         seconds = sum(one.seconds for one in results)
-        attributes = {"name": _printable(scenario), "tests": str(len(cases)), "time": f"{seconds:.3f}"}
+        attributes = {"name": escape_xml(scenario), "tests": str(len(cases)), "time": f"{seconds:.3f}"}
         suite = ElementTree.SubElement(top, "testsuite", attributes | counts)
         suite.extend(cases)
     ElementTree.indent(top)
@@ -35,17 +34,17 @@ def junit(outcome: CheckResult) -> str:
 
 
 def _case(decision: Decision, error: str | None) -> ElementTree.Element:
-    names = {"classname": _printable(f"avrare.{decision.scenario}"), "name": _printable(decision.name)}
+    names = {"classname": escape_xml(f"avrare.{decision.scenario}"), "name": escape_xml(decision.name)}
     case = ElementTree.Element("testcase", names, time=f"{decision.seconds:.3f}")
     tag = {"pass": None, "fail": "failure", "inconclusive": "skipped"}[decision.verdict]
     reason = decision.reason
     if error is not None and decision.verdict != "fail":
         tag, reason = "error", error
     if tag is not None:
-        message = _printable(f"{decision.verdict}: {reason}")
+        message = escape_xml(f"{decision.verdict}: {reason}")
         ElementTree.SubElement(case, tag, type=decision.verdict, message=message)
     output = ElementTree.SubElement(case, "system-out")
-    output.text = _printable("\n".join(f"{name}: {text}" for name, text in format_numbers(decision).items()))
+    output.text = escape_xml("\n".join(f"{name}: {text}" for name, text in format_numbers(decision).items()))
     return case
 
 
@@ -55,11 +54,13 @@ def markdown(outcome: CheckResult) -> str:
     lines = [f"### avrare check: {_SIGNS[outcome.verdict]}", "", _row(head), _row(["---"] * len(head))]
     for one in outcome.decisions:
         texts, numbers = [one.scenario, one.specification, one.question], format_numbers(one).values()
-        lines.append(_row([*map(_escape, texts), _SIGNS[one.verdict], *map(_escape, numbers)]))
+        lines.append(
+            _row([*map(escape_markdown, texts), _SIGNS[one.verdict], *map(escape_markdown, numbers)])
+        )
     remarks = [f"{one.scenario} {one.name}: {one.reason}" for one in outcome.decisions if one.reason]
     remarks += [*outcome.notes, *list_blind_bounds(outcome)]
     if remarks:
-        lines += ["", *(f"- {_escape(text)}" for text in remarks)]
+        lines += ["", *(f"- {escape_markdown(text)}" for text in remarks)]
     return "\n".join(lines) + "\n"
 
 
@@ -96,12 +97,3 @@ def _format_change(decision: Decision) -> str:
 
 def _row(texts: Sequence[str]) -> str:
     return "| " + " | ".join(texts) + " |"
-
-
-def _escape(text: str) -> str:  # for Markdown, on one line, inside a table or out of it
-    words = " ".join(_printable(text).split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return re.sub(r"([\\`*_{}\[\]()#|!~@])", r"\\\1", words)
-
-
-def _printable(text: str) -> str:  # XML cannot hold control characters
-    return _UNPRINTABLE.sub("\ufffd", text)

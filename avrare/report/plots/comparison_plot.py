@@ -11,7 +11,7 @@ from avrare.analysis.compare.repetition_statistics import Summary
 from avrare.analysis.compare.study import ArmResult, Comparison
 from avrare.base.number_format import format_amount
 from avrare.report.documents.comparison_documents import summarise_arms
-from avrare.report.plots import hide_spines, make_figure
+from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 from avrare.report.terminal.comparison_table import headline
 
 _COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"
@@ -33,9 +33,9 @@ def draw(comparison: Comparison, path: Path) -> None:
     if truth is not None:
         ax.axvline(truth, color=_TRUTH, lw=1.2, zorder=1)
     _frame(ax, [_label(result) for result, _ in shown], low, high)
-    figure.suptitle("\n".join(headline(comparison)), fontsize=10, x=0.01, ha="left")
+    figure.suptitle(plain("\n".join(headline(comparison))), fontsize=10, x=0.01, ha="left")
     _add_legend(figure)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def _find_range(comparison: Comparison) -> tuple[float, float]:
@@ -69,7 +69,9 @@ def _draw_summary(ax: Any, place: int, summary: Summary) -> None:
 
 
 def _label(result: ArmResult) -> str:
-    return "\n".join(line for word in result.arm.label_parts for line in textwrap.wrap(word, _LABEL_WIDTH))
+    return plain(
+        "\n".join(line for word in result.arm.label_parts for line in textwrap.wrap(word, _LABEL_WIDTH))
+    )
 
 
 def _frame(ax: Any, labels: list[str], low: float, high: float) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from avrare.analysis.history.entry import HistoryEntry, find_breaks, group_series
 from avrare.base.number_format import format_probability
-from avrare.report.plots import hide_spines, make_figure
+from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 
 _BLUE, _FAILED, _INK, _MUTED = "#2559b8", "#b3321d", "#1b1f24", "#7a858f"
 _MAX_LABELS = 16
@@ -25,11 +25,11 @@ def draw(entries: Sequence[HistoryEntry], path: Path) -> None:
     axes = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
     for ax, ((scenario, specification), series) in zip(axes, panels, strict=True):
         _draw_panel(ax, series)
-        title = f"{scenario}  {specification}"
-        ax.set_title(title, fontsize=10, loc="left", color=_INK, weight="bold", parse_math=False)
+        title = plain(f"{scenario}  {specification}")
+        ax.set_title(title, fontsize=10, loc="left", color=_INK, weight="bold")
     legend = "bars: intervals    red: fails its threshold    hollow: no failures, upper end of the interval"
     figure.supxlabel(legend, fontsize=7.5, color=_MUTED, x=0.99, ha="right")
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)
 
 
 def _draw_panel(ax: Any, entries: Sequence[HistoryEntry]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult
-from avrare.report.plots import hide_spines, make_figure
+from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 from avrare.report.plots.rollout_plot import Frame, draw_frame, draw_road
 from avrare.report.terminal.monitoring_text import format_sample_time, summarise
 
@@ -27,8 +27,8 @@ def draw(score: MonitoringResult, path: Path) -> None:
         _draw_moment(ax, score, sample)
     if moments:
         axes[-1].set_xlabel("x [m]", fontsize=8)
-    figure.suptitle(summarise(score), fontsize=10, x=0.01, ha="left")
-    figure.savefig(path, dpi=110)
+    figure.suptitle(plain(summarise(score)), fontsize=10, x=0.01, ha="left")
+    save_figure(figure, path)
 
 
 def _choose_samples(score: MonitoringResult) -> list[int]:

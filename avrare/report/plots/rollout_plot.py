@@ -14,7 +14,7 @@ from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
 from avrare.estimation.result import Result
 from avrare.protocols import Floats, HasPlan, find_ability
-from avrare.report.plots import hide_spines, make_figure
+from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
@@ -73,10 +73,10 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     row = (high - low) / (right - left) * _WIDTH + (0.35 if follow else 0.15)
     figure.set_figheight(max(row, _MIN_ROW_HEIGHT) * len(chosen) + 0.9)
     axes[-1].set_xlabel("x [m]")
-    figure.suptitle(title, fontsize=11, x=0.01, ha="left")
+    figure.suptitle(plain(title), fontsize=11, x=0.01, ha="left")
     handles, labels = axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
 
 
 def extract_frames(scenario: LoadedScenario, rollout: ReplayedRollout) -> list[Frame]:
@@ -161,6 +161,6 @@ def _draw_box(
     above = y + 0.5 * width + 0.25
     box = {"facecolor": "#eef0f2", "edgecolor": "none", "pad": 0.3, "alpha": 0.8}
     ax.text(
-        float(x), float(above), name, fontsize=6, color=colour, ha="center", va="bottom", zorder=7,
+        float(x), float(above), plain(name), fontsize=6, color=colour, ha="center", va="bottom", zorder=7,
         clip_on=True, bbox=box,
     )  # fmt: skip

@@ -17,6 +17,7 @@ from avrare.analysis.compare.repetition_statistics import (
 )
 from avrare.analysis.compare.study import ArmResult, Comparison
 from avrare.base.number_format import format_amount, format_narrow
+from avrare.base.visible_text import escape_markdown, spell_line
 from avrare.estimation.result import Interval
 from avrare.report.documents.comparison_documents import summarise_arms
 from avrare.report.terminal.console import make_table
@@ -72,11 +73,11 @@ def markdown(comparison: Comparison) -> str:
     columns = _make_columns(comparison)
     heads = ["estimator", *(head.replace("-\n", "").replace("\n", " ") for head, _ in columns)]
     title, settings = headline(comparison)
-    lines = [f"# {title}", "", settings, ""]
+    lines = [f"# {escape_markdown(title)}", "", escape_markdown(settings), ""]
     lines += [_markdown_row(heads), _markdown_row(["---", *("---:" for _ in columns)])]
     for result, cells in _rows(comparison, columns):
-        lines.append(_markdown_row([f"`{result.arm.label}`", *map(_in_line, cells)]))
-    lines += ["", *(f"- {line}" for line in note_lines(comparison))]
+        lines.append(_markdown_row([_code(result.arm.label), *map(_in_line, cells)]))
+    lines += ["", *(f"- {escape_markdown(line)}" for line in note_lines(comparison))]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -180,6 +181,10 @@ def _in_line(cell: _Cell) -> str:
 
 def _stack(cell: _Cell) -> str:
     return f"{cell.value}\n[dim]{cell.interval}[/dim]" if cell.interval else cell.value
+
+
+def _code(text: str) -> str:
+    return f"`{spell_line(text).replace('`', chr(39))}`"
 
 
 def _markdown_row(cells: Sequence[str]) -> str:

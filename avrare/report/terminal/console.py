@@ -10,6 +10,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
 from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
 from avrare.base.visible_text import spell_controls
 
@@ -18,11 +19,11 @@ VERDICT_COLOURS = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
 _MAX_WIDTH = 10_000
 
 
-def make_console(mode: Mode) -> Console:
+def make_console(mode: Mode = "auto", **options: Any) -> Console:
     """Return a console on stdout; in plain mode without colours on any terminal."""
     if mode == "plain":
-        return _Console(soft_wrap=True, highlight=False, color_system=None, force_terminal=False)
-    return _Console(soft_wrap=True, highlight=False)
+        options |= {"color_system": None, "force_terminal": False}
+    return _Console(**{"soft_wrap": True, "highlight": False} | options)
 
 
 class _Console(Console):
@@ -36,9 +37,12 @@ class _Console(Console):
 def make_table(
     title: str | None = None, texts: Sequence[str] = (), numbers: Sequence[str] = (), **options: Any
 ) -> Table:
-    """Return an empty table in the common style, with columns of texts and then of numbers."""
+    """Return an empty table in the common style, with columns of texts and then of numbers.
+
+    The title is no markup.
+    """
     table = Table(
-        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
+        title=None if title is None else Text(title, "bold"), title_justify="left", box=box.SIMPLE_HEAD,
         pad_edge=False, show_edge=False, padding=(0, 1, 0, 0), **options,
     )  # fmt: skip
     for name in texts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich.markup import escape
 from rich.table import Table
 
 from avrare.analysis.compare.paired_comparison import PairedComparison
@@ -28,7 +29,7 @@ def paired_table(paired: PairedComparison) -> Table:
     for counts in paired.counts:
         verdict = counts.verdict(paired.confidence)
         table.add_row(
-            counts.specification, format_probability(counts.first), format_probability(counts.second),
+            escape(counts.specification), format_probability(counts.first), format_probability(counts.second),
             format_signed(counts.difference), format_signed_interval(counts.interval(paired.confidence)),
             str(counts.only_first), str(counts.only_second), f"{counts.p_value:.2g}",
             f"[{_COLOURS[verdict]}]{verdict}[/]",

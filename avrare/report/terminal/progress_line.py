@@ -6,16 +6,17 @@ import os
 import sys
 import time
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from avrare.base.number_format import format_clock
+from avrare.base.visible_text import spell_line
 from avrare.estimation.intervals import clopper_pearson
 from avrare.estimation.plan import Info
-from avrare.report.terminal.console import Mode
+from avrare.report.terminal.console import Mode, make_console
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.problem import Problem
 
@@ -44,7 +45,10 @@ class Progress:
         if self.mode == "auto" and _can_redraw():
             # Redrawn by the clock, so that the time runs on between slow chunks.
             self._live = Live(
-                console=Console(stderr=True), get_renderable=self._view, refresh_per_second=4, transient=True
+                console=make_console(stderr=True, soft_wrap=False),
+                get_renderable=self._view,
+                refresh_per_second=4,
+                transient=True,
             )
             self._live.start()
             self._set_silent(True)
@@ -62,7 +66,7 @@ class Progress:
         now = time.monotonic()
         if self.mode != "quiet" and self._live is None and now - self.printed >= _PLAIN_INTERVAL:
             self.printed = now
-            print(self.line(info, now - self.began), file=sys.stderr, flush=True)
+            print(spell_line(self.line(info, now - self.began)), file=sys.stderr, flush=True)
 
     def line(self, info: Info, seconds: float) -> str:
         """Return ``safe_distance  level 7  gamma 0.42  p≈3.1e-05  survivors 34/100  ...``."""

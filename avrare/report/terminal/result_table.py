@@ -25,8 +25,9 @@ def result_table(title: str, results: Sequence[Result]) -> Table:
         table.add_column("verdict", no_wrap=True)
     for result in results:
         table.add_row(
-            result.specification, format_probability(result.probability), format_interval(result.interval),
-            str(result.rollouts), str(result.failures.count), *([str(result.errors)] if errors else []),
+            escape(result.specification), format_probability(result.probability),
+            format_interval(result.interval), str(result.rollouts), str(result.failures.count),
+            *([str(result.errors)] if errors else []),
             colour_verdict(result.verdict) if verdicts else f"{result.seconds:.1f}",
         )  # fmt: skip
     return table
@@ -90,8 +91,7 @@ def _name_specifications(lines: Mapping[str, list[str]], results: Sequence[Resul
 
 def history_table(scenario: str, specification: str, entries: Sequence[HistoryEntry]) -> Table:
     """Return the estimates of one specification, the oldest first."""
-    title = escape(f"{scenario}  {specification}")
-    table = make_table(title, ["date", "commit", ""], ["probability", "interval"])
+    table = make_table(f"{scenario}  {specification}", ["date", "commit", ""], ["probability", "interval"])
     table.add_column("verdict", no_wrap=True)
     for entry, is_break in zip(entries, find_breaks(entries), strict=True):
         table.add_row(

@@ -12,6 +12,7 @@ import numpy as np
 
 from avrare.base.csv_table import CsvTable, read_csv_table
 from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.visible_text import escape_cell
 from avrare.driving import Road
 from avrare.protocols import Floats
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
@@ -50,7 +51,7 @@ def to_csv(recording: Recording) -> str:
     scene = recording.scene
     if scene is None:
         columns, values = tabulate_signals(recording.signals)
-        plain = (name.replace("[", "_").replace("]", "").replace(",", "_") for name in columns)
+        plain = (escape_cell(name.replace("[", "_").replace("]", "").replace(",", "_")) for name in columns)
         lines = [["time", *plain]]
         lines += [[_format(recording.time(t)), *map(_format, values[t])] for t in range(recording.samples)]
     else:
@@ -70,9 +71,14 @@ def to_csv(recording: Recording) -> str:
 
 
 def csv_vehicle_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the other vehicles in a CSV file: unchanged, except for one called ``ego``."""
+    """Return the names of the other vehicles in a CSV file.
+
+    They are unchanged, except for one called ``ego`` and those that a spreadsheet or a terminal would obey.
+    """
     free = (f"{_EGO}_{number}" for number in count(2))
-    return tuple(next(one for one in free if one not in names) if name == _EGO else name for name in names)
+    return tuple(
+        next(one for one in free if one not in names) if name == _EGO else escape_cell(name) for name in names
+    )
 
 
 def _format(value: float) -> str:
