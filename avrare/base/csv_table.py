@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
+from avrare.base.visible_text import spell_controls
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class CsvTable:
         return f"{self.path}:{self.rows[row][0]}: {name}"
 
     def cell(self, row: int, name: str) -> str:
-        """Return the text of a cell, stripped."""
+        """Return the text of a cell, stripped and with control characters spelt out."""
         return self.rows[row][1][self.names.index(name)]
 
     def check_rows(self) -> None:
@@ -88,7 +89,7 @@ def read_csv_table(path: str | Path, *, missing: str | None = None, empty: str |
             lines = []
             try:
                 for row in reader:
-                    cells = tuple(cell.strip() for cell in row)
+                    cells = tuple(spell_controls(cell.strip()).replace("\n", "\\x0a") for cell in row)
                     if any(cells):
                         lines.append((reader.line_num, cells))
             except csv.Error as error:

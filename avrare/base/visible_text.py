@@ -9,7 +9,9 @@ import re
 
 _CONTROLS = (*range(9), *range(11, 32), *range(127, 160))
 _DIRECTIONS = (0x61C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A))
-_SPELT = {code: f"\\x{code:02x}" for code in _CONTROLS} | {code: f"\\u{code:04x}" for code in _DIRECTIONS}
+_HALVES = range(0xD800, 0xE000)  # of surrogate pairs, which UTF-8 cannot hold
+_SPELT = {code: f"\\x{code:02x}" for code in _CONTROLS}
+_SPELT |= {code: f"\\u{code:04x}" for code in (*_DIRECTIONS, *_HALVES)}
 _SPELT_LINE = _SPELT | {ord("\n"): "\\x0a", ord("\t"): "\\x09"}
 _MARKS = re.compile(r"([\\`*_{}\[\]()#|!~@])")
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
@@ -18,13 +20,13 @@ _FORMULA_SIGNS = tuple("=+-@")
 
 
 def spell_controls(text: str) -> str:
-    """Spell out control characters but tab and line feed, and marks of the writing direction."""
-    return text.translate(_SPELT)
+    """Spell out control characters but tab and line feed, marks of the writing direction, and half pairs."""
+    return text if text.isprintable() else text.translate(_SPELT)
 
 
 def spell_line(text: str) -> str:
     """Spell out tabs and line feeds as well: for a name on a line of its own."""
-    return text.translate(_SPELT_LINE)
+    return text if text.isprintable() else text.translate(_SPELT_LINE)
 
 
 def escape_markdown(text: str) -> str:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
 from avrare.base.stored_files import read_arrays, read_json
+from avrare.base.visible_text import spell_line
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.estimation.result import Failures, Worst
 
@@ -31,6 +32,7 @@ FAILURES_FILE, FAILURE_FIELDS = "failures.npz", ("noise", "robustness", "count")
 ROLLOUTS_FILE, SAMPLE_FIELDS = "rollouts.npz", ("worst_robustness", "robustness", "worst")
 _Stored = TypeVar("_Stored")
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_Name = Annotated[str, AfterValidator(spell_line)]
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class StoredCrossCheck(BaseModel):
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
-    estimator: str
+    estimator: _Name
     outcome: Literal["agree", "disagree", "inconclusive"]
     text: str
     rollouts: int
@@ -61,8 +63,8 @@ class StoredEstimate(BaseModel):
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
-    specification: str
-    estimator: str
+    specification: _Name
+    estimator: _Name
     probability: _Share
     interval: Annotated[tuple[_Share, _Share], Field(strict=False)]
     confidence: _Share
@@ -72,7 +74,7 @@ class StoredEstimate(BaseModel):
     failures: int
     errors: int
     seconds: float
-    health: list[str]
+    health: list[_Name]
     verdict: Literal["pass", "fail", "inconclusive"] | None
     blind_bound: _Share | None = None
     cross_check: StoredCrossCheck | None = None
@@ -87,10 +89,10 @@ class StoredResult(BaseModel):
 
     model_config = ConfigDict(strict=True, frozen=True)
 
-    scenario: str
-    fingerprint: str
+    scenario: _Name
+    fingerprint: _Name
     seed: int
-    versions: dict[str, str]
+    versions: dict[_Name, _Name]
     estimates: Annotated[list[StoredEstimate], Field(min_length=1)]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from avrare.base.visible_text import spell_line
 from avrare.results.reader import RunFolder, StoredEstimate, read_run_folder
 
 
@@ -44,7 +45,8 @@ class HistoryEntry:
     @staticmethod
     def from_row(row: Sequence[Any]) -> HistoryEntry:
         """Return the entry in a row of the database; ValueError if a value cannot be one."""
-        found = TypeAdapter(HistoryEntry).validate_python(dict(zip(FIELDS, row, strict=True)))
+        values = (spell_line(value) if isinstance(value, str) else value for value in row)
+        found = TypeAdapter(HistoryEntry).validate_python(dict(zip(FIELDS, values, strict=True)))
         datetime.fromisoformat(found.written)
         if not all(0.0 <= one <= 1.0 for one in (found.probability, found.low, found.high, found.confidence)):
             raise ValueError("a probability is not between 0 and 1")

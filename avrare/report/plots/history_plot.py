@@ -72,7 +72,7 @@ def _format_axes(ax: Any, entries: Sequence[HistoryEntry], low: float, high: flo
     ax.set_xlim(-0.6, max(len(entries) - 0.4, 1.4))
     stride = math.ceil(len(entries) / _MAX_LABELS)
     ticks = range(0, len(entries), stride)
-    ax.set_xticks(ticks, [f"{entries[k].commit}\n{entries[k].when:%d %b %Y}" for k in ticks])
+    ax.set_xticks(ticks, [plain(f"{entries[k].commit}\n{entries[k].when:%d %b %Y}") for k in ticks])
     ax.set_ylabel("probability", fontsize=8, color=_MUTED)
     ax.tick_params(labelsize=7.5, colors=_MUTED, length=0)
     ax.grid(axis="y", color="#e3e6e8", lw=0.8)

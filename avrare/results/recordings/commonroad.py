@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import PluginError, UsageError
+from avrare.base.visible_text import escape_xml
 from avrare.driving import Road
 from avrare.protocols import Floats
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
@@ -77,7 +78,7 @@ def to_commonroad(recording: Recording, name: str) -> str:
         raise UsageError(text, "use --csv instead")
     root = ET.Element(
         "commonRoad", timeStepSize=repr(recording.dt), commonRoadVersion="2020a", author="avrare",
-        affiliation="", source=name, benchmarkID="ZAM_Failure-1_1_T-1", date="2000-01-01",
+        affiliation="", source=escape_xml(name), benchmarkID="ZAM_Failure-1_1_T-1", date="2000-01-01",
     )  # fmt: skip
     location = ET.SubElement(root, "location")
     _add_texts(location, geoNameId="-999", gpsLatitude="999", gpsLongitude="999")
