@@ -203,7 +203,7 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
         "options": getattr(getattr(estimator, "config", None), "model_dump", dict)(),
         "settings": dataclasses.asdict(settings),
         "problem": {
-            "system": type(problem.system).__qualname__, "steps": problem.steps, "chunk": problem.chunk,
+            "system": type(problem.system).__qualname__, "steps": problem.steps, "chunk": problem.named_chunk,
             "noise_size": problem.noise_size, "formula": formula.text if formula is not None else None,
             "score": getattr(problem.score, "text", problem.score),
         },

@@ -17,7 +17,8 @@ from avrare.estimation.plan import Estimator, Info, Journal, Plan
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import examined
 from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
-from avrare.rollout.executors.work import Executor, Work, check_reproduces
+from avrare.rollout.chunk_size import spread
+from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -173,8 +174,9 @@ class _Loop:
 
     def _pieces(self, request: Request, at: int, sent: deque[Request]) -> Iterator[Request]:
         # A piece of a chunk gives the same bits; a budget of seconds has pieces that fit into the time left.
+        most = self._piece(request.rows - at)
         while at < request.rows and not self._asked_to_stop():
-            size = min(self.plan.chunk, request.rows - at)
+            size = min(most, request.rows - at)
             if self._timed:
                 size = self.pace.take(self.seconds, self._time_left, size)
             if not size:
@@ -182,6 +184,12 @@ class _Loop:
             sent.append(request.slice(at, at + size))
             at += size
             yield sent[-1]
+
+    def _piece(self, rows: int) -> int:
+        if self.work.problem.named_chunk is not None:
+            return self.plan.chunk
+        having = find_ability(self.executor, HasWorkers)
+        return spread(rows, self.plan.chunk, having.workers if having is not None else 1)
 
     def _asked_to_stop(self) -> bool:
         self.stopped = self.stopped or self.stop()
@@ -196,8 +204,7 @@ class _Loop:
     def _stored(self, journal: Journal, stage: int, request: Request) -> Iterator[Rollouts]:
         at = index = 0
         while at < request.rows:
-            rows = journal.rows(stage, index) if self._timed else self.plan.chunk
-            chunk = request.slice(at, at + (rows or 1))
+            chunk = request.slice(at, at + (journal.rows(stage, index) or 1))
             found = journal.read(stage, index, chunk)
             if found is None:
                 return

@@ -19,12 +19,12 @@ from avrare.estimation.stopping_rules import AtFailures, AtThreshold, Stopping
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Request, Rollouts
 
-_STAGE_CHUNKS = 8
-"""Chunks of a stage."""
+_STAGE = 2**15
+"""Largest number of rollouts of a stage."""
 _FIRST_STAGE = 64
 """Rollouts before the first look at the clock; later stages double, so that each look is in time."""
-_LOOK = 32
-"""A stopping rule may overshoot by 1 / 32 of the rollouts done."""
+_MORE, _LOOK = 4, 32
+"""A stopping rule may overshoot by a quarter of the rollouts done, of many by 1 / 32."""
 _UNLIMITED = 2**40
 """Rollouts of a run that a budget of seconds ends."""
 
@@ -76,13 +76,13 @@ class MonteCarlo:
 
     def ask(self, state: McState) -> Request | None:
         """Return the next stage of independent rollouts, None when done."""
-        done, size = state.info.rollouts, _STAGE_CHUNKS * state.plan.chunk
+        done, size = state.info.rollouts, _STAGE
         if done >= state.total or self._all_stopped(state):
             return None
-        if state.info.goal is None:  # at most doubles, so that few rollouts are wasted
-            size = min(size, max(min(_FIRST_STAGE, state.plan.chunk), done))
-            if self.config.sequential:  # each look reads all rollouts: else quadratic cost
-                size = max(size, done // _LOOK)
+        if self.config.sequential:  # few rollouts are wasted, and few looks read all of them
+            size = max(_FIRST_STAGE, min(size, done // _MORE), done // _LOOK)
+        elif state.info.goal is None:
+            size = min(size, max(_FIRST_STAGE, done))
         index = np.arange(done, min(done + size, state.total))
         request = Request.from_start(index // state.per_run, index % state.per_run)
         return replace(request, stop_early=self.config.early_stop)

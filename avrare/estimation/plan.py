@@ -23,7 +23,7 @@ class Plan:
     Attributes:
         names: Names of the problem's specifications.
         steps: Steps of a rollout.
-        chunk: Rollouts per unit of work.
+        chunk: Largest number of rollouts per unit of work; the same for any number of workers.
         noise: Source of the noise tapes.
         confidence: Level of the interval, in (0, 1).
         budget: Upper bound on cost, or None for the estimator's own options. With one of seconds,

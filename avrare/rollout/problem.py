@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.late_import import late_import
 from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.protocols import Floats, HasMargin, Specification, System, find_ability
+from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
@@ -26,7 +28,6 @@ from avrare.rollout.scores.scored_specifications import (
 from avrare.rollout.scores.term_sizes import ScaledMonitor, Sizes, measure_terms, record
 
 SCORES = ("robustness", "margin", "progress")
-DEFAULT_CHUNK = 4096
 
 
 class Problem:
@@ -44,7 +45,8 @@ class Problem:
             "robustness" by name measure each term of a formula in its own size (see ``measure_terms``). The
             rollouts that this and "margin" and "progress" need, one or two without noise and at most 64
             others, run once, before the first that is scored; no cost counts them.
-        chunk: Rollouts per unit of work; changes no result of a system whose rows are independent.
+        chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
+            default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
 
     Raises:
         UsageError: An argument does not fit.
@@ -57,10 +59,11 @@ class Problem:
         steps: int,
         score: ScoreFunction | Formula | str | None = None,
         *,
-        chunk: int = DEFAULT_CHUNK,
+        chunk: int | None = None,
     ) -> None:
         _check_integer("steps", steps, 0)
-        _check_integer("chunk", chunk, 1)
+        if chunk is not None:
+            _check_integer("chunk", chunk, 1)
         missing = [name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)]
         if missing:
             raise UsageError(
@@ -73,7 +76,7 @@ class Problem:
         self.system = system
         self.steps = int(steps)
         self.score = score
-        self.chunk = int(chunk)
+        self.named_chunk = None if chunk is None else int(chunk)
         named = specification if isinstance(specification, Mapping) else {"specification": specification}
         if not named:
             raise UsageError("a problem needs at least one specification")
@@ -81,6 +84,11 @@ class Problem:
         self.monitors: tuple[Specification, ...] = tuple(_as_monitor(spec) for spec in named.values())
         self._scored: tuple[Specification, ...] | None = None
         self._sizes: tuple[Sizes | None, ...] | None = None
+
+    @cached_property
+    def chunk(self) -> int:
+        """Largest number of rollouts per unit of work."""
+        return self.named_chunk or choose_chunk(self.system, self.monitors, self.steps)
 
     @property
     def noise_size(self) -> int:

@@ -44,7 +44,9 @@ class WeightedProblem(Problem):
         monitors = dict(zip(target.names, target.specifications, strict=True))
         _check_memoryless(built)
         # The target's monitors have its score already.
-        super().__init__(WeightedLoop(loop, built), monitors, target.steps, "robustness", chunk=target.chunk)
+        super().__init__(
+            WeightedLoop(loop, built), monitors, target.steps, "robustness", chunk=target.named_chunk
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return WeightedProblem, (self.target, self.proposal, self.needs)

@@ -18,7 +18,8 @@ FILE_OPTION = "file"
 def fingerprint(scenario: Scenario) -> str:
     """Return 16 hexadecimal digits of the resolved scenario, its plugins' versions and the files it names.
 
-    Defaults count; the seed does not. The number of workers and the executor are not part of a scenario.
+    Defaults count; the seed does not. The number of workers and the executor are not part of a scenario, nor
+    is the size of a chunk that it does not name.
     """
     resolved = {key: value for key, value in scenario.resolved.items() if key != "seed"}
     content = {"scenario": resolved, "versions": scenario.versions}

@@ -182,7 +182,12 @@ class Document(_Model):
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
     regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
     seed: int = Field(0, ge=0, lt=2**63, description="seed of all random numbers")
-    chunk: int = Field(25, ge=1, le=1_000_000, description="rollouts per chunk of work")
+    chunk: int | None = Field(
+        None,
+        ge=1,
+        le=1_000_000,
+        description="rollouts per chunk of work; default: chosen, results are the same",
+    )
     max_error_rate: float = Field(
         0.01, ge=0.0, le=1.0, description="fraction of rollouts that may end in an error"
     )
@@ -238,7 +243,7 @@ class Scenario:
     regression: Regression | None = None
     description: str | None = None
     seed: int = 0
-    chunk: int = 25
+    chunk: int | None = None
     max_error_rate: float = 0.01
     confidence: float = 0.95
     suppress: tuple[str, ...] = ()

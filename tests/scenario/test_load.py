@@ -14,7 +14,7 @@ from avrare.scenario.yaml import dump
 
 def test_a_valid_scenario_has_checked_blocks(read, good):
     scenario = read(good)
-    assert (scenario.name, scenario.steps, scenario.seed, scenario.chunk) == ("toy", 40, 0, 25)
+    assert (scenario.name, scenario.steps, scenario.seed, scenario.chunk) == ("toy", 40, 0, None)
     assert (scenario.simulator.config.gap, scenario.simulator.config.lanes) == (20.0, 2)
     assert scenario.simulator.component.factory == "avrare_fake_heavy:build"
     assert scenario.estimator.config.rollouts == 1000

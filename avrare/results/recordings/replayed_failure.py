@@ -66,10 +66,10 @@ def _find_rule(scenario: LoadedScenario, rule: str | None) -> str | None:
 def _compare_robustness(
     scenario: LoadedScenario, name: str, failures: Failures, indices: Sequence[int]
 ) -> tuple[str, ...]:
-    problem, chunk = scenario.problem(name), scenario.definition.chunk
+    problem = scenario.problem(name)
     messages = []
-    for begin in range(0, len(indices), chunk):
-        part = list(indices[begin : begin + chunk])
+    for begin in range(0, len(indices), problem.chunk):
+        part = list(indices[begin : begin + problem.chunk])
         robustness = problem.robustness(failures.noise[part])
         for k, now in zip(part, robustness, strict=True):
             if now != (before := failures.robustness[k]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -39,7 +39,13 @@ class Work:
 
 
 Executor = protocols.Executor[Work, Request, Rollouts]
-"""Executor of chunks of rollouts."""
+"""Executor of chunks of rollouts. Optional: ``HasWorkers``."""
+
+
+class HasWorkers(Protocol):
+    """Executor with several workers, among which the rollouts of a request are spread."""
+
+    workers: int
 
 
 def build_executor(workers: int, text: str | None = None) -> Executor:

@@ -30,7 +30,7 @@ def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
         "avrare.report.terminal.progress_line.Progress.__call__", lambda self, info: seen.append(info)
     )
     assert run("--resume", "torn") == 0
-    assert [info.rollouts for info in seen[:9]] == [10, 20, 30, 40, 50, 60, 70, 80, 80]
+    assert [info.rollouts for info in seen[:9]] == [10, 20, 30, 40, 50, 60, 70, 80, 90]
 
 
 @pytest.mark.slow

@@ -143,7 +143,7 @@ def _changed(problem: Problem, parameter: str, step: DescentStep) -> Problem:
 
     changes: dict[str, Any] = {ATTRIBUTES[parameter]: step.parameter}
     monitors = dict(zip(problem.names, problem.monitors, strict=True))
-    return Problem(replace(system_of(problem), **changes), monitors, problem.steps, chunk=problem.chunk)
+    return Problem(replace(system_of(problem), **changes), monitors, problem.steps, chunk=problem.named_chunk)
 
 
 def _write(path: Path, resolved: dict[str, Any], parameter: str, step: DescentStep) -> None:

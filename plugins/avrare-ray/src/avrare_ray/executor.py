@@ -53,7 +53,7 @@ class RayExecutor:
     """Executor on Ray actors; outcomes are bit-identical to those of other executors."""
 
     def __init__(self, config: RayConfig) -> None:
-        self.config = config
+        self.config, self.workers = config, config.workers
         self._window = Window(self, _IN_FLIGHT * config.workers)
         self._actors: list[_Actor] = []
         self._ray: Any = None

@@ -176,7 +176,9 @@ def _with_weights(problem: Problem) -> Problem:
         return problem
     monitors = dict(zip(problem.names, problem.monitors, strict=True))
     score: Any = problem.score
-    return Problem(offering.with_weights(), monitors, problem.steps, chunk=problem.chunk).rescored(score)
+    return Problem(offering.with_weights(), monitors, problem.steps, chunk=problem.named_chunk).rescored(
+        score
+    )
 
 
 def _info(state: EssState) -> Info:

@@ -1,0 +1,43 @@
+"""Size of a chunk, where none is named: results do not depend on it, only time and memory do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from avrare.base import batch
+from avrare.protocols import HasLimits, Specification, System, find_ability, find_simulator
+
+LEAST, MOST = 25, 4096
+_BYTES = 2**20
+"""Bytes of the rows of a chunk, states and monitors: about what a core keeps at hand."""
+_STEPS = 2**17
+"""Simulated steps of a chunk, so that progress is seen and saved now and then."""
+
+
+def choose_chunk(system: System, monitors: tuple[Specification, ...], steps: int) -> int:
+    """Return the largest number of rows per chunk, from the memory of one row and the steps of a rollout.
+
+    Worlds that are simulated one at a time gain nothing from company: they come in the least number.
+    """
+    if find_ability(find_simulator(system), HasLimits) is not None:
+        return LEAST
+    rows = min(_BYTES // max(_bytes_of_a_row(system, monitors), 1), _STEPS // max(steps, 1))
+    return int(np.clip(rows, LEAST, MOST))
+
+
+def spread(rows: int, chunk: int, workers: int) -> int:
+    """Return the size of pieces, at most ``chunk``, that give all workers equally much."""
+    rounds = math.ceil(rows / (chunk * workers))
+    return math.ceil(rows / max(rounds * workers, 1))
+
+
+def _bytes_of_a_row(system: System, monitors: tuple[Specification, ...]) -> int:
+    try:
+        state = system.initial(np.zeros((1, system.noise_size)))
+        signals = system.signals(state)
+        started = tuple(monitor.update(monitor.start(1), signals)[0] for monitor in monitors)
+        return sum(leaf.nbytes for leaf in batch.leaves((state, started)))
+    except Exception:  # whatever is wrong is told, or counted, where the rollouts run
+        return 0
