@@ -26,7 +26,7 @@ def drive(start, steering, what, steps, dt=DT, config=CAR):
     """All states and steering angles of repeating one action."""
     states, angles = [start], [steering]
     for _ in range(steps):
-        state, angle = advance(config, dt, states[-1], angles[-1], what)
+        state, angle, _ = advance(config, dt, states[-1], angles[-1], what)
         states.append(state)
         angles.append(angle)
     return states, np.array(angles)
@@ -94,7 +94,7 @@ def test_limits_hold_for_random_actions():
     for _ in range(40):
         before, angle_before = state, angle
         asked = Action(rng.normal(0.0, 30.0, n), rng.normal(0.0, 2.0, n))
-        state, angle = advance(CAR, DT, state, angle, asked)
+        state, angle, _ = advance(CAR, DT, state, angle, asked)
         assert (np.abs(state.acceleration) <= CAR.acceleration_max + 1e-9).all()
         assert ((state.speed >= 0.0) & (state.speed <= CAR.speed_max)).all()
         assert (np.abs(angle) <= CAR.steering_max).all()
@@ -149,11 +149,11 @@ def test_rows_are_independent():
     state = ego(n, *rng.normal(0.0, 5.0, (2, n)), rng.uniform(-1.0, 1.0, n), rng.uniform(0.0, 40.0, n))
     steering = rng.uniform(-0.9, 0.9, n)
     asked = Action(rng.normal(0.0, 8.0, n), rng.normal(0.0, 0.5, n))
-    together, angles = advance(CAR, DT, state, steering, asked)
+    together, angles, _ = advance(CAR, DT, state, steering, asked)
     for i in range(n):
         row = slice(i, i + 1)
         one = Vehicles(*(getattr(state, name)[row] for name in FIELDS))
-        alone, angle = advance(
+        alone, angle, _ = advance(
             CAR, DT, one, steering[row], Action(asked.acceleration[row], asked.yaw_rate[row])
         )
         assert angle[0] == angles[i]
@@ -161,7 +161,7 @@ def test_rows_are_independent():
 
 
 def test_nan_in_one_row_stays_there():
-    clean, _ = advance(CAR, DT, ego(2), np.zeros(2), action(n=2))
-    mixed, _ = advance(CAR, DT, ego(2), np.zeros(2), Action(np.array([np.nan, 0.0]), np.zeros(2)))
+    clean, _, _ = advance(CAR, DT, ego(2), np.zeros(2), action(n=2))
+    mixed, _, _ = advance(CAR, DT, ego(2), np.zeros(2), Action(np.array([np.nan, 0.0]), np.zeros(2)))
     assert np.isnan(mixed.speed[0])
     assert all(getattr(mixed, name)[1] == getattr(clean, name)[1] for name in FIELDS)

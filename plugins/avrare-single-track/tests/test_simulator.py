@@ -71,7 +71,9 @@ def test_signals(sim):
     world = start(sim, 4)
     signals = sim.signals(world)
     fields = ("x", "y", "heading", "speed", "acceleration")
-    assert {f"ego_{name}" for name in fields} | {f"others_{name}" for name in fields} | {
+    levels = {f"{name}_acceleration" for name in ("longitudinal", "lateral", "combined")}
+    levels |= {"jerk", "time_to_collision"}
+    assert {f"ego_{name}" for name in fields} | {f"others_{name}" for name in fields} | levels | {
         "distance",
         "gap",
     } == (signals.keys())

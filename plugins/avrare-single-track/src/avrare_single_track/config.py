@@ -53,6 +53,11 @@ class EgoConfig(_Options):
     steering_rate_max: float = Field(default=0.4, gt=0.0, description="bound of its rate [rad/s]")
     acceleration_max: float = Field(default=11.5, gt=0.0, description="bound of |acceleration| [m/s^2]")
     speed_max: float = Field(default=45.8, gt=0.0, description="top speed [m/s]; the plant never reverses")
+    friction: float | None = Field(
+        default=None,
+        gt=0.0,
+        description="friction coefficient, which bounds the combined acceleration, in 9.81 m/s^2",
+    )
 
     @model_validator(mode="after")
     def _within_limits(self) -> Self:

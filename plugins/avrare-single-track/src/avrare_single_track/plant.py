@@ -4,6 +4,9 @@ With steering angle δ, wheelbase L and the centre half-way between the axles:
 β = atan(tan(δ) / 2), x' = v cos(h + β), y' = v sin(h + β), h' = v cos(β) tan(δ) / L, v' = a.
 The controller commands acceleration and yaw rate; the plant converts the yaw rate to a reachable steering
 angle, so it is never exactly the controller's own model.
+
+With a friction coefficient μ the tyres hold a^2 + (v h')^2 <= (μ g)^2: what is demanded beyond is scaled back
+in both directions alike, which lengthens the way to stop and widens the turn.
 """
 
 from __future__ import annotations
@@ -11,8 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from avrare.driving import Action, Vehicles
-from avrare.protocols import Floats
+from avrare.protocols import Bools, Floats
 from avrare_single_track.config import EgoConfig
+from avrare_single_track.levels import GRAVITY, lateral_acceleration, steering_angle
 
 _MIN_SPEED = 0.1
 """Lower limit of the speed in the conversion of a yaw rate to a steering angle [m/s]."""
@@ -20,16 +24,21 @@ _MIN_SPEED = 0.1
 
 def advance(
     config: EgoConfig, dt: float, ego: Vehicles, steering: Floats, action: Action
-) -> tuple[Vehicles, Floats]:
-    """Return ego and steering angle one ``dt`` later, by one Runge-Kutta step of fourth order.
+) -> tuple[Vehicles, Floats, Bools]:
+    """Return ego, steering angle and slipping rows (N,) one ``dt`` later, by a fourth-order step.
 
-    The steering angle moves linearly from its old to its new value, the speed under constant acceleration.
+    It is a step of Runge and Kutta: the steering angle moves linearly from its old to its new value, the
+    speed under constant acceleration. A row slips whose demand is beyond the friction circle.
     """
     bound = config.acceleration_max
     wanted = np.clip(action.acceleration, -bound, bound)
     speed = np.clip(ego.speed + wanted * dt, 0.0, config.speed_max)
     acceleration = (speed - ego.speed) / dt
     target = _steer(config, dt, ego.speed, steering, action.yaw_rate)
+    beyond = np.zeros(len(speed), dtype=np.bool_)
+    if config.friction is not None:
+        speed, target, beyond = _grip(config, config.friction, dt, ego.speed, speed, target)
+        acceleration = (speed - ego.speed) / dt
     slope = (target - steering) / dt
 
     def rates(time: float, heading: Floats) -> tuple[Floats, Floats, Floats]:
@@ -43,14 +52,24 @@ def advance(
     k3 = rates(0.5 * dt, ego.heading + 0.5 * dt * k2[2])
     k4 = rates(dt, ego.heading + dt * k3[2])
     dx, dy, dh = (dt / 6.0 * (a + 2.0 * b + 2.0 * c + d) for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
-    return Vehicles(ego.x + dx, ego.y + dy, ego.heading + dh, speed, acceleration), target
+    return Vehicles(ego.x + dx, ego.y + dy, ego.heading + dh, speed, acceleration), target, beyond
+
+
+def _grip(
+    config: EgoConfig, friction: float, dt: float, before: Floats, speed: Floats, steering: Floats
+) -> tuple[Floats, Floats, Bools]:
+    # Speed and angle at the end of the step, of which the tyres hold the share ``share``.
+    along, across = (speed - before) / dt, lateral_acceleration(speed, steering, config.wheelbase)
+    demanded = np.hypot(along, across)
+    beyond = demanded > friction * GRAVITY
+    share = np.where(beyond, friction * GRAVITY / np.where(beyond, demanded, 1.0), 1.0)
+    held = np.where(beyond, before + share * along * dt, speed)
+    ratio = config.wheelbase * share * across / np.maximum(held, _MIN_SPEED) ** 2
+    return held, np.where(beyond, steering_angle(ratio), steering), beyond
 
 
 def _steer(config: EgoConfig, dt: float, speed: Floats, steering: Floats, yaw_rate: Floats) -> Floats:
-    ratio = config.wheelbase * yaw_rate / np.maximum(speed, _MIN_SPEED)
-    # h' L / v = tan(δ) cos(atan(tan(δ) / 2)) = u  =>  tan(δ)^2 = u^2 / (1 - u^2 / 4)
-    ratio = np.clip(ratio, -1.9, 1.9)
-    wanted = np.arctan(ratio / np.sqrt(1.0 - 0.25 * ratio**2))
+    wanted = steering_angle(config.wheelbase * yaw_rate / np.maximum(speed, _MIN_SPEED))
     reach = config.steering_rate_max * dt
     reachable = np.clip(wanted, steering - reach, steering + reach)
     return np.asarray(np.clip(reachable, -config.steering_max, config.steering_max))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,12 +12,26 @@ from avrare.driving import Action, Road, Scene, Vehicles, World
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.protocols import Bools, Floats, Signals
 from avrare_single_track.config import SingleTrackConfig, VehicleConfig
+from avrare_single_track.levels import lateral_acceleration, time_to_collision
 from avrare_single_track.plant import advance
 
 
 def build(config: SingleTrackConfig, scene: Scene | None = None) -> SingleTrack:
     """Build the simulator of a scenario."""
     return SingleTrack(config)
+
+
+@dataclass(frozen=True)
+class TrackWorld(World):
+    """State of the simulator.
+
+    Attributes:
+        jerk: (N,) change of the acceleration, along and across the ego, over the last step [m/s^3].
+        slips: (N,) number of steps so far whose demand was beyond the friction circle.
+    """
+
+    jerk: Floats
+    slips: NDArray[np.int64]
 
 
 class SingleTrack:
@@ -48,15 +64,15 @@ class SingleTrack:
         )
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
 
-    def reset(self, noise: Floats) -> World:
+    def reset(self, noise: Floats) -> TrackWorld:
         """Return the worlds at the scenario's start."""
         n = len(noise)
         ego = self.config.ego
         start = Vehicles(*(np.full(n, value) for value in (ego.x, ego.y, ego.heading, ego.speed, 0.0)))
         step = np.zeros(n, dtype=np.int64)
-        return World(step, start, self.traffic.at(step), np.zeros(n))
+        return TrackWorld(step, start, self.traffic.at(step), np.zeros(n), np.zeros(n), np.zeros_like(step))
 
-    def step(self, world: World, action: Action | None, noise: Floats) -> World:
+    def step(self, world: TrackWorld, action: Action | None, noise: Floats) -> TrackWorld:
         """Return the world one ``dt`` later.
 
         Raises:
@@ -64,19 +80,42 @@ class SingleTrack:
         """
         if action is None:
             raise UsageError("single_track needs a controller", "add a `controller:` block to the scenario")
-        ego, steering = advance(self.config.ego, self.dt, world.ego, world.steering, action)
+        ego, steering, slips = advance(self.config.ego, self.dt, world.ego, world.steering, action)
+        before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
+        jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
         step = world.step + 1
-        return World(step, ego, self.traffic.at(step), steering)
+        return TrackWorld(step, ego, self.traffic.at(step), steering, jerk, world.slips + slips)
 
-    def signals(self, world: World) -> Signals:
-        """Return ``ego_*`` (N,), ``others_*`` and ``distance`` (N, V), and its minimum ``gap`` (N,)."""
+    def _lateral(self, ego: Vehicles, steering: Floats) -> Floats:
+        return lateral_acceleration(ego.speed, steering, self.config.ego.wheelbase)
+
+    def counts(self, world: TrackWorld) -> dict[str, NDArray[np.int64]]:
+        """Return (N,) the steps whose demand was beyond the friction circle, if there is one."""
+        return {} if self.config.ego.friction is None else {"friction_saturations": world.slips}
+
+    def signals(self, world: TrackWorld) -> Signals:
+        """Return ``ego_*`` and levels (N,), ``others_*`` and ``distance`` (N, V), its minimum ``gap`` (N,).
+
+        The levels are ``longitudinal_acceleration``, ``lateral_acceleration``, ``combined_acceleration``,
+        ``jerk`` and ``time_to_collision`` (``avrare_single_track.levels``).
+        """
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"ego_{name}": getattr(world.ego, name) for name in fields}
         named |= {f"others_{name}": getattr(world.others, name) for name in fields}
         distance = signed_distance(
             ego_rectangle(world.ego, self.scene), other_rectangles(world.others, self.scene)
         )
-        return {**named, "distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
+        across = self._lateral(world.ego, world.steering)
+        return {
+            **named,
+            "distance": distance,
+            "gap": distance.min(axis=1, initial=np.inf),
+            "longitudinal_acceleration": world.ego.acceleration,
+            "lateral_acceleration": across,
+            "combined_acceleration": np.hypot(world.ego.acceleration, across),
+            "jerk": world.jerk,
+            "time_to_collision": time_to_collision(world.ego, world.others, self.scene),
+        }
 
     def faults(self, world: World) -> Bools:
         """Tell (N,) which rows have an ego state that is not finite."""
