@@ -37,7 +37,7 @@ def random_actions(n=200, steps=25, seed=3):
 
 def test_a_held_turn_has_the_acceleration_of_its_circle():
     sim = simulator(speed=15.0)
-    signals, worlds = drive(sim, [(np.zeros(1), np.full(1, 0.2))] * 20)
+    signals, _ = drive(sim, [(np.zeros(1), np.full(1, 0.2))] * 20)
     assert signals["lateral_acceleration"][0, -1] == pytest.approx(15.0 * 0.2, rel=1e-12)
     heading = signals["ego_heading"][0]
     assert (heading[-1] - heading[-2]) / DT == pytest.approx(0.2, rel=1e-9)
