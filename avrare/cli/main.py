@@ -7,8 +7,11 @@ import importlib
 import io
 import os
 import re
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from avrare.base import version
@@ -67,10 +70,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line, by default that of the process, and return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        _escape_unprintable_text()
-        code = _dispatch(words)
-        sys.stdout.flush()
-        return code
+        with _sigterm_like_ctrl_c():
+            _escape_unprintable_text()
+            code = _dispatch(words)
+            sys.stdout.flush()
+            return code
     except AvrareError as error:
         print("\n".join(error.lines()), file=sys.stderr)
         return int(error.exit_code)
@@ -86,6 +90,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         _report_bug(error, "--traceback" in words or os.environ.get("AVRARE_TRACEBACK") == "1")
         return int(ExitCode.BUG)
+
+
+@contextmanager
+def _sigterm_like_ctrl_c() -> Iterator[None]:
+    # From the first moment on, before ``Stopping`` takes over: it ends in words, without torn files.
+    main_thread = threading.current_thread() is threading.main_thread()
+    if not main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _dispatch(words: list[str]) -> int:

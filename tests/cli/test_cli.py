@@ -1,5 +1,6 @@
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -313,3 +314,16 @@ def test_help_describes_avrare_without_internals(capsys):
     text = capsys.readouterr().out
     assert "how likely is this driving stack" in text
     assert "import" not in text
+
+
+def test_sigterm_ends_any_command_in_words(monkeypatch, capsys):
+    from avrare.cli import plugins
+
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        monkeypatch.setattr(plugins, "execute", lambda args: os.kill(os.getpid(), signal.SIGTERM))
+        assert main(["plugins"]) == 2
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert capsys.readouterr().err == "interrupted\n"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import PluginError, UsageError
-from avrare.driving import Road
-from avrare.results.recordings.commonroad import find_straight_lanes, read_commonroad
-from avrare.results.recordings.recording import parse_road
+from avrare.driving import Road, Scene
+from avrare.results.recordings.commonroad import find_straight_lanes, read_commonroad, to_commonroad
+from avrare.results.recordings.recording import FIELDS, Recording, parse_road
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "commonroad"
 ROAD = Road((0.0,), 3.5)
@@ -62,6 +62,23 @@ def test_files_that_are_not_commonroad_scenarios(tmp_path):
             read_commonroad(str(tmp_path / "s.xml"), "1")
     with pytest.raises(UsageError, match="no such file"):
         read_commonroad(str(tmp_path / "none.xml"), "1")
+
+
+def test_an_ego_with_gaps_is_refused_before_arrays_are_made(tmp_path):
+    pytest.importorskip("commonroad.common.file_reader")
+    track, none = np.arange(4.0), np.zeros(0)
+    scene = Scene(0.1, ROAD, 4.5, 1.8, (), none, none, none.astype(bool))
+    states = {f"ego_{field}": track for field in FIELDS} | {
+        f"others_{field}": np.zeros((4, 0)) for field in FIELDS
+    }
+    text = to_commonroad(Recording("s", 0.1, 0.0, states, scene), "s")
+    path = tmp_path / "s.xml"
+    path.write_text(text)
+    assert read_commonroad(str(path), "1").samples == 4
+    for far in ("5", "10000000000000000"):
+        path.write_text(text.replace("<exact>3</exact>", f"<exact>{far}</exact>"))
+        with pytest.raises(UsageError, match="obstacle 1 has gaps in time"):
+            read_commonroad(str(path), "1")
 
 
 def test_the_missing_package_is_named(monkeypatch, tmp_path):

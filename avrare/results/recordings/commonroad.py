@@ -59,12 +59,12 @@ def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Rec
         road, angle = find_straight_lanes(path, scenario.lanelet_network.lanelets)
     steps = [int(state.time_step) for state in _list_states(path, moving[ego])]
     first, samples = min(steps), max(steps) - min(steps) + 1
+    if len(set(steps)) < samples:  # or else one step far off makes arrays of any size
+        raise UsageError(f"{path}: obstacle {ego} has gaps in time", "the ego needs a state at every step")
     tracks = {
         str(obstacle.obstacle_id): _read_track(path, obstacle, first, samples, angle)
         for obstacle in scenario.obstacles
     }
-    if not tracks[ego].present.all():
-        raise UsageError(f"{path}: obstacle {ego} has gaps in time", "the ego needs a state at every step")
     others = [track for name, track in tracks.items() if name != ego and track.present.any()]
     dt = float(scenario.dt)
     return assemble_recording(path, dt, dt * first, tracks[ego], others, road)

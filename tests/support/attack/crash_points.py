@@ -1,0 +1,225 @@
+"""Crash points: a command killed at each file-system call leaves nothing, or what the next one mends."""
+
+import contextlib
+import io
+import json
+import os
+import resource
+import shutil
+import signal
+import sqlite3
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from attack.attempts import BITS, CODE, HANG, TRACEBACK
+from attack.kills import Program
+from attack.material import ESTIMATORS, copy_material, result
+
+CHANGES = {
+    "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "os.truncate", "os.link", "os.symlink",
+    "tempfile.mkstemp", "open", "shutil.rmtree", "shutil.copyfile", "sqlite3.connect",
+}  # fmt: skip
+TORN = (0, 1, 100, 511, 4096, 9000)
+"""Sizes of a file beyond which a write kills the process: what is written is cut there."""
+_PATIENCE = 120.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """A command, the material that it needs, how it is repeated, and what it must have left in the end.
+
+    Attributes:
+        words: Words of the command.
+        needs: Files and folders of the material.
+        again: Words of the command after a crash, as the messages or the documentation advise.
+        left: What must be equal to that of an undisturbed command.
+        codes: Exit codes of a command that succeeds.
+    """
+
+    words: list[str]
+    left: Callable[[], object]
+    needs: tuple[str, ...] = ()
+    again: list[str] | None = None
+    codes: tuple[int, ...] = (0,)
+
+
+def _run(estimator, workers) -> Task:
+    words = ["run", f"{estimator}.yaml", "--no-pictures", "--quiet", "--workers", str(workers)]
+    again = ["run", "--resume", "out", "--no-pictures", "--quiet"]
+    return Task([*words, "--out", "out"], lambda: result("out"), (f"{estimator}.yaml",), again)
+
+
+def _texts(pattern):
+    return lambda: [path.read_text() for path in sorted(Path().glob(pattern))]
+
+
+def _history():
+    with contextlib.closing(sqlite3.connect("history.sqlite")) as database:
+        columns = [row[1] for row in database.execute("PRAGMA table_info(avrare_history)")]
+        return columns, sorted(map(str, database.execute("SELECT * FROM avrare_history")))
+
+
+def _failures():
+    return sorted(path.name for path in Path("stored").glob("*.npz"))
+
+
+def _baselines():
+    entries = [json.loads(path.read_text()) for path in sorted(Path("saved").glob("*.json"))]
+    return [{key: value for key, value in entry.items() if key != "date"} for entry in entries][-1:]
+
+
+_FEW = ["--set", "estimator.rollouts=30"]
+TASKS = {
+    **{f"run {name}, {workers} workers": _run(name, workers) for name in ESTIMATORS for workers in (1, 2)},
+    "run --failures": Task(
+        ["run", "walk.yaml", "--out", "out", "--no-pictures", "--failures", "stored"],
+        lambda: (result("out"), _failures()), ("walk.yaml",),
+        ["run", "--resume", "out", "--no-pictures", "--failures", "stored"],
+    ),
+    "report": Task(["report", "run"], lambda: len(Path("run/report.html").read_text()), ("run",)),
+    "check --save": Task(
+        ["check", "walk.yaml", "--baseline", "saved", "--save", *_FEW],
+        _baselines, ("walk.yaml",), codes=(0, 1, 3),
+    ),
+    "check --out": Task(
+        ["check", "walk.yaml", "--out", "out", "--junit", "j.xml", "--markdown", "m.md", *_FEW],
+        lambda: result("out"), ("walk.yaml",), codes=(0, 1, 3),
+    ),
+    "history add": Task(["history", "add", "run", "--store", "history.sqlite"], _history, ("run",)),
+    "failures add": Task(["failures", "add", "run", "--failures", "stored"], _failures, ("run", "walk.yaml")),
+    "replay --csv": Task(
+        ["replay", "--run", "run", "--csv", "r.csv", "--write-blob", "b"],
+        lambda: Path("r.csv").read_text(), ("run",), codes=(0, 1),
+    ),
+    "monitor --out": Task(["monitor", "run", "--out", "m"], _texts("m/*.json"), ("run",), codes=(0, 1)),
+}  # fmt: skip
+
+
+def crash(task, point, home) -> tuple[bool, str | None, str]:
+    """Kill a command at one point, then repeat it: (whether it was killed, trouble or None, what was told).
+
+    ``point`` is the number of a call, or minus the place of a size in ``TORN`` minus one. ``home`` has
+    ``material`` and is entered by ``material.inside``.
+    """
+    _fresh(task, home)
+    with contextlib.chdir(home / "work"):
+        code = _killed(task.words, point, home / "log")
+        if code >= 0:
+            return False, None, ""
+        found, told = _mend(task, home)
+    return True, found, f"avrare {' '.join(task.words)}, killed at point {point}\n{told}" if found else ""
+
+
+def undisturbed(task, home):
+    """What the command leaves when nothing happens."""
+    _fresh(task, home)
+    with contextlib.chdir(home / "work"):
+        program = Program(task.words, home / "log")
+        code = program.wait(_PATIENCE)
+        assert code in task.codes, (code, (home / "log").read_text())
+        return task.left()
+
+
+def points(task, home):
+    """Yield (point, trouble, told) of each point at which the command could be killed."""
+    wanted = undisturbed(task, home)
+    for point in range(-len(TORN), 10_000):
+        killed, found, told = crash(task, point, home)
+        if not killed:
+            if point >= 0:
+                return
+            continue
+        if found is None:
+            with contextlib.chdir(home / "work"):
+                found = BITS if task.left() != wanted else None
+                told = f"avrare {' '.join(task.words)}, killed at point {point}" if found else ""
+        yield point, found, told
+
+
+def _fresh(task, home):
+    shutil.rmtree(home / "work", ignore_errors=True)
+    (home / "work").mkdir()
+    for need in task.needs:
+        copy_material(home, need, home / "work")
+
+
+def _killed(words, point, log):
+    folder = os.getcwd()
+    child = os.fork()
+    if child:
+        _, status = os.waitpid(child, 0)
+        return os.waitstatus_to_exitcode(status)
+    code = 70
+    try:
+        os.setsid()
+        sys.stdout = sys.stderr = io.StringIO()
+        if point < 0:
+            size = TORN[-point - 1]
+            signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        else:
+            _kill_at(point, folder)
+        from avrare.cli.main import main
+
+        code = main(list(words))
+    finally:
+        os._exit(code)
+
+
+def _kill_at(point, folder):
+    left = [point]
+    fsync = os.fsync
+
+    def step():
+        left[0] -= 1
+        if left[0] < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def watch(event, arguments):
+        if (
+            event not in CHANGES
+            or not arguments
+            or not os.path.abspath(os.fsdecode(_name(arguments[0]))).startswith(folder)
+        ):
+            return
+        if event != "open" or (arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR):
+            step()
+
+    def stopping(handle):
+        step()
+        fsync(handle)
+
+    os.fsync = stopping
+    sys.addaudithook(watch)
+
+
+def _name(path):
+    return path if isinstance(path, (str, bytes)) else "/"
+
+
+def _mend(task, home):
+    """Repeat the command as a user would; what is wrong with that, and what it said."""
+    again = task.again if task.again is not None and Path("out").exists() else task.words
+    code, text = _call(again, home)
+    if code == 4 and again is not task.words and "contains no interrupted run" in text:
+        if list(Path("out").rglob("*.npz")):
+            return CODE, "chunks are there, but no run: " + text
+        code, text = _call(task.words, home)
+    if code is None:
+        return HANG, text
+    if "Traceback (most recent" in text or code == 70:
+        return TRACEBACK, text
+    if code not in task.codes:
+        return CODE, f"exit code {code}: {text}"
+    left = [path for path in Path().rglob("*") if path.name.startswith(".") and path.name.endswith(".tmp")]
+    left += list(Path().rglob("checkpoint"))
+    return (CODE, f"left behind: {left}") if left else (None, "")
+
+
+def _call(words, home):
+    program = Program(words, home / "log")
+    code = program.wait(_PATIENCE)
+    program.destroy()
+    return code, (home / "log").read_text(errors="replace")

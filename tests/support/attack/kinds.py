@@ -1,0 +1,388 @@
+"""Kinds of inputs: how one of each is damaged, and the command that reads it."""
+
+import contextlib
+import functools
+import json
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+import damage
+from attack import command_lines, formulas
+from attack.attempts import BITS, OUTPUT, Outcome, call, trouble
+from attack.material import ESTIMATORS, MODELS, ROOT, RULES_DRIVE, copy_material, material, result
+from attack.mutation import WORDS, mutate_table, mutate_text, mutate_tree, pick, places
+from avrare.scenario.extends import read
+from avrare.scenario.yaml import dump
+
+Words = list[str]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Strike: damages copies of ``needs`` in the current folder, and returns the words of the command.
+
+    Attributes:
+        strike: Function of a random generator.
+        needs: Files and folders of the material.
+        examine: Name of what is wrong with the outcome beside what is wrong in general.
+    """
+
+    strike: Callable[[np.random.Generator], Words]
+    needs: Sequence[str] = ()
+    examine: Callable[[Outcome], str | None] = lambda outcome: None
+
+
+@functools.cache
+def scenarios() -> dict[str, dict]:
+    """Return the scenarios of this project as plain data, by name."""
+    return {path.stem: read(str(path)).plain() for path in sorted((ROOT / "scenarios").glob("*.yaml"))}
+
+
+def _text(tree) -> bytes:
+    try:
+        return dump(tree).encode("utf-8", "surrogatepass")
+    except Exception:  # what this writer does not write is JSON, which is YAML
+        return json.dumps(tree).encode()
+
+
+def _scenario(random, name) -> bytes:
+    tree = scenarios()[name]
+    if random.random() < 0.7:
+        return _text(mutate_tree(tree, random, [pick(random, list(scenarios().values()))]))
+    text = mutate_text(_text(tree).decode(), random).encode("utf-8", "surrogatepass")
+    return damage.damage_bytes(text, random) if random.random() < 0.2 else text
+
+
+def _strike_scenario(random) -> Words:
+    name = pick(random, list(scenarios()))
+    what = random.random()
+    if what < 0.7:
+        Path("s.yaml").write_bytes(_scenario(random, name))
+        return ["validate", "s.yaml"]
+    if what < 0.9:
+        Path("s.yaml").write_bytes(_text(scenarios()[name]))
+        return [
+            "validate",
+            "s.yaml",
+            *[f"--set={_setting(random, name)}" for _ in range(random.integers(1, 4))],
+        ]
+    Path("base.yaml").write_bytes(_scenario(random, name))
+    Path("s.yaml").write_bytes(_text({"extends": "base.yaml", **mutate_tree(scenarios()[name], random)}))
+    return ["validate", "s.yaml"]
+
+
+def _setting(random, name) -> str:
+    keys = list(_paths(scenarios()[name]))
+    value = pick(random, [*WORDS, "[]", "{}", "1", "-1", "{a: [", "1e999", "!!x 1", "*a", "null"])
+    return (
+        mutate_text(f"{pick(random, keys)}={value}", random)
+        if random.random() < 0.3
+        else f"{pick(random, keys)}={value}"
+    )
+
+
+def _paths(tree, prefix=""):
+    pairs = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in pairs:
+        yield f"{prefix}{key}"
+        yield from _paths(value, f"{prefix}{key}.")
+
+
+_CHEAP = ("cartpole", "pendulum", "glider", "glider_actuator", "constrained_gaussian", "four_squares", "walk")
+_MOST = {"steps": 30, "rollouts": 40, "particles": 20, "chains": 10, "runs": 3, "chunk": 1000}
+
+
+def _small(tree):
+    """What a machine can honestly compute in a second: sizes are item 5's concern, not an attack's."""
+    for parent, key in places(tree):
+        most = _MOST.get(key) if isinstance(parent, dict) else None
+        if most is not None and type(parent[key]) in (int, float) and parent[key] > most:
+            parent[key] = most
+    return tree
+
+
+def _strike_run(random) -> Words:
+    name = pick(random, _CHEAP)
+    tree = dict(yaml.safe_load(Path("walk.yaml").read_text()) if name == "walk" else scenarios()[name])
+    tree["estimator"] = yaml.safe_load(ESTIMATORS[pick(random, list(ESTIMATORS))])
+    tree = _small(mutate_tree(_small(tree), random, list(scenarios().values())[:3]))
+    Path("s.yaml").write_bytes(_text(tree))
+    if random.random() < 0.3:
+        return ["validate", "--build", "s.yaml"]
+    return [
+        "run",
+        "s.yaml",
+        "--out",
+        "out",
+        "--no-pictures",
+        "--budget",
+        pick(random, ["rollouts=20", "seconds=0.2"]),
+    ]
+
+
+def _strike_formula(random) -> Words:
+    if random.random() < 0.6:
+        return ["monitor", "signals.csv", f"--stl={formulas.formula(random, vehicles=False)}"]
+    return ["monitor", *RULES_DRIVE, f"--stl={formulas.formula(random, vehicles=True)}"]
+
+
+def _strike_rules(random) -> Words:
+    text = Path("rules.yaml").read_text()
+    tree = yaml.safe_load(text)
+    names = list(tree["rules"])
+    if random.random() < 0.7:
+        changed = mutate_tree(tree, random)
+        part = changed.get("rules") if isinstance(changed, dict) else None
+        if isinstance(part, dict) and part and random.random() < 0.7:
+            rule = part[pick(random, list(part))]
+            if isinstance(rule, dict) and "formula" in rule:
+                rule["formula"] = formulas.damage_formula(str(rule["formula"]), random)
+        content = _text(changed)
+    else:
+        content = mutate_text(text, random).encode("utf-8", "surrogatepass")
+    Path("rules.yaml").write_bytes(
+        damage.damage_bytes(content, random) if random.random() < 0.1 and content else content
+    )
+    return ["monitor", *RULES_DRIVE, "--rule", pick(random, names), "--set", "rules_file=rules.yaml"]
+
+
+def _strike_csv(random) -> Words:
+    path = Path(pick(random, ["drive.csv", "signals.csv"]))
+    content = mutate_table(path.read_text(), random).encode("utf-8", "surrogatepass")
+    path.write_bytes(damage.damage_bytes(content, random) if random.random() < 0.2 else content)
+    if path.name == "signals.csv":
+        return ["monitor", "signals.csv", "--stl", "always (gap > 2 and speed < 2)"]
+    ego = ["--ego", pick(random, ["ego", "van", "", "x"])] if random.random() < 0.2 else []
+    return ["monitor", *RULES_DRIVE, *ego, "--rule", pick(random, ["R_G1", "R_G2", "R_I2", "no_collision"])]
+
+
+_BOMB = (
+    '<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">'
+    + "".join(f'<!ENTITY {b} "{10 * f"&{a};"}">' for a, b in zip("abcdefghij", "bcdefghijk", strict=True))
+    + "]>"
+)
+_XML = [
+    _BOMB,
+    "&k;",
+    '<!DOCTYPE a [<!ENTITY k SYSTEM "file:///etc/passwd">]>',
+    "<x>",
+    "</obstacle>",
+    'id="1"',
+    "<time/>",
+]
+
+
+def _strike_commonroad(random) -> Words:
+    text = Path("drive.xml").read_text()
+    for _ in range(random.integers(1, 4)):
+        found = list(re.finditer(r">([^<>\n]+)<|\"([^\"]*)\"|<(/?\w+)", text))
+        match = pick(random, found)
+        group = next(k for k in (1, 2, 3) if match[k] is not None)
+        if random.random() < 0.7:
+            word = str(pick(random, [0, -1, 1e308, 10**40, "nan", "inf", 0.5, 7, *WORDS[:20]]))
+            text = text[: match.start(group)] + word.replace("<", "") + text[match.end(group) :]
+        elif random.random() < 0.5:
+            other = pick(random, found)  # of the undamaged text: a piece moves somewhere else
+            low, high = sorted((match.start(), other.start()))
+            text = (
+                text[:low] + text[high:]
+                if random.random() < 0.5
+                else text[:high] + text[low:high] + text[high:]
+            )
+        else:
+            text = mutate_text(text, random, _XML)
+    content = text.replace("&k;", "&k;").encode("utf-8", "surrogatepass")
+    Path("drive.xml").write_bytes(damage.damage_bytes(content, random) if random.random() < 0.1 else content)
+    lanes = RULES_DRIVE[1:] if random.random() < 0.3 else []
+    return [
+        "monitor",
+        "drive.xml",
+        *lanes,
+        "--ego",
+        "1",
+        "--rule",
+        pick(random, ["R_G1", "R_G2", "no_collision"]),
+    ]
+
+
+_RUN_FILES = {
+    "result.json": damage.damage_json, "provenance.json": damage.damage_json,
+    "failures.npz": damage.damage_arrays, "rollouts.npz": damage.damage_arrays,
+    "scenario.yaml": lambda content, random: _text(mutate_tree(yaml.safe_load(content), random)),
+}  # fmt: skip
+_RUN_COMMANDS = [
+    "report run", "history add run --store new.sqlite", "run --resume run", "run --resume run --json",
+    "replay --run run --specification far", "replay --run run", "failures add run --failures new",
+    "monitor run", "monitor run --specification near --out m", "check walk.yaml --baseline run --plan",
+    "replay --run run --specification near --failure 1 --csv c.csv",
+]  # fmt: skip
+
+
+def _strike_run_folder(random) -> Words:
+    for _ in range(random.integers(1, 3)):
+        name = pick(random, list(_RUN_FILES))
+        path = Path("run") / name
+        if random.random() < 0.05:
+            path.unlink(missing_ok=True)
+        elif path.exists():
+            path.write_bytes(_damaged(_RUN_FILES[name], path.read_bytes(), random))
+    return pick(random, _RUN_COMMANDS).split()
+
+
+def _clean_pages(outcome) -> str | None:
+    """What a run folder's names and texts hold must not act in the report."""
+    pages = [path.read_text() for path in Path("run").glob("*.html")]
+    return OUTPUT if any("\x1b" in page or "<script>alert" in page for page in pages) else None
+
+
+def _damaged(change, content, random) -> bytes:
+    return change(content, random) if content else content
+
+
+def _strike_checkpoint(random) -> Words:
+    name = pick(random, list(ESTIMATORS))
+    home, folder = Path("..").resolve(), Path("torn")
+    copy_material(home, f"torn_{name}", ".")
+    copy_material(home, f"{name}.yaml", ".")
+    Path(f"torn_{name}").rename(folder)
+    Path("which").write_text(name)
+    chunks = sorted(folder.rglob("*.npz"))
+    what, path = random.integers(10), pick(random, chunks)
+    if what == 0:
+        path = folder / "checkpoint" / "checkpoint.json"
+        path.write_bytes(damage.damage_json(path.read_bytes(), random))
+    elif what == 1:
+        path = next(folder.rglob("scenario.yaml"))
+        path.write_bytes(_text(mutate_tree(yaml.safe_load(path.read_bytes()), random)))
+    elif what == 2:
+        path.write_bytes(pick(random, chunks).read_bytes())
+    elif what == 3:
+        path.rename(
+            path.with_name(pick(random, ["000000-000009.npz", "000001-000000.npz", "x.npz", ".y.tmp"]))
+        )
+    elif what == 4:
+        pick(random, list(folder.rglob("*.*"))).unlink()
+    else:
+        path.write_bytes(damage.damage_arrays(path.read_bytes(), random))
+    known = [f"{name}.yaml"] if random.random() < 0.3 else []
+    return ["run", *known, "--resume", "torn", "--no-pictures"]
+
+
+def _same_bits(outcome) -> str | None:
+    """A damaged checkpoint is refused, or what it lacks is run again; never another number."""
+    whole = result(material(Path("..").resolve(), f"whole_{Path('which').read_text()}"))
+    return BITS if outcome.code == 0 and result("torn") != whole else None
+
+
+def _strike_baseline(random) -> Words:
+    path = pick(random, sorted(Path("baselines").glob("*.json")))
+    if random.random() < 0.1:
+        path.rename(
+            path.with_name(pick(random, ["0009.json", "x.json", "99999999999999999999.json", "0001"]))
+        )
+    else:
+        path.write_bytes(damage.damage_json(path.read_bytes(), random))
+    plan = pick(
+        random, [["--plan"], ["--plan"], ["--markdown", "m.md"], ["--save"], ["--json"], ["--accept-changes"]]
+    )
+    return ["check", "walk.yaml", "--baseline", "baselines", "--set", "estimator.rollouts=30", *plan]
+
+
+def _strike_failure(random) -> Words:
+    path = pick(random, sorted(Path("failures").glob("*.npz")))
+    if random.random() < 0.1:
+        path.rename(path.with_name(pick(random, ["x.npz", "\x1b[31m.npz", "00000000.npz", "a.json"])))
+    else:
+        path.write_bytes(damage.damage_arrays(path.read_bytes(), random))
+    commands = [
+        "list", "blob {id}", "replay walk.yaml --failure {id}", "cluster walk.yaml --budget 0",
+        "run walk.yaml --no-pictures --out o --set estimator.rollouts=20",
+        "replay walk.yaml --failure {id} --shrink --budget 5",
+    ]  # fmt: skip
+    words = pick(random, commands).format(id=path.stem[:8]).split()
+    words = words if words[0] in ("replay", "run") else ["failures", *words]
+    return [*words, "--failures", "failures"]
+
+
+def _strike_blob(random) -> Words:
+    text = call(
+        ["failures", "blob", sorted(Path("failures").glob("*.npz"))[0].stem, "--failures", "failures"]
+    ).out
+    content = damage.damage_bytes(text.encode(), random)
+    Path("blob").write_bytes(content)
+    return ["replay", "walk.yaml", "--blob", "@blob"]
+
+
+def _strike_history(random) -> Words:
+    path = Path("history.sqlite")
+    path.write_bytes(damage.damage_history(path.read_bytes(), random, Path("scratch")))
+    commands = [
+        "history walk",
+        "history",
+        "history walk --json",
+        "history add run",
+        "history --limit 1",
+        "history --plot p.png",
+    ]
+    weights = np.array([6, 4, 4, 4, 2, 0.1])
+    return [*commands[int(random.choice(6, p=weights / weights.sum()))].split(), "--store", "history.sqlite"]
+
+
+def _strike_model(random) -> Words:
+    name = pick(random, ["policy", "flow", "flow", "policy", "pem"])
+    path = Path(f"{name}.npz")
+    content = (
+        Path("spline.npz").read_bytes() if name == "flow" and random.random() < 0.5 else path.read_bytes()
+    )
+    path.write_bytes(damage.damage_arrays(content, random))
+    assert name in MODELS
+    return [["validate", "--build", f"{name}.yaml"], ["run", f"{name}.yaml", "--no-pictures", "--out", "o"]][
+        int(random.integers(2))
+    ]
+
+
+KINDS = {
+    "scenarios": Kind(_strike_scenario),
+    "scenarios that run": Kind(_strike_run, ["walk.yaml"]),
+    "formulas": Kind(_strike_formula, ["signals.csv", "drive.csv"]),
+    "rules files": Kind(_strike_rules, ["rules.yaml", "drive.csv"]),
+    "recorded drives (CSV)": Kind(_strike_csv, ["signals.csv", "drive.csv"]),
+    "recorded drives (CommonRoad)": Kind(_strike_commonroad, ["drive.xml"]),
+    "run folders": Kind(_strike_run_folder, ["run", "walk.yaml"], _clean_pages),
+    "checkpoints": Kind(_strike_checkpoint, examine=_same_bits),
+    "baselines": Kind(_strike_baseline, ["baselines", "walk.yaml"]),
+    "stored failures": Kind(_strike_failure, ["failures", "walk.yaml"]),
+    "failures as text": Kind(_strike_blob, ["failures", "walk.yaml"]),
+    "history databases": Kind(_strike_history, ["history.sqlite", "run"]),
+    "models, policies and flows": Kind(
+        _strike_model,
+        ["policy.npz", "flow.npz", "spline.npz", "pem.npz", "policy.yaml", "flow.yaml", "pem.yaml"],
+    ),
+    "command lines": Kind(
+        command_lines.words,
+        ["walk.yaml", "run", "drive.csv", "signals.csv", "history.sqlite", "failures", "baselines"],
+    ),
+}
+
+
+def attempt(name, seed, home) -> tuple[str | None, str]:
+    """Make input ``seed`` of a kind and give it to its command: (trouble or None, what was told).
+
+    ``home`` is the folder with ``material``, entered by ``inside``; the input stays in ``home / "work"``.
+    """
+    kind, work = KINDS[name], home / "work"
+    random = np.random.default_rng([seed, list(KINDS).index(name)])
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir()
+    for need in kind.needs:
+        copy_material(home, need, work)
+    with contextlib.chdir(work):
+        outcome = call(kind.strike(random))
+        found = trouble(outcome) or kind.examine(outcome)
+    return found, outcome.told() if found else ""
