@@ -193,3 +193,19 @@ def test_a_missing_file(tmp_path):
         read_csv(str(tmp_path / "none.csv"))
     with pytest.raises(UsageError, match="cannot be read: is a directory"):
         read_csv(str(tmp_path))
+
+
+def test_another_vehicle_at_a_far_time_is_absent(read):
+    for far in ("1e308", "-1e308", "1e18"):
+        found = read(VEHICLES + f"{far},a,12.0,1.75,0.0,11.0,5.0,2.5\n")
+        assert found.samples == 3
+
+
+@pytest.mark.parametrize(
+    "times", [("0", "1e-12", "2e-12"), ("-1e308", "0", "1e308"), ("-1.5e308", "1.5e308")]
+)
+def test_steps_that_are_no_time_are_refused(fails, times):
+    text = "time,gap\n" + "".join(f"{time},1\n" for time in times)
+    message, hint = fails(text)
+    assert "a step is" in message
+    assert "at least a nanosecond" in hint

@@ -26,6 +26,7 @@ _ALIASES = ("vehicleid", "id", "trackid", "objectid", "carid", "name", "vehicles
 """Names of the column ``vehicle`` in other formats, ignoring case, ``_`` and ``-``."""
 _OFF_GRID = 0.25  # largest distance of a row from its sample, as a share of a step
 _JITTER = 0.05  # largest deviation of a step from the usual one, as a share of it
+_DIGITS = 9  # of a step [s]: nanoseconds
 _MAX_HEADING = 4 * math.pi  # a heading beyond two full turns is taken for degrees
 
 
@@ -185,6 +186,8 @@ def _read_track(
     for row in rows:
         time = table.finite(row, clock)
         exact = (time - start) / dt
+        if not -1.0 < exact < samples:  # of any size, even infinite
+            continue
         k = round(exact)
         if not 0 <= k < samples:
             continue
@@ -221,11 +224,13 @@ def _read_size(table: CsvTable, name: str, rows: Sequence[int], key: str) -> flo
 def _find_step(table: CsvTable, times: Floats, rows: Sequence[int]) -> float:
     if len(times) < 2:
         raise UsageError(f"{table.path}: there is only one sample", "the step is the time between samples")
-    steps = np.diff(times)
+    with np.errstate(over="ignore"):
+        steps = np.diff(times)
     usual = float(np.quantile(steps, 0.5, method="lower"))  # a gap is larger than a step
     wrong = np.flatnonzero(steps <= 0.0)
     if not len(wrong):
-        wrong = np.flatnonzero(np.abs(steps - usual) > _JITTER * usual)
+        with np.errstate(invalid="ignore"):  # infinite steps: told below
+            wrong = np.flatnonzero(np.abs(steps - usual) > _JITTER * usual)
     if len(wrong):
         k = int(wrong[0])
         where = table.position(rows[k + 1], _find_time_column(table))
@@ -236,4 +241,8 @@ def _find_step(table: CsvTable, times: Floats, rows: Sequence[int]) -> float:
             raise UsageError(f"{where}: goes back from {times[k]:g} s to {times[k + 1]:g} s", "sort by time")
         text = f"{times[k + 1]:g} s is {steps[k]:.4g} s after the sample before, others {usual:.4g} s"
         raise UsageError(f"{where}: {text}", "a recording has one step throughout: resample it, or split it")
-    return round(float(times[-1] - times[0]) / len(steps), 9)
+    step = round((float(times[-1]) - float(times[0])) / len(steps), _DIGITS)
+    if not 0.0 < step < math.inf:
+        text = f"{table.path}: a step is {usual:g} s"
+        raise UsageError(text, "give the time in seconds; a step has at least a nanosecond")
+    return step

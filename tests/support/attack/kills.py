@@ -19,7 +19,7 @@ from attack.material import ESTIMATORS, quietly, result, walk
 from attack.mutation import pick
 from avrare.cli.main import COMMANDS, main
 
-PAUSE = "0.0005"
+PAUSE = "0.001"
 """Seconds of a step of the toy walk, so that signals arrive in the midst of chunks."""
 PATIENCE = 90.0
 """Seconds after which a run is said to hang: a worker that is stopped is waited for, then replaced."""

@@ -225,13 +225,12 @@ _RUN_COMMANDS = [
 
 
 def _strike_run_folder(random) -> Words:
-    for _ in range(random.integers(1, 3)):
-        name = pick(random, list(_RUN_FILES))
+    for name in random.permutation(list(_RUN_FILES))[: int(random.integers(1, 3))]:
         path = Path("run") / name
         if random.random() < 0.05:
             path.unlink(missing_ok=True)
         elif path.exists():
-            path.write_bytes(_damaged(_RUN_FILES[name], path.read_bytes(), random))
+            path.write_bytes(_RUN_FILES[name](path.read_bytes(), random))
     return pick(random, _RUN_COMMANDS).split()
 
 
@@ -239,10 +238,6 @@ def _clean_pages(outcome) -> str | None:
     """What a run folder's names and texts hold must not act in the report."""
     pages = [path.read_text() for path in Path("run").glob("*.html")]
     return OUTPUT if any("\x1b" in page or "<script>alert" in page for page in pages) else None
-
-
-def _damaged(change, content, random) -> bytes:
-    return change(content, random) if content else content
 
 
 def _strike_checkpoint(random) -> Words:

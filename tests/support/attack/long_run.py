@@ -71,6 +71,8 @@ def run(folder: Path, inputs: int, many_kills: int, only, seconds: float) -> Pro
     end = time.monotonic() + seconds
     progress = Progress(folder / "progress.json")
     with material.inside(folder):
+        for name in KINDS:  # so that no child has to import what all of them need
+            attempt(name, 0, folder)
         turns = [*_inputs(progress, folder, inputs, only)]
         if not only or "kills" in only:
             turns.append(_kills(progress, folder / "kills", many_kills))
@@ -143,7 +145,8 @@ def _kills(progress, folder, most):
             name = f"{life.number.name} of the {life.target}"
             last = i == len(lives) - 1
             progress.add("kills", name, seed, trouble if last else None, told)
-        yield True
+        if seed % 3 == 2:
+            yield True
 
 
 def _crash_points(progress, folder):

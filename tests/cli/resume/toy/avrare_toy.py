@@ -29,7 +29,8 @@ class WalkSimulator:
 
     def step(self, world, action, noise):
         # What no scenario says: a pause of every batch [s], a change of the code, a worker that is killed.
-        time.sleep(float(os.environ.get("AVRARE_TOY_PAUSE", "0")))
+        if pause := os.environ.get("AVRARE_TOY_PAUSE"):
+            time.sleep(float(pause))
         later = 1e-3 if os.environ.get("AVRARE_TOY_BUG") else 0.0
         path = os.environ.get("AVRARE_TOY_DIE")
         if path and multiprocessing.parent_process() and _first(Path(path)):
