@@ -323,7 +323,10 @@ class HasMargin(Protocol):
 
 
 class SelectsSamples(Protocol):
-    """Specification whose formula reads other signals than the system's."""
+    """Specification whose formula reads other signals than the system's.
+
+    With ``HasFormula``: the terms of the formula order the particles, each in its own size.
+    """
 
     def sample(self, signals: Signals) -> Signals:
         """Return the signals of the formula from those of the system."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.late_import import late_import
-from avrare.logic.formula import Formula, FormulaMonitor
-from avrare.protocols import Floats, HasMargin, Specification, System, find_ability
+from avrare.logic.formula import Formula, FormulaMonitor, find_formula
+from avrare.protocols import Floats, HasMargin, SelectsSamples, Specification, System, find_ability
 from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
@@ -25,7 +25,7 @@ from avrare.rollout.scores.scored_specifications import (
     PrefixScored,
     ScoreFunction,
 )
-from avrare.rollout.scores.term_sizes import ScaledMonitor, Sizes, measure_terms, record
+from avrare.rollout.scores.term_sizes import ScaledMonitor, Select, Sizes, measure_terms, record
 
 SCORES = ("robustness", "margin", "progress")
 
@@ -41,10 +41,11 @@ class Problem:
             running score orders the particles in place of the specification's, or a name:
             "robustness" (the formula's own), "margin" (see ``MarginScored``; where the noise-free rollout
             has no margin, as "robustness"), "progress" (see ``progress_score``). By default "progress"
-            for formulas that may still become true, such as ``eventually``, else "robustness". All but
-            "robustness" by name measure each term of a formula in its own size (see ``measure_terms``). The
-            rollouts that this and "margin" and "progress" need, one or two without noise and at most 64
-            others, run once, before the first that is scored; no cost counts them.
+            for formulas that may still become true, such as ``eventually``, else "robustness". All but a
+            function and "robustness" by name measure each term of the formula that orders the particles in
+            its own size (see ``measure_terms``). The rollouts that this and "margin" and "progress" need,
+            one or two without noise and at most 64 others, run once, before the first that is scored; no
+            cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
             default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
 
@@ -104,13 +105,14 @@ class Problem:
 
     @property
     def sizes(self) -> tuple[Sizes | None, ...]:
-        """Sizes of each specification's terms; None where the unscaled formula orders alike."""
+        """Sizes of the terms of each specification's formula, or of that which orders in its place.
+
+        None where the unscaled formula orders alike.
+        """
         if self._sizes is None:
             self._sizes = tuple(
-                measure_terms(self.system, self.steps, spec.formula)
-                if isinstance(spec, FormulaMonitor)
-                else None
-                for spec in self.monitors
+                measure_terms(self.system, self.steps, *guide) if guide else None
+                for guide in map(self._find_guide, self.monitors)
             )
         return self._sizes
 
@@ -119,6 +121,8 @@ class Problem:
         other = object.__new__(type(self))  # copy.copy would call __reduce__, which calls this method
         other.__dict__.update(self.__dict__)
         other.score, other._scored = score, None
+        if isinstance(score, Formula) or isinstance(self.score, Formula):
+            other._sizes = None
         return other
 
     def separate(self) -> list[Problem]:
@@ -148,7 +152,9 @@ class Problem:
 
     def gamma(self, level: float) -> float:
         """Return the robustness threshold of a score's level, 0 at failure as in the papers."""
-        return 1.0 - level if isinstance(self.specifications[0], MarginScored | ProgressScored) else -level
+        spec = self.specifications[0]
+        measure = spec.guide if isinstance(spec, FormulaScored) else spec
+        return 1.0 - level if isinstance(measure, MarginScored | ProgressScored) else -level
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
@@ -182,7 +188,7 @@ class Problem:
 
     def _with_score(self) -> tuple[Specification, ...]:
         if isinstance(self.score, Formula):
-            guide = FormulaMonitor(self.score)
+            guide = self._guide(0) or FormulaMonitor(self.score)
             return tuple(FormulaScored(spec, guide) for spec in self.monitors)
         if callable(self.score):
             return tuple(FunctionScored(spec, self.score) for spec in self.monitors)
@@ -229,15 +235,35 @@ class Problem:
         return FormulaScored(self.monitors[index], guide) if guide else None
 
     def _guide(self, index: int) -> ScaledMonitor | None:
-        spec, sizes = self.monitors[index], self.sizes[index]
-        return ScaledMonitor(spec.formula, sizes) if sizes and isinstance(spec, FormulaMonitor) else None
+        sizes = self.sizes[index]
+        if sizes is None:
+            return None
+        guide = self._find_guide(self.monitors[index])
+        assert guide is not None  # the sizes are its terms'
+        formula, select = guide
+        return ScaledMonitor(formula, sizes, select)
+
+    def _find_guide(self, spec: Specification) -> tuple[Formula, Select | None] | None:
+        # The formula that orders the particles, and what makes its signals.
+        if isinstance(self.score, Formula):
+            return self.score, None
+        if isinstance(spec, FormulaMonitor):
+            return spec.formula, None
+        selecting, formula = find_ability(spec, SelectsSamples), find_formula(spec)
+        return (formula, selecting.sample) if selecting and isinstance(formula, Formula) else None
 
     def _with_margin(self) -> tuple[Specification, ...]:
-        carries = [carry for _, _, carry in self.nominal(keep_carries=True).carries]
+        guides = [self._guide(index) for index in range(len(self.monitors))]
+        judges = tuple(guide or spec for guide, spec in zip(guides, self.monitors, strict=True))
+        tape = np.zeros((1, self.steps + 1, self.noise_size))
+        request, noise = Request.replay(tape, keep_carries=True), NoiseSource(0, self.noise_size)
+        outcome = simulate(self.system, judges, self.steps, noise, request, scored=False)
         scored: list[Specification] = []
-        for index, spec in enumerate(self.monitors):
-            stepped = find_ability(spec, HasMargin)
-            along = [stepped.margin(carry.monitors[index]) for carry in carries] if stepped else [None]
+        for index, (spec, guide, judge) in enumerate(zip(self.monitors, guides, judges, strict=True)):
+            stepped = find_ability(judge, HasMargin)
+            along = [
+                stepped.margin(carry.monitors[index]) if stepped else None for *_, carry in outcome.carries
+            ]
             if any(value is None for value in along):
                 raise UsageError(
                     f"score 'margin' does not fit {self.names[index]}",
@@ -246,7 +272,8 @@ class Problem:
             nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
             # Without a positive margin along the complete noise-free rollout, robustness is the score.
             lost = len(nominal) <= self.steps or nominal.min() <= 0
-            scored.append(self._by_terms(index) or (spec if lost else MarginScored(spec, nominal)))
+            measure = judge if lost else MarginScored(judge, nominal)
+            scored.append(FormulaScored(spec, measure) if guide else measure)
         return tuple(scored)
 
 

@@ -93,6 +93,44 @@ def test_an_estimate_keeps_its_bits_in_another_unit(method, unit):
     np.testing.assert_array_equal(found[0].failures.noise, found[1].failures.noise)
 
 
+@pytest.mark.parametrize("unit", [100.0, 1e4])
+def test_a_formula_given_as_score_keeps_the_bits_in_another_unit(unit):
+    formula = avrare.stl("always (x < 2.5 and y < 2.5)")
+    units = [
+        Problem(Pair(1.0, 1.0), formula, STEPS, avrare.stl("always (x < 2.5 and y < 2.5)")),
+        Problem(Rescaled(unit), formula, STEPS, avrare.stl(f"always (x < 2.5 and far_y < {2.5 * unit:g})")),
+    ]
+    found = [avrare.estimate(problem, "ams", seed=3, runs=4, particles=40, discard=4) for problem in units]
+    assert found[0].probability > 0.0
+    np.testing.assert_array_equal(found[0].run_probabilities, found[1].run_probabilities)
+    np.testing.assert_array_equal(found[0].failures.noise, found[1].failures.noise)
+    raw = units[1].rescored(
+        lambda seen, t: np.maximum(seen["x"][:, t] - 2.5, seen["far_y"][:, t] - 2.5 * unit)
+    )
+    assert (ranks(raw) != ranks(units[1])).any()
+
+
+class Rescaled(Pair):
+    """Also shows ``y`` in another unit."""
+
+    def __init__(self, unit):
+        super().__init__(1.0, 1.0)
+        self.unit = unit
+
+    def signals(self, state):
+        return {**super().signals(state), "far_y": self.unit * state[:, 1]}
+
+
+def test_another_score_measures_its_own_terms():
+    formula = avrare.stl("always (x < 3 and y < 300)")
+    problem = Problem(Pair(1.0, 100.0), formula, STEPS)
+    assert len(problem.sizes[0]) == 2
+    guided = problem.rescored(avrare.stl("always (x < 3 and y < 300 and x - y < 500)"))
+    assert len(guided.sizes[0]) == 3
+    np.testing.assert_array_equal(scores(guided.rescored(None)), scores(problem))
+    assert guided.rescored(avrare.stl("always (x < 2)")).sizes == (None,)
+
+
 def test_each_vehicle_is_measured_in_its_own_margin():
     """One far vehicle and one near: without noise both lose nothing."""
     formula = "always forall o in others: (far(o) < 3)"
@@ -131,6 +169,30 @@ def test_margin_measures_each_term_in_its_own_margin():
         for score in ("margin", None)
     )
     np.testing.assert_array_equal(ranks(margin), ranks(own))
+
+
+class Drift(Pair):
+    """Without noise x passes 3 after some steps, so that its term changes its truth."""
+
+    def step(self, state, noise):
+        return super().step(state, noise) + np.array([1.0, 0.0])
+
+
+def test_margin_ties_nobody_where_a_term_changes_its_truth():
+    """Of equal terms none is at 1 throughout; the first steps must not decide the score all the same."""
+    small, equal = (
+        Problem(Drift(1.0, u), avrare.stl(f"always (x < 3 or y < {u:g})"), STEPS, "margin")
+        for u in (1e4, 1.0)
+    )
+    np.testing.assert_array_equal(ranks(small), ranks(equal))
+    nominal = small.simulate(NOISE, Request.replay(np.zeros((1, STEPS + 1, 2))))
+    np.testing.assert_allclose(nominal.scores, 0.0, atol=1e-12)
+    assert small.gamma(1.0) == 0.0
+    request = Request.from_start(np.zeros(200, dtype=np.int64), np.arange(200))
+    found = small.simulate(NOISE, request)
+    assert len(np.unique(found.scores[:, -1])) > 150
+    assert 5 < found.violated[:, 0].sum() < 195
+    np.testing.assert_array_equal(found.scores[:, -1] >= 1.0, found.violated[:, 0])
 
 
 def test_a_term_without_a_margin_is_measured_in_its_spread():

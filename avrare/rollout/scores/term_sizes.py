@@ -7,7 +7,7 @@ first for as long as its margin is the larger number, whatever its unit. Divided
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +26,8 @@ from avrare.rollout.request import Request
 
 Sizes = tuple[Floats, ...]
 """Size of every term (steps + 1, V...), V as in the term's own values."""
+Select = Callable[[Signals], Signals]
+"""Function from a system's signals at one sample to those that a formula reads."""
 _PROBE_ROWS, _PROBE_SEED = 64, 0x517E5
 
 
@@ -35,7 +37,7 @@ def find_terms(node: nodes.Node) -> list[nodes.Node]:
     return list(dict.fromkeys(part for part in found if nodes.signals(part)))
 
 
-def measure_terms(system: System, steps: int, formula: Formula) -> Sizes | None:
+def measure_terms(system: System, steps: int, formula: Formula, select: Select | None = None) -> Sizes | None:
     """Measure the terms' sizes by one noise-free rollout; None where the unscaled formula orders alike.
 
     The size of a term, for each vehicle, is its margin at the sample if that has one sign along the rollout,
@@ -46,11 +48,12 @@ def measure_terms(system: System, steps: int, formula: Formula) -> Sizes | None:
     if len(terms) == 1 and not any(isinstance(part, nodes.Quantifier) for part in nodes.walk(formula.node)):
         return None
     tape = np.zeros((1, steps + 1, system.noise_size))
-    nominal = record(system, steps, formula.signals, Request.replay(tape))
+    nominal = record(system, steps, formula.signals, Request.replay(tape), select)
     sizes = [_own_size(margin[:, 0]) for margin in _margins(formula, terms, nominal)] if nominal else []
     if not nominal or any(np.isnan(size).any() for size in sizes):
         rows = np.arange(_PROBE_ROWS)
-        probe = record(system, steps, formula.signals, Request.from_start(np.zeros_like(rows), rows))
+        request = Request.from_start(np.zeros_like(rows), rows)
+        probe = record(system, steps, formula.signals, request, select)
         if not probe:
             return None
         spreads = [_spread(margin) for margin in _margins(formula, terms, probe)]
@@ -63,25 +66,28 @@ def measure_terms(system: System, steps: int, formula: Formula) -> Sizes | None:
     return None if np.allclose(every, every[:, :1], rtol=1e-9, atol=0.0) else tuple(sizes)
 
 
-def record(system: System, steps: int, names: tuple[str, ...], request: Request) -> dict[str, Floats] | None:
+def record(
+    system: System, steps: int, names: tuple[str, ...], request: Request, select: Select | None = None
+) -> dict[str, Floats] | None:
     """Return the signals (N, steps + 1, ...) of the rows that reach the last step; None where none does."""
     request = replace(request, keep_carries=True, every=max(steps, 1))
     noise = NoiseSource(_PROBE_SEED, system.noise_size)
-    outcome = simulate(system, (_Recorder(names),), steps, noise, request, scored=False)
+    outcome = simulate(system, (_Recorder(names, select),), steps, noise, request, scored=False)
     return next((carry.monitors[0] for t, _, carry in outcome.carries if t == steps), None)
 
 
 class _Recorder:
     """Specification that never fails and remembers the signals."""
 
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.names = names
+    def __init__(self, names: tuple[str, ...], select: Select | None) -> None:
+        self.names, self.select = names, select
 
     def start(self, n: int) -> dict[str, Floats]:
         return {}
 
     def update(self, state: dict[str, Floats], signals: Signals) -> tuple[dict[str, Floats], Verdict]:
-        newest = {name: np.asarray(values)[:, None] for name, values in signals.items() if name in self.names}
+        read = self.select(signals) if self.select else signals
+        newest = {name: np.asarray(values)[:, None] for name, values in read.items() if name in self.names}
         seen = {name: np.concatenate([state[name], x], axis=1) if state else x for name, x in newest.items()}
         n = len(next(iter(signals.values())))
         return seen, Verdict(np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
@@ -120,9 +126,11 @@ class ScaledMonitor:
     Attributes:
         formula: The formula, over further signals that hold the sizes.
         sizes: Size of every term of the original one.
+        select: Function that makes the formula's signals of the system's; None: they are the same.
     """
 
-    def __init__(self, formula: Formula, sizes: Sizes) -> None:
+    def __init__(self, formula: Formula, sizes: Sizes, select: Select | None = None) -> None:
+        self.select = select
         terms = find_terms(formula.node)
         names = {
             term: nodes.Signal(f"size {k}", axes=tuple(range(size.ndim - 1)))
@@ -141,6 +149,10 @@ class ScaledMonitor:
         """Return state and verdict after one more sample."""
         return self._monitor.update(state, self.sample(signals, state.t))
 
+    def margin(self, state: MonitorState) -> Floats | None:
+        """Return the (N,) robustness of φ at the newest sample for ``always φ``, None for other shapes."""
+        return self._monitor.margin(state)
+
     def robustness(self, signals: Mapping[str, Floats]) -> Floats:
         """Return the formula's robustness (N, steps + 1) on complete rollouts."""
         n = len(next(iter(signals.values())))
@@ -148,7 +160,8 @@ class ScaledMonitor:
         return self.formula.robustness({**signals, **sizes})
 
     def sample(self, signals: Signals, t: int) -> dict[str, Any]:
-        """Return the signals at sample ``t`` with the sizes among them."""
+        """Return the formula's signals at sample ``t`` with the sizes among them."""
+        signals = self.select(signals) if self.select else signals
         n = len(next(iter(signals.values())))
         sizes = {name: np.broadcast_to(x[t], (n, *x.shape[1:])) for name, x in self._constants.items()}
         return {**signals, **sizes}

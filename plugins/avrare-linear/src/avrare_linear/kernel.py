@@ -140,8 +140,12 @@ def _formula(problem: Problem) -> Formula:
 
 
 def _guide(problem: Problem) -> ScaledMonitor | None:
+    # That of the specification's own terms.
+    if isinstance(problem.score, Formula):
+        return None
     scored = problem.specifications[0]
     guide = getattr(scored.function if isinstance(scored, FunctionScored) else scored, "guide", None)
+    guide = guide.inner if isinstance(guide, MarginScored) else guide
     return guide if isinstance(guide, ScaledMonitor) else None
 
 
@@ -152,7 +156,9 @@ def _has_closed_form(problem: Problem) -> bool:
             return isinstance(scored.function, WholeTrace)
         case MarginScored():
             return isinstance(node, nodes.Window) and not _has_window(node.child)
-        case FormulaMonitor() | FormulaScored(guide=ScaledMonitor()):
+        case FormulaMonitor() | FormulaScored(guide=ScaledMonitor()) if not isinstance(
+            problem.score, Formula
+        ):
             return problem.steps == 0 or _never_rises(node)
     return False
 
