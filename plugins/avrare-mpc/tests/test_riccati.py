@@ -17,7 +17,7 @@ from avrare_mpc.riccati import jit
 from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.solver import RiccatiSolver
 
-RICCATI = {"backend": "riccati"}
+CASADI, RICCATI = ({"backend": name, "search": "follow"} for name in ("casadi", "riccati"))
 needs_numba = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 
 
@@ -33,7 +33,7 @@ def fast(lane_change):
 @pytest.fixture(scope="module")
 def situations(lane_change):
     """Inputs of ``act`` from noisy drives of the casadi backend, one row each, and what it did there."""
-    controller = build(MpcConfig(), lane_change.scene)
+    controller = build(MpcConfig(backend="casadi", search="follow"), lane_change.scene)
     drive = lane_change.drive(controller, noise_of(4, 13), samples=13)
     given = tuple(concatenate([step[i] for step in drive.inputs]) for i in range(3))
     return given, controller.act(*given)
@@ -144,7 +144,7 @@ def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
 def test_every_option_has_the_same_meaning(lane_change, options):
     """First plans, where both backends keep the cheapest of several searches."""
     slow, quick = (
-        build(MpcConfig.model_validate({**options, **more}), lane_change.scene) for more in ({}, RICCATI)
+        build(MpcConfig.model_validate({**options, **more}), lane_change.scene) for more in (CASADI, RICCATI)
     )
     ego, prediction = first_situations(lane_change, slow.horizon)
     action, expected = slow.act(slow.start(len(ego.x)), ego, prediction)

@@ -23,7 +23,9 @@ FIELDS = ("states", "inputs", "cost", "found", "retried", "iterations")
 def programmes(lane_change):
     """Arguments of ``solve``: every later step of noisy drives."""
     noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(8).standard_normal((24, 30, 3, 3))
-    drive = lane_change.drive(build(MpcConfig(backend="riccati"), lane_change.scene), noise, samples=31)
+    drive = lane_change.drive(
+        build(MpcConfig(backend="riccati", search="follow"), lane_change.scene), noise, samples=31
+    )
     memory, ego, prediction = (concatenate([step[i] for step in drive.inputs[1:]]) for i in range(3))
     start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
     guesses = shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt)[1]

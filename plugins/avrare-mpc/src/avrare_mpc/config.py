@@ -1,10 +1,11 @@
-"""Options of the controller and of scripted trajectories; every default is the reference experiment's value.
+"""Options of the controller and of scripted trajectories; weights and bounds are the reference experiment's.
 
 Weights multiply squared quantities in SI units and are summed over the nodes of the plan.
 """
 
 from __future__ import annotations
 
+import importlib.util
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -13,6 +14,14 @@ Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Lane = Annotated[int, Field(ge=0)]
+
+
+Backend = Literal["casadi", "riccati"]
+
+
+def installed_backend() -> Backend:
+    """Return the backend of scenarios that name none; it becomes part of the resolved scenario."""
+    return "casadi" if importlib.util.find_spec("numba") is None else "riccati"
 
 
 class PlannerConfig(BaseModel):
@@ -95,13 +104,14 @@ class MpcConfig(PlannerConfig):
         description="What the dt^2 term of the lateral clearance multiplies with sin(heading): the "
         "acceleration, or the speed as in the reference experiment, where it looks like a slip.",
     )
-    backend: Literal["casadi", "riccati"] = Field(
-        default="casadi",
-        description="What solves the programme: CasADi's solvers, one particle after another, or a "
-        "structured interior-point method for all at once, compiled by numba where that is installed.",
+    backend: Backend = Field(
+        default_factory=installed_backend,
+        description="What solves the programme: a structured interior-point method for all particles at "
+        "once, compiled by numba (riccati; the default where that is installed), or CasADi's solvers, one "
+        "particle after another (casadi; else the default).",
     )
     search: Literal["follow", "everywhere"] = Field(
-        default="follow",
+        default="everywhere",
         description="Where each step after the first looks for its plan: near the old plan, or also near "
         "the first step's initial guesses (each lane, constant speed and braking); the cheapest plan counts.",
     )
