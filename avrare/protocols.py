@@ -160,7 +160,7 @@ class Estimator(Protocol[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
     """Estimator: owns no loop, but asks for rollouts and is given their outcome.
 
     ``avrare.estimation.plan.Estimator`` names the value types. Optional: ``PreparesProblem``,
-    ``NeedsCapabilities``, ``StopsEarly``, ``RebuildsCarries``, ``avrare.estimation.plan.ScalesToCost``.
+    ``NeedsCapabilities``, ``StopsEarly``, ``RebuildsCarries``, ``ScalesToCost`` (``estimation.cross_check``).
 
     Attributes:
         name: Name in results.
@@ -323,10 +323,7 @@ class HasMargin(Protocol):
 
 
 class SelectsSamples(Protocol):
-    """Specification whose formula reads other signals than the system's.
-
-    With ``HasFormula``: the terms of the formula order the particles, each in its own size.
-    """
+    """Specification whose formula, which orders the particles, reads other signals than the system's."""
 
     def sample(self, signals: Signals) -> Signals:
         """Return the signals of the formula from those of the system."""

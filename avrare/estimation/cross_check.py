@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from avrare.base.number_format import format_interval, format_percent, format_pr
 from avrare.estimation import health
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Settings, check_system, planned
-from avrare.estimation.plan import Estimator, ScalesToCost
+from avrare.estimation.plan import Estimator
 from avrare.estimation.result import CrossCheckResult, Result
 from avrare.plugin.registry import default_registry
 from avrare.protocols import OffersWeights, find_ability
@@ -47,6 +47,16 @@ _SEED_KEY = 0xC4EC
 
 Execute = Callable[[Problem, Estimator, Settings], Result]
 """Runs an estimator on a problem with one specification."""
+
+
+class ScalesToCost(Protocol):
+    """Estimator that can check another one at a share of its cost."""
+
+    def scaled(self, rollouts: float, probability: float) -> Estimator | None:
+        """Return this estimator at the size that costs about ``rollouts`` complete rollouts.
+
+        ``probability`` is about that of the failures. None where the rollouts are too few to say anything.
+        """
 
 
 def parse_cross_check(value: CrossCheck | Mapping[str, Any] | bool, estimator: str) -> CrossCheck | None:
@@ -113,8 +123,9 @@ def _choose(
     for name in dict.fromkeys((chosen, "mc")):
         component = default_registry().get("estimator", name)
         built = component.load_factory()(component.load_config()(), None)
-        if not result.estimator.startswith(name) and _can_run(built, problem, settings):
-            return name, cast("ScalesToCost", built)
+        sizes = find_ability(built, ScalesToCost)
+        if sizes and not result.estimator.startswith(name) and _can_run(built, problem, settings):
+            return name, sizes
     return chosen, None
 
 

@@ -91,16 +91,6 @@ Estimator = protocols.Estimator[Plan, Request, Rollouts, Info, Result]
 """An estimator of failure probabilities."""
 
 
-class ScalesToCost(Protocol):
-    """Estimator that can check another one at a share of its cost."""
-
-    def scaled(self, rollouts: float, probability: float) -> Estimator | None:
-        """Return this estimator at the size that costs about ``rollouts`` complete rollouts.
-
-        ``probability`` is about that of the failures. None where the rollouts are too few to say anything.
-        """
-
-
 class Journal(Protocol):
     """Store of chunk outcomes, from which an interrupted estimate resumes.
 

@@ -34,7 +34,10 @@ def _apply(tree: Node, setting: str) -> Node:
         raise mark.error("should be KEY=VALUE", "for example --set estimator.rollouts=1000")
     if key.split(".")[0] == "extends":
         raise mark.error("extends cannot be set here", "edit the scenario file")
-    return _put(tree, tuple(key.split(".")), parse_value(text, mark), mark)
+    value = parse_value(text, mark)
+    if key == "cross_check" and value.value is True and tree.entries_at(key):
+        return tree  # the options of the file ask for the check already
+    return _put(tree, tuple(key.split(".")), value, mark)
 
 
 def _put(node: Node, path: Path, value: Node, mark: Mark) -> Node:

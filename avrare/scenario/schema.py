@@ -22,6 +22,7 @@ from avrare.base import version
 from avrare.base.errors import UsageError
 from avrare.base.health_messages import MESSAGES, check_names
 from avrare.plugin.component import Component
+from avrare.plugin.registry import default_registry
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
 """Keys of a scenario that hold one component block each; the key is the component's kind."""
@@ -136,6 +137,14 @@ class CrossCheck(_Model):
     share: float = Field(
         default=0.15, gt=0.0, le=1.0, description="cost of the check as a share of the estimate's own"
     )
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of the installed distributions that the checking estimator may come from."""
+        names = [self.estimator] if self.estimator else ["ams", "ess", "mc"]
+        known = default_registry().names("estimator")
+        rows = [default_registry().find("estimator", name) for name in names if name in known]
+        return {row.distribution: row.version for row in rows if row.distribution}
 
     def find_conflict(self, estimator: str) -> str | None:
         """Return why this check cannot be that of ``estimator``, None where it can."""
@@ -261,6 +270,8 @@ class Scenario:
     def versions(self) -> dict[str, str]:
         """Versions of avrare and of every distribution that the scenario uses."""
         used = {part.distribution: part.version for part in self.blocks.values() if part.distribution}
+        if self.cross_check is not None:
+            used |= self.cross_check.versions
         return dict(sorted({**used, "avrare": version.__version__}.items()))
 
     @property

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from avrare.base.errors import ScenarioError
+from avrare.plugin.registry import default_registry
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import CrossCheck, Formula
@@ -206,6 +207,23 @@ def test_a_cross_check_is_an_option_of_its_own(read, good):
     assert chosen.cross_check == CrossCheck(estimator="ess", share=0.3)
     assert len({fingerprint(one) for one in (read(good), plain, chosen)}) == 3
     assert read(dump(chosen.resolved)) == chosen
+
+
+def test_the_switch_of_the_cross_check_keeps_the_options_of_the_file(read, good):
+    text = good + "cross_check: {estimator: ess, share: 0.3}\n"
+    assert read(text, ["cross_check=true"]) == read(text)
+    assert read(good, ["cross_check=true"]).cross_check == CrossCheck()
+    assert read(good + "cross_check: false\n", ["cross_check=true"]).cross_check == CrossCheck()
+    assert read(text, ["cross_check=false"]).cross_check is None
+    assert read(text, ["cross_check={share: 0.5}"]).cross_check == CrossCheck(share=0.5)
+
+
+def test_the_fingerprint_has_the_version_of_what_may_check(read, good):
+    name = "avrare-estimators"
+    assert name not in read(good).versions
+    checked = read(good + "cross_check: true\n")
+    assert checked.versions[name] == default_registry().find("estimator", "ess").version
+    assert name not in read(good + "cross_check: {estimator: mc}\n").versions
 
 
 def test_a_cross_check_must_be_of_another_family(fails, good):

@@ -17,7 +17,7 @@ from avrare.analysis.check.confidence_distributions import (
 )
 from avrare.estimation import health
 from avrare.estimation.intervals import cox
-from avrare.estimation.result import Failures, Result
+from avrare.estimation.result import CrossCheckResult, Failures, Result
 
 SHARES = (0.125, 0.125, 0.25, 0.5)
 """Share of the budget and of the error rate that each look uses; each from the second doubles the total."""
@@ -36,7 +36,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
     their shares of the budget. Where none of that is possible, the newest batch, as large as all others
     together, stands alone. The warnings of all batches count: a later batch that has none may just have
-    missed the tail. Errors are counted over all batches.
+    missed the tail. So does a cross-check that disagrees. Errors are counted over all batches.
     """
     newest = batches[-1]
     if len(batches) == 1:
@@ -47,6 +47,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     count = sum(batch.failures.count for batch in batches)
     changes["failures"] = Failures(newest.failures.noise, newest.failures.robustness, count)
     worst = [batch.worst for batch in batches if not math.isnan(batch.worst.robustness)]
+    changes["cross_check"] = _pool_checks([batch.cross_check for batch in batches if batch.cross_check])
     changes["worst"] = min(worst, key=lambda one: one.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.
     runs = _pool_runs(batches)
@@ -64,6 +65,17 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
             "run_probabilities": np.concatenate([batch.run_probabilities for batch in batches]),
         }
     return replace(newest, health=warnings, **changes)
+
+
+def _pool_checks(checks: Sequence[CrossCheckResult]) -> CrossCheckResult | None:
+    # The gravest outcome, of equal ones the newest, at the cost of all.
+    if not checks:
+        return None
+    outcomes = ("disagree", "agree", "inconclusive")
+    chosen = min(reversed(checks), key=lambda check: outcomes.index(check.outcome))
+    names = ("rollouts", "simulated_steps", "seconds")
+    costs: dict[str, Any] = {name: sum(getattr(check, name) for check in checks) for name in names}
+    return replace(chosen, **costs)
 
 
 def _pool_counts(batches: Sequence[Result]) -> _PooledMean | None:

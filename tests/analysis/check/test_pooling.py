@@ -8,6 +8,7 @@ import pytest
 from avrare.analysis.check.confidence_distributions import Binomial, LogNormal, Tabulated, derive_distribution
 from avrare.analysis.check.pooling import pool
 from avrare.estimation import intervals
+from avrare.estimation.result import CrossCheckResult
 
 
 def runs(estimate, values, **changes):
@@ -84,6 +85,30 @@ def test_warnings_of_all_batches_count_and_errors_add_up(estimate):
     well = estimate(Binomial(1, 100), errors=0)
     assert set(pool([ill, well], 0.01).health) == {"few_roots"}
     assert set(pool([well, ill, well], 0.005).health) == {"few_roots", "errors"}
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "kept"),
+    [
+        (("disagree", "agree", "inconclusive"), 0),
+        (("agree", "agree", "inconclusive"), 1),
+        (("inconclusive", "agree", "disagree"), 2),
+        (("inconclusive", "inconclusive"), 1),
+    ],
+)
+def test_the_gravest_cross_check_of_all_batches_stands_at_the_cost_of_all(estimate, outcomes, kept):
+    checks = [
+        CrossCheckResult("ess", outcome, f"check {k}", 0.15, rollouts=10**k, simulated_steps=2 * 10**k)
+        for k, outcome in enumerate(outcomes)
+    ]
+    whole = pool([estimate(Binomial(2, 100), cross_check=check) for check in checks], 0.01)
+    assert whole.cross_check.text == f"check {kept}"
+    assert whole.cross_check.rollouts == sum(10**k for k in range(len(checks)))
+    assert whole.cross_check.simulated_steps == 2 * whole.cross_check.rollouts
+
+
+def test_batches_without_a_cross_check_have_none(estimate):
+    assert pool([estimate(Binomial(2, 100))] * 2, 0.01).cross_check is None
 
 
 def test_one_batch_is_itself(estimate):
