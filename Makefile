@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 PROJECTS := $(wildcard pyproject.toml plugins/*/pyproject.toml)
 PLUGINS := $(patsubst %/pyproject.toml,%,$(wildcard plugins/*/pyproject.toml))
 
-.PHONY: help install run test slow attack lint types format docs clean
+.PHONY: help install run test slow attack lint format docs dist clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -41,6 +41,10 @@ format: .venv/test.stamp  ## mend what can be mended
 
 docs: .venv/test.stamp  ## build the documentation site in build/docs
 	$(BIN)/mkdocs build --strict
+
+dist: .venv/run.stamp  ## build the wheels of avrare and of its plugins in dist/
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist . $(PLUGINS:%=./%)
+	@ls dist
 
 clean:  ## remove .venv and what the tools left
 	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache

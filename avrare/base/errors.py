@@ -7,6 +7,7 @@ avrare and exits with ``ExitCode.BUG``.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from enum import IntEnum
 
@@ -85,8 +86,17 @@ class ScenarioError(AvrareError):
         return type(self), (self.problems, self.exit_code)
 
     def lines(self) -> list[str]:
-        """Return every problem, each followed by its hint."""
-        return [line for problem in self.problems for line in AvrareError(*problem).lines()]
+        """Return every problem, each followed by its hint; missing packages share one."""
+        missing = [(text, hint) for text, hint in self.problems if hint and hint.startswith(_INSTALL)]
+        lines = [
+            line
+            for problem in self.problems
+            if problem not in missing
+            for line in AvrareError(*problem).lines()
+        ]
+        packages = dict.fromkeys(word for _, hint in missing for word in hint.removeprefix(_INSTALL).split())
+        hint = _INSTALL + " ".join(packages) if packages else None
+        return lines + (AvrareError("\n".join(_join_places(missing)), hint).lines() if missing else [])
 
 
 class FormulaError(UsageError):
@@ -103,6 +113,24 @@ class PluginError(AvrareError):
     """A plugin that is missing, broken, or lacks a dependency."""
 
     exit_code = ExitCode.PLUGIN
+
+
+_INSTALL = "pip install "
+
+
+def _join_places(problems: Iterable[tuple[str, str]]) -> list[str]:
+    """Return each message once, with the other lines of the file at which it applies."""
+    lines: dict[tuple[str, str], list[str]] = {}
+    first: dict[tuple[str, str], str] = {}
+    for message, _ in problems:
+        place = re.match(r"(.*?):(\d+):\d+: [^:]*: (.*)", message)
+        file, line, text = place.groups() if place else ("", "", message)
+        first.setdefault((file, text), message)
+        lines.setdefault((file, text), []).append(line)
+    return [
+        message + (f" (also in line {', '.join(lines[key][1:])})" if len(lines[key]) > 1 else "")
+        for key, message in first.items()
+    ]
 
 
 _LISTED = 16

@@ -212,10 +212,13 @@ OPTIONS: dict[str, Options] = {
     },
     "schema": {},
     "new": {
-        "what": ("what to create", {"choices": ["plugin"]}),
-        "name NAME": "name in scenarios, for example wind_gusts",
-        "--kind KIND": (f"one of {', '.join(KINDS)}", {"required": True}),
-        "--out DIR": ("parent of the new folder (default: .)", {"default": "."}),
+        "what": ("what to create", {"choices": ["plugin", "scenario"]}),
+        "name NAME": "name of the plugin's component, for example wind_gusts, or of the scenario",
+        "--kind KIND": f"kind of a plugin's component: one of {', '.join(KINDS)}",
+        "--no-driving": "write a perception model, tracker or controller for simulators without vehicles",
+        "--simulator NAME": "simulator of the scenario (default: the only one that is installed)",
+        "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", _REPEATABLE),
+        "--out DIR": ("parent of the new folder or file (default: .)", {"default": "."}),
     },
     "check-plugin": {
         "name NAME": "component, or distribution: all of its components",

@@ -15,6 +15,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from avrare.cli.output import say
 from avrare.plugin.component import GROUP
 from avrare.plugin.registry import VARIABLE, Row, default_registry
 from avrare.report.terminal.console import make_console
@@ -58,9 +59,8 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
         headings.insert(3, "import")
     table = Table(*headings, box=box.SIMPLE_HEAD, pad_edge=False)
     for row in rows:
-        status = row.status if not row.detail else f"{row.status}: {row.detail}"
         colour = "green" if row.status == "ok" else "red"
-        texts = [escape(text) for text in (row.kind or "?", row.name, row.origin, status, row.summary)]
+        texts = [escape(text) for text in (row.kind or "?", row.name, row.origin, row.status, row.summary)]
         texts[3] = f"[{colour}]{texts[3]}[/{colour}]"
         if seconds is not None:
             spent = seconds.get(row.distribution)
@@ -69,8 +69,15 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
     for column in table.columns:
         column.overflow = "fold"  # names and pip commands must not be truncated
     print_wide(table)
+    for detail in dict.fromkeys(f"{row.name}: {row.detail}" for row in rows if row.detail):
+        say(detail)
 
 
 def print_wide(table: Table) -> None:
-    """Print a table; a pipe has no width: wide enough that nothing wraps."""
-    make_console(soft_wrap=False, highlight=True, width=None if sys.stdout.isatty() else 240).print(table)
+    """Print a table; in a pipe, which has no width, nothing wraps and no line ends in blanks."""
+    if sys.stdout.isatty():
+        make_console(soft_wrap=False, highlight=True).print(table)
+        return
+    with (console := make_console(soft_wrap=False, highlight=True, width=240)).capture() as captured:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip()))

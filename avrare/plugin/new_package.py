@@ -22,6 +22,7 @@ _SUMMARIES = {
     "perception": "normally distributed position errors and missed detections",
     "tracker": "fixed-gain filter with constant-velocity prediction",
     "controller": "holds speed and lane, and brakes for vehicles ahead",
+    "controller_plain": "feeds the observation back, for simulators without vehicles",
     "specification": "a signal must not exceed its limit for several steps in a row",
     "estimator": "fraction of failures among independent rollouts",
     "executor": "runs chunks on threads of this process",
@@ -53,9 +54,19 @@ def check_name(name: str, kind: str, registry: Registry) -> str:
     return component
 
 
-def write(name: str, kind: str, folder: Path) -> Path:
-    """Write the package ``avrare-NAME`` into a new subfolder, and return that; ``name`` has been checked."""
-    words = _placeholders(name, kind)
+def write(name: str, kind: str, folder: Path, driving: bool = True) -> Path:
+    """Write the package ``avrare-NAME`` into a new subfolder, and return that; ``name`` has been checked.
+
+    Without ``driving`` a controller is written for simulators without vehicles.
+    """
+    if not driving and kind != "controller":
+        text = (
+            "perception error models and trackers are about vehicles"
+            if kind in _DRIVING
+            else f"no {kind} needs it"
+        )
+        raise UsageError("--no-driving is for controllers", text)
+    words = _placeholders(name, kind, driving)
     target = folder / words["distribution"]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -71,7 +82,8 @@ def write(name: str, kind: str, folder: Path) -> Path:
     return target
 
 
-def _placeholders(name: str, kind: str) -> dict[str, str]:
+def _placeholders(name: str, kind: str, driving: bool) -> dict[str, str]:
+    variant = kind if driving else f"{kind}_plain"
     words = {
         "name": name,
         "Name": "".join(part.capitalize() for part in name.split("_")),
@@ -80,14 +92,15 @@ def _placeholders(name: str, kind: str) -> dict[str, str]:
         "distribution": "avrare-" + name.replace("_", "-"),
         "package": f"avrare_{name}",
         "module": kind,
-        "summary": _SUMMARIES[kind],
-        "extras": "\n            driving=True," if kind in _DRIVING else "",
+        "summary": _SUMMARIES[variant],
+        "extras": "\n            driving=True," if driving and kind in _DRIVING else "",
+        "variant": variant,
         "test_header": _HEADERS.get(kind, "import numpy as np\n"),
         "test_footer": _SUITE if kind == "estimator" else "",
     }
     for part in ("test", "example"):
-        words[part] = _fill(f"{part}_{kind}.txt", words).rstrip("\n")
-    return {**words, "options": _fill(f"config_{kind}.txt", words).rstrip("\n")}
+        words[part] = _fill(f"{part}_{variant}.txt", words).rstrip("\n")
+    return {**words, "options": _fill(f"config_{variant}.txt", words).rstrip("\n")}
 
 
 def _files(words: Mapping[str, str]) -> dict[str, str]:
@@ -97,7 +110,7 @@ def _files(words: Mapping[str, str]) -> dict[str, str]:
         "README.md": "README.md.txt",
         f"{source}/__init__.py": "init.py.txt",
         f"{source}/config.py": "config.py.txt",
-        f"{source}/{kind}.py": f"part_{kind}.txt",
+        f"{source}/{kind}.py": f"part_{words['variant']}.txt",
         f"tests/test_{words['package']}.py": "test.py.txt",
     }
     return {**{path: _fill(file, words) for path, file in templates.items()}, f"{source}/py.typed": ""}

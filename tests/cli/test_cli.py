@@ -284,7 +284,7 @@ def test_plugins_lists_components_and_problems(capsys):
     assert blind["detail"] == "needs no_such_module: pip install no_such_module"
     assert main(["plugins"]) == 0
     out = capsys.readouterr().out
-    assert "missing dependency: needs no_such_module: pip install no_such_module" in out
+    assert "blind: needs no_such_module: pip install no_such_module" in out
     assert "avrare-fake 1.2" in out
 
 

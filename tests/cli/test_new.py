@@ -29,7 +29,8 @@ def run(words, **environment):
 
 
 def make(kind, folder, name):
-    assert main(["new", "plugin", name, "--kind", kind, "--out", str(folder)]) == 0
+    kind, *flags = kind.split()
+    assert main(["new", "plugin", name, "--kind", kind, *flags, "--out", str(folder)]) == 0
     (source,) = folder.glob(f"avrare-{name.replace('_', '-')}/src")
     return source
 
@@ -39,6 +40,7 @@ def packages(tmp_path_factory):
     """One package of each kind: kind -> source folder; each with the metadata of an installed one."""
     folder = tmp_path_factory.mktemp("packages")
     sources = {kind: make(kind, folder, f"q{kind}") for kind in KINDS}
+    sources["plain"] = make("controller --no-driving", folder, "qplain")
     for kind, source in sources.items():
         info = source / f"avrare_q{kind}-0.1.0.dist-info"
         info.mkdir()
@@ -70,12 +72,12 @@ def test_strict_mypy_passes(packages, path):
     modules = [source / f"avrare_q{kind}" for kind, source in packages.items()]
     cache = ["--cache-dir", ROOT / ".mypy_cache"]
     done = run([tool("mypy"), "--strict", *cache, *modules], MYPYPATH=path)
-    assert "Success: no issues found in 21 source files" in done.stdout, done.stdout
+    assert "Success: no issues found in 24 source files" in done.stdout, done.stdout
 
 
 @pytest.mark.parametrize("name", ["q", "{}_and_18_letters_more"])
 def test_ruff_passes(name, tmp_path):
-    for kind in KINDS:
+    for kind in [*KINDS, "controller --no-driving"]:
         make(kind, tmp_path / kind, name.format(kind[:4]))
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
         done = run([tool("ruff"), *command, tmp_path])
@@ -140,7 +142,7 @@ def test_a_python_keyword_is_refused(tmp_path, capsys):
         (["mpc", "--kind", "controller"], "the controller 'mpc' already exists in avrare-mpc"),
         (["serial", "--kind", "executor"], "the executor 'serial' already exists in avrare"),
         (["mine", "--kind", "controler"], "unknown kind 'controler'\nhint: did you mean 'controller'?"),
-        (["mine"], "the following arguments are required: --kind"),
+        (["mine"], "--kind is required for a plugin"),
         (["mine", "--kind", "tracker", "--out", "/proc/nowhere"], "cannot be written"),
     ],
 )
@@ -158,3 +160,44 @@ def test_a_prefix_is_not_doubled(tmp_path):
     shutil.rmtree(tmp_path / "avrare-mine")
     assert main(["new", "plugin", "avrare-mine", "--kind", "tracker", "--out", str(tmp_path)]) == 0
     assert [path.name for path in tmp_path.iterdir()] == ["avrare-mine"]
+
+
+def test_no_driving_is_for_controllers(tmp_path, capsys):
+    words = ["new", "plugin", "mine", "--kind", "tracker", "--no-driving", "--out", str(tmp_path)]
+    assert main(words) == 4
+    assert "trackers are about vehicles" in capsys.readouterr().err
+
+
+def test_a_new_scenario_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "scenario", "spill", "--simulator", "tank", "--set", "start=0.5"]) == 0
+    assert "signals level" in capsys.readouterr().out
+    text = Path("spill.yaml").read_text()
+    assert "  start: 0.5\n" in text
+    assert "  # rim: 2.0   # height of the rim above the valve [m]" in text
+    assert main(["validate", "--build", "spill.yaml"]) == 0
+    assert main(["run", "spill.yaml", "--budget", "rollouts=20", "--quiet", "--no-pictures"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--simulator", "tankk"], "did you mean 'tank'"),
+        ([], "--simulator "),
+        (["--simulator", "tank", "--set", "rimm=3"], "did you mean 'rim'"),
+        (["--simulator", "tank", "--kind", "tracker"], "are for plugins"),
+    ],
+)
+def test_a_new_scenario_that_cannot_be_written(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "scenario", "spill", *words]) in (4, 5)
+    assert message in capsys.readouterr().err
+    assert not Path("spill.yaml").exists()
+
+
+def test_a_new_scenario_overwrites_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("spill.yaml").write_text("mine")
+    assert main(["new", "scenario", "spill.yaml", "--simulator", "tank"]) == 4
+    assert "already exists" in capsys.readouterr().err
+    assert Path("spill.yaml").read_text() == "mine"

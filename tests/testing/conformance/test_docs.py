@@ -40,7 +40,8 @@ def run_scenario(text, folder):
     plain = parse(text.encode(), "snippet").plain()
     if set(plain) <= BLOCK_ONLY:
         path = folder / "part.yaml"
-        (folder / "scenarios").symlink_to(ROOT / "scenarios")
+        if not (folder / "scenarios").exists():  # from an earlier snippet of the page
+            (folder / "scenarios").symlink_to(ROOT / "scenarios")
         path.write_text("extends: scenarios/lane_change.yaml\n" + text)
     else:
         path = folder / f"{plain['name']}.yaml"

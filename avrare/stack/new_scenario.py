@@ -1,0 +1,96 @@
+"""New scenario files: a simulator with its options, and a formula over one of its signals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic.fields import FieldInfo
+
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import UsageError
+from avrare.plugin.registry import Registry
+from avrare.protocols import Signals
+from avrare.scenario.overrides import override
+from avrare.scenario.validation import check_options
+from avrare.scenario.value_positions import Mark, Node
+
+
+def write_scenario(
+    path: Path, simulator: str | None, settings: Sequence[str], registry: Registry
+) -> tuple[str, ...]:
+    """Write a scenario for an installed simulator; it runs as it is.
+
+    Args:
+        path: File to write; its stem is the scenario's name.
+        simulator: Name of the simulator; None: the only one that is installed.
+        settings: ``KEY=VALUE`` for options of the simulator.
+        registry: Installed components.
+
+    Returns:
+        Names of the simulator's signals.
+
+    Raises:
+        UsageError: There is no such simulator, an option is missing, or the file exists.
+        PluginError: The simulator's plugin is missing.
+    """
+    name = simulator or _choose_simulator(registry)
+    component = registry.require("simulator", name)
+    mark = Mark("--set")
+    options: dict[str, Any] = override(Node({}, mark, mark), settings).plain()
+    config = check_options(component.load_config(), name, options, kind="simulator")
+    built = component.load_factory()(config, None)
+    signals = built.signals(built.reset(np.zeros((1, built.noise_size))))
+    lines = [
+        f"name: {path.stem}",
+        "description: one sentence that says what happens here",
+        f"steps: 100   # of {built.dt:g} s",
+        "simulator:",
+        f"  plugin: {name}",
+        *_list_options(type(config).model_fields, options),
+        "# controller: {plugin: NAME}   # the stack under test, where the simulator does not act by itself",
+        "specifications:",
+        f"  # signals: {', '.join(signals)}",
+        f'  first: {{stl: "{_formula(signals)}"}}   # replace it by a requirement of your own',
+        "estimator: {plugin: mc, rollouts: 1000}",
+        "# thresholds:",
+        '#   - {specification: first, probability: "< 0.01"}   # decided by `avrare check`',
+    ]
+    if path.exists():
+        raise UsageError(f"{path}: already exists", "choose another name or --out")
+    with explain_file_errors(f"{path}: cannot write", "choose another --out"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, "\n".join(lines) + "\n")
+    return tuple(signals)
+
+
+def _choose_simulator(registry: Registry) -> str:
+    names = [row.name for row in registry.rows() if row.kind == "simulator" and row.status == "ok"]
+    if len(names) == 1:
+        return names[0]
+    if not names:
+        hint = "pip install 'avrare[driving]', or write your own: avrare new plugin NAME --kind simulator"
+        raise UsageError("no simulator is installed", hint)
+    raise UsageError("choose a simulator", f"--simulator {' | '.join(names)}")
+
+
+def _list_options(fields: Mapping[str, FieldInfo], options: Mapping[str, Any]) -> list[str]:
+    """Return the options that are set, and the others as comments with their defaults."""
+    lines = [f"  {name}: {json.dumps(value)}" for name, value in options.items()]
+    for name, field in fields.items():
+        default = field.get_default(call_default_factory=True)
+        if name not in options and isinstance(default, (str, int, float, bool, type(None))):
+            lines.append(f"  # {name}: {json.dumps(default)}   # {field.description or ''}".rstrip(" #"))
+    return lines
+
+
+def _formula(signals: Signals) -> str:
+    # a bound that the start keeps by a distance of its own size, at least 1
+    for name, values in signals.items():
+        start = np.asarray(values)
+        if start.shape == (1,) and start.dtype.kind == "f" and np.isfinite(start[0]):
+            return f"always ({name} < {start[0] + max(abs(start[0]), 1.0):.3g})"
+    raise UsageError("the simulator has no scalar signal to write a formula about")
