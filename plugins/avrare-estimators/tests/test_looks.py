@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -88,9 +89,17 @@ def test_looks_keep_the_confidence_where_a_single_interval_does_not():
     assert held["unpaid"] < held["paid"]
 
 
-@pytest.mark.parametrize(("roots", "growth"), [(0, 8), (2, 8), (3, 7), (10, 2), (14, 2), (20, 1), (90, 1)])
+@pytest.mark.parametrize(("roots", "growth"), [(2, 8), (3, 7), (10, 2), (14, 2), (20, 1), (90, 1)])
 def test_growth_aims_at_twenty_roots(roots, growth):
     assert Pilot(0, roots, math.nan).wanted_growth == growth
+
+
+@pytest.mark.parametrize("roots", [0, 1, 1.8])
+def test_growth_is_bounded_where_few_roots_are_expected_anyway(roots):
+    pilot = Pilot(0, roots, math.nan)
+    assert pilot.wanted_growth == 2
+    assert "were not raised further" in replace(pilot, growth=2).diagnostics(500, "particles")["note"]
+    assert "note" not in replace(pilot, growth=1).diagnostics(250, "particles")  # the budget paid for no more
 
 
 def test_the_first_look_is_half_of_what_the_pilot_suggests():
@@ -183,6 +192,18 @@ def test_a_pilot_raises_the_size_and_does_not_count(name):
         total = told["full_rollouts"] + told["branched_rollouts"]
         assert total == fixed.rollouts
     assert f"{told[size]} {size} in place of {SMALL[name][size]}" in "".join(note_lines([grown]))
+
+
+def test_a_hopeless_problem_costs_little_more_than_planned():
+    """Failures beyond reach: the pilot finds none, and the size is raised once."""
+    grown, fixed = estimate("ams", 9.0, grow=True), estimate("ams", 9.0)
+    twice = estimate("ams", 9.0, particles=40, discard=8)
+    assert grown.probability == fixed.probability == 0.0
+    np.testing.assert_array_equal(grown.run_probabilities, twice.run_probabilities)
+    assert grown.rollouts - twice.rollouts < 0.2 * fixed.rollouts  # the pilot
+    assert grown.rollouts < 3.0 * fixed.rollouts
+    assert any("were not raised further" in line for line in note_lines([grown]))
+    assert "extinct" in grown.health
 
 
 def test_many_roots_leave_the_size_as_it_is():

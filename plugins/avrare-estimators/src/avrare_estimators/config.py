@@ -33,8 +33,8 @@ class _RunsConfig(_Config):
     most_runs: int = Field(default=320, ge=2, le=10**6, description="the most runs; with relative_error")
     grow: bool | None = Field(
         default=None,
-        description="up to 8 times larger runs where a pilot, which does not count, promises few roots "
-        "(default: unless the size of a run is given)",
+        description="up to 8 times larger runs where a pilot, which does not count, promises few roots, 2 "
+        "times where 8 would not suffice (default: unless the size of a run is given)",
     )
 
     @property

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from avrare.estimation import health
 from avrare.estimation.result import Interval
 
 LEAST_RUNS = 10
@@ -24,6 +25,8 @@ LEAST_RUNS = 10
 WANTED_ROOTS = 20
 """Roots aimed at; the warning ``few_roots`` begins at 15, and a pilot's number scatters."""
 MOST_GROWTH = 8
+HOPELESS_GROWTH = 2
+"""Growth where even the largest one promises too few roots: more would be paid for another warning."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,14 @@ class Pilot:
     @property
     def wanted_growth(self) -> int:
         """Factor that gives the wanted number of roots, which grows with the size of a run."""
+        if self.hopeless:
+            return HOPELESS_GROWTH
         return min(MOST_GROWTH, math.ceil(WANTED_ROOTS / max(self.roots, 1.0)))
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether few roots are expected even of the largest runs."""
+        return MOST_GROWTH * self.roots < health.FEWEST_ROOTS
 
     def first_look(self, goal: float, least: int, most: int) -> int:
         """Return half of the runs that a relative error is likely to need, within bounds."""
@@ -113,4 +123,9 @@ class Pilot:
                 f"a pilot, which does not count, promised {self.roots:.0f} roots a run: the runs that "
                 f"count have {size} {name} in place of {size // self.growth}"
             )
+            if self.hopeless:
+                told["note"] += (
+                    f"; few roots are expected, and {name} were not raised further: give {name}, a score "
+                    "that rises earlier on the way to a failure, or another estimator"
+                )
         return told
