@@ -7,12 +7,13 @@ which file it is.
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import json
 import os
 import stat
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,6 +24,8 @@ from avrare.base.errors import UsageError
 
 Arrays = dict[str, NDArray[Any]]
 _Content = TypeVar("_Content")
+CHECKSUM = "checksum"
+"""Key of the checksum of a JSON object."""
 _MOST_JSON = 2**26
 """Bytes of a JSON file."""
 MOST_BYTES = 2**32
@@ -84,6 +87,35 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     if "\\u" in text:  # half of a surrogate pair cannot be written again
         json.dumps(found, ensure_ascii=False).encode()
     return found
+
+
+def seal(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a JSON object with its checksum; wall times, keys ``seconds``, do not count."""
+    return {**content, CHECKSUM: _checksum(content)}
+
+
+def check_seal(path: Path, content: Mapping[str, Any], hint: str) -> None:
+    """Raise a ``UsageError`` if the checksum of a JSON object does not fit; without one it is as it is."""
+    stored = content.get(CHECKSUM)
+    if stored is not None and stored != _checksum(content):
+        raise UsageError(f"{path}: it was changed after it was written: its checksum does not fit", hint)
+
+
+def digest(text: str) -> str:
+    """Return 16 hexadecimal digits that identify a text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    counted = _without_seconds({key: value for key, value in content.items() if key != CHECKSUM})
+    text = json.dumps(counted, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _without_seconds(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_seconds(item) for key, item in value.items() if key != "seconds"}
+    return [_without_seconds(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def parse_arrays(content: bytes) -> Arrays:

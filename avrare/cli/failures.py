@@ -14,9 +14,9 @@ from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.analysis.failures.stored_replays import replay_failures, store_worst
 from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
-from avrare.cli.output import say
+from avrare.cli.output import print_warnings, say
 from avrare.report.terminal.failure_text import describe_clusters
-from avrare.results.reader import load_run_scenario, read_failures
+from avrare.results.reader import find_changes, load_run_scenario, read_failures
 from avrare.rollout.loaded_scenario import load
 
 
@@ -44,6 +44,7 @@ def _blob(args: argparse.Namespace, database: Any) -> Sequence[str]:
 
 def _add(args: argparse.Namespace, database: Any) -> Sequence[str]:
     folder = Path(args.run)
+    print_warnings((line, None) for line in find_changes(folder))
     new, complaints = store_worst(database, load_run_scenario(folder), read_failures(folder))
     summary = f"{len(new)} new failures in {database.folder}: {', '.join(new)}" if new else "no new failures"
     return [summary, *complaints]

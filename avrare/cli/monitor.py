@@ -21,6 +21,7 @@ from avrare.report.documents.monitoring_documents import monitoring_document, wr
 from avrare.report.plots import monitoring_plot
 from avrare.report.terminal.console import make_console
 from avrare.report.terminal.monitoring_text import draw_chart, headline
+from avrare.results.reader import find_changes
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
 from avrare.results.recordings.recording import parse_road
@@ -74,7 +75,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def _case_of_run(args: argparse.Namespace) -> tuple[str, Any, Any]:
     found = replay_run_failure(Path(args.file), args.specification, args.failure, args.rule)
-    print_warnings((line, None) for line in found.changes)
+    print_warnings((line, None) for line in (*find_changes(Path(args.file)), *found.changes))
     if args.rule is None and args.stl is None:
         specification = found.scenario.stack.specifications[found.specification]
         return found.specification, specification, found.recording

@@ -13,9 +13,15 @@ from avrare.analysis.failures.storage import FailureDatabase, decode
 from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import say, write_file
+from avrare.cli.output import print_warnings, say, write_file
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
-from avrare.results.reader import load_run_scenario, read_failures, read_versions, select_failure
+from avrare.results.reader import (
+    find_changes,
+    load_run_scenario,
+    read_failures,
+    read_versions,
+    select_failure,
+)
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
@@ -82,6 +88,7 @@ def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
         raise UsageError(f"--failure {args.failure}: with --run, give the index of a failure, from 0")
     wanted = None if args.failure is None else int(args.failure)
     folder = Path(args.run)
+    print_warnings((line, None) for line in find_changes(folder))
     own, failures = load_run_scenario(folder), read_failures(folder)
     name, index = select_failure(folder, failures, args.specification, wanted)
     noise, robustness = failures[name].noise[index], float(failures[name].robustness[index])

@@ -24,7 +24,7 @@ import numpy as np
 
 from avrare.base.atomic_files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
 from avrare.base.errors import ExitCode, UsageError
-from avrare.base.stored_files import Arrays, parse_arrays, read_json
+from avrare.base.stored_files import Arrays, check_seal, parse_arrays, read_json, read_regular, seal
 from avrare.rollout.request import ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"
@@ -70,7 +70,7 @@ class Checkpoint:
         wanted = json.loads(json.dumps(task))  # tuples become lists, as they do in the file
         stored = read_index(folder)
         if stored is None:
-            index = json.dumps({"schema": SCHEMA, "task": wanted, "about": about or {}}, indent=2)
+            index = json.dumps(seal({"schema": SCHEMA, "task": wanted, "about": about or {}}), indent=2)
             with _explain_folder_errors(folder):
                 folder.mkdir(parents=True, exist_ok=True)
                 if not all(path.is_dir() or _OWN_FILES.fullmatch(path.name) for path in folder.rglob("*")):
@@ -138,7 +138,7 @@ class FileJournal:
         with explain_file_errors(f"{path}: cannot be read"):
             if not path.exists():
                 return None
-            content = path.read_bytes()
+            content = read_regular(path)
         try:
             return decode(content, self._key(chunk), self.sealed)
         except ValueError as error:
@@ -201,6 +201,7 @@ def read_index(folder: Path) -> dict[str, Any] | None:
     if index.get("schema") not in (1, SCHEMA):
         text = f"{path}: written by another version of avrare (schema {index.get('schema')!r})"
         raise UsageError(text, "resume with that version, or start afresh in another folder")
+    check_seal(path, index, f"restore the file, or {_AFRESH}")
     return index
 
 

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
-from avrare.base.stored_files import read_arrays, read_json
+from avrare.base.stored_files import check_seal, digest, read_arrays, read_json, read_regular
 from avrare.base.visible_text import spell_line
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.estimation.result import Failures, Worst
+from avrare.scenario.yaml import MAX_BYTES
 
 if TYPE_CHECKING:
     from avrare.rollout.loaded_scenario import LoadedScenario
@@ -94,6 +95,7 @@ class StoredResult(BaseModel):
     seed: int
     versions: dict[_Name, _Name]
     estimates: Annotated[list[StoredEstimate], Field(min_length=1)]
+    files: dict[str, str] = {}
 
 
 @dataclass(frozen=True)
@@ -194,10 +196,12 @@ class RunFolder:
     @cached_property
     def scenario_text(self) -> str:
         """The resolved scenario as YAML; empty where it cannot be read."""
-        try:
-            return (self.path / SCENARIO).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError):
-            return ""
+        return _scenario_text(self.path)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Lines on what is not as the run has left it."""
+        return _find_changes(self.path, self.content)
 
     @cached_property
     def failures(self) -> Mapping[str, Failures]:
@@ -230,6 +234,7 @@ def read_run_folder(path: Path) -> RunFolder:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
         raise UsageError(f"{file}: it cannot be read: {place}: {first['msg']}", RUN_AGAIN) from None
+    check_seal(file, content, f"restore the file, or {RUN_AGAIN}")
     return RunFolder(path, content, result)
 
 
@@ -249,6 +254,27 @@ def load_run_scenario(path: Path) -> LoadedScenario:
     if not file.is_file():
         raise UsageError(f"{path}: no scenario.yaml in it", "give the folder that `avrare run` has written")
     return load(file)
+
+
+def find_changes(path: Path) -> tuple[str, ...]:
+    """Return lines on what is not as the run has left it in its folder; older runs do not tell."""
+    file = path / "result.json"
+    return _find_changes(path, read_json(file, RUN_AGAIN)) if file.is_file() else ()
+
+
+def _find_changes(path: Path, content: Mapping[str, Any]) -> tuple[str, ...]:
+    files = content.get("files")
+    written = files.get(SCENARIO) if isinstance(files, dict) else None
+    if written in (None, digest(_scenario_text(path))):
+        return ()
+    return (f"{path / SCENARIO}: it was changed after the run, or is missing",)
+
+
+def _scenario_text(path: Path) -> str:
+    try:
+        return read_regular(path / SCENARIO, MAX_BYTES).decode()
+    except (OSError, ValueError):
+        return ""
 
 
 def _date(text: Any) -> datetime | None:

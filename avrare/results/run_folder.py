@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from avrare.base.atomic_files import explain_file_errors, remove_torn, write_atomic, write_text
 from avrare.base.errors import AvrareError, ExitCode, UsageError
+from avrare.base.stored_files import digest, seal
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
 from avrare.estimation.result import Result
@@ -70,15 +71,17 @@ def remove_empty(folder: Path) -> None:
 
 
 def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
-    """Return the content of result.json."""
-    return {
+    """Return the content of result.json, with its checksum and the digest of scenario.yaml."""
+    content = {
         "schema": 1,
         "scenario": scenario.name,
         "fingerprint": fingerprint(scenario),
         "seed": scenario.seed,
         "versions": scenario.versions,
         "estimates": [result.to_dict() for result in results],
+        "files": {SCENARIO: digest(dump(scenario.resolved))},
     }
+    return seal(content)
 
 
 def provenance(scenario: Scenario, budget: Budget | None = None) -> dict[str, Any]:

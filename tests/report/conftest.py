@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from avrare.base.stored_files import CHECKSUM, seal
 from avrare.cli.main import main
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
@@ -72,7 +73,8 @@ def tamper():
 
     def change(folder, name, **values):
         file = folder / name
-        file.write_text(json.dumps({**json.loads(file.read_text()), **values}))
+        content = {**json.loads(file.read_text()), **values}
+        file.write_text(json.dumps(seal(content) if CHECKSUM in content else content))
 
     return change
 

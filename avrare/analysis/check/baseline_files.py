@@ -24,7 +24,7 @@ from avrare.analysis.check.confidence_distributions import (
 )
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import read_json
+from avrare.base.stored_files import check_seal, read_json, seal
 from avrare.estimation.result import Result, finite
 from avrare.results.run_folder import provenance
 from avrare.scenario.fingerprint import digests, fingerprint
@@ -144,6 +144,7 @@ def read(path: Path) -> Baseline:
         raise UsageError(f"{path}: not a baseline that can be read: {reason}", _HINT) from None
     except UsageError as error:
         raise UsageError(f"{path}: {error.message}", _HINT) from None
+    check_seal(path, content, _HINT)
     return Baseline(path, stored.resolved, stored.versions, stored.commit, entries, stored.files, firsts)
 
 
@@ -168,7 +169,7 @@ def save(
     path = folder / f"{max(_numbers(folder), default=0) + 1:04d}.json"
     with explain_file_errors(f"{path}: cannot save the baseline", "choose another folder with --baseline"):
         folder.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps(content, indent=1) + "\n")
+        write_text(path, json.dumps(seal(content), indent=1) + "\n")
     return path
 
 

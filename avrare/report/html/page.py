@@ -93,12 +93,17 @@ def _render_header(folder: RunFolder) -> Markup:
     )
 
 
-def _render_errors(folder: RunFolder) -> Markup | None:
-    if folder.scenario is not None:
-        return None
-    text = "The scenario of this run cannot be built here, so everything that needs it is missing:"
-    errors = tag("pre", "\n".join(folder.load_errors))
-    return tag("section", tag("p", text), errors, class_="note", role="note")
+def _render_errors(folder: RunFolder) -> list[Markup]:
+    found = []
+    if folder.scenario is None:
+        text = "The scenario of this run cannot be built here, so everything that needs it is missing:"
+        found.append((text, folder.load_errors))
+    if folder.changes:
+        found.append(("What is shown of the scenario may not be what was run:", folder.changes))
+    return [
+        tag("section", tag("p", text), tag("pre", "\n".join(lines)), class_="note", role="note")
+        for text, lines in found
+    ]
 
 
 def _render_provenance(folder: RunFolder) -> Markup:
