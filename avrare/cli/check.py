@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from avrare.analysis.check.baseline_files import BaselineEntry, default_folder
 from avrare.analysis.check.gate import check
+from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
 from avrare.base.atomic_files import ensure_writable
@@ -19,6 +21,7 @@ from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import print_warnings, refuse_overwrite, write_file, write_files
 from avrare.estimation.budget import Budget
 from avrare.report.documents.check_documents import junit, markdown
+from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
@@ -46,7 +49,12 @@ def execute(args: argparse.Namespace) -> int:
         raise Interrupted(
             "interrupted, there is no verdict", "run the check again: it saves no chunks"
         ) from None
+    outcome = with_next_steps(outcome, subjects, Path(args.out) if args.out else None)
     _write(args, subjects, outcome)
+    if is_github_job():
+        write_summary(outcome)
+        for line in annotate_rows(outcome, subjects):
+            print(line, file=sys.stderr if args.json else sys.stdout)
     if args.json:
         print(json.dumps(outcome.to_dict(subjects)))
     else:

@@ -164,6 +164,7 @@ class Decision:
     change_interval: Interval | None = None  # infinity: unbounded
     rollouts: int = 0
     seconds: float = 0.0
+    next_step: str = ""  # command or number that helps with a failing or inconclusive row
 
     @property
     def name(self) -> str:

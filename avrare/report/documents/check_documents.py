@@ -37,7 +37,7 @@ def _case(decision: Decision, error: str | None) -> ElementTree.Element:
     names = {"classname": escape_xml(f"avrare.{decision.scenario}"), "name": escape_xml(decision.name)}
     case = ElementTree.Element("testcase", names, time=f"{decision.seconds:.3f}")
     tag = {"pass": None, "fail": "failure", "inconclusive": "skipped"}[decision.verdict]
-    reason = decision.reason
+    reason = "; ".join(filter(None, [decision.reason, decision.next_step]))
     if error is not None and decision.verdict != "fail":
         tag, reason = "error", error
     if tag is not None:
@@ -57,7 +57,12 @@ def markdown(outcome: CheckResult) -> str:
         lines.append(
             _row([*map(escape_markdown, texts), _SIGNS[one.verdict], *map(escape_markdown, numbers)])
         )
-    remarks = [f"{one.scenario} {one.name}: {one.reason}" for one in outcome.decisions if one.reason]
+    remarks = [
+        f"{one.scenario} {one.name}: {text}"
+        for one in outcome.decisions
+        for text in (one.reason, one.next_step)
+        if text
+    ]
     remarks += [*outcome.notes, *list_blind_bounds(outcome)]
     if remarks:
         lines += ["", *(f"- {escape_markdown(text)}" for text in remarks)]

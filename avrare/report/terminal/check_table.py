@@ -39,6 +39,9 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
         if reason:
             text = f"{scenario}  {', '.join(names)}: {reason}"
             console.print(text, style=VERDICT_COLOURS[verdict], markup=False)
+    for one in outcome.decisions:
+        if one.next_step:
+            console.print(f"{one.scenario}  {one.name}: {one.next_step}", markup=False)
     for note in (*outcome.notes, *list_blind_bounds(outcome)):
         console.print(note, markup=False)
     console.print(f"{colour_verdict(outcome.verdict)}{_overall_details(outcome)}")
