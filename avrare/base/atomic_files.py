@@ -16,6 +16,9 @@ try:
 except ImportError:  # Windows has no such locks: nobody is kept out there
     fcntl = None  # type: ignore[assignment]
 
+_OURS = "avrare_"
+"""Mark in the names of temporary files: those of other programs are never removed."""
+
 
 class LockHeld(Exception):
     """The lock is held by another process, or by another holder in this one."""
@@ -76,7 +79,7 @@ def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
 
 def remove_torn(folder: Path) -> None:
     """Remove the temporary files in a folder whose writers are dead, as their locks tell."""
-    for temporary in folder.glob(".*.tmp") if fcntl is not None else ():
+    for temporary in folder.glob(f".*.{_OURS}*.tmp") if fcntl is not None else ():
         with suppress(OSError), temporary.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             temporary.unlink()
@@ -84,7 +87,7 @@ def remove_torn(folder: Path) -> None:
 
 def _open_temporary(path: Path) -> tuple[int, str]:
     while True:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.{_OURS}", suffix=".tmp")
         with suppress(OSError):  # a file system without locks: then nothing is ever removed
             if fcntl is not None:
                 fcntl.flock(handle, fcntl.LOCK_EX)
