@@ -1,62 +1,99 @@
 """The failure probabilities of a scenario from many Monte Carlo rollouts, to measure estimators against.
 
-    python benchmarks/ground_truth.py [SCENARIO] [--rollouts 100000] [--workers 2] [--set KEY=VALUE]
+    OMP_NUM_THREADS=1 python benchmarks/ground_truth.py [SCENARIO] [--rollouts 1000000] [--workers 2]
+        [--seconds 3600] [--set KEY=VALUE]
 
-Runs `avrare run` with a checkpoint, so it may be stopped and started again, and keeps the counts in
-docs/ground-truth/SCENARIO-FINGERPRINT.json. The fingerprint is that of the scenario with this many rollouts;
-the probabilities hold for any estimator of the same system, which is written down beside them.
+Every chunk of rollouts is saved in the results folder, so the command may be stopped at any moment (Ctrl-C,
+kill, or by itself after `--seconds`) and started again, with any number of workers, until it is done. Then it
+writes docs/ground-truth/SCENARIO-FINGERPRINT.json, the counts and the system that they belong to, and beside
+it the `.npz` with the robustness of the least robust thousandth of each rule (`studies/truth.py`). The
+probabilities hold for any estimator of the same system.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import shlex
-import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
+from studies import truth
+
+from avrare.base.errors import Interrupted
+from avrare.estimation.checkpoint import Checkpoint
+from avrare.estimation.loop import Settings, run
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.plan import Info
+from avrare.rollout.executors.work import build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
 ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+TRUTHS = ROOT / "docs" / "ground-truth"
 KEPT = ("specification", "probability", "interval", "confidence", "rollouts", "failures", "errors", "health")
 
 
 def main() -> None:
-    """Run, keep, print."""
+    """Run what is missing; write the truth once it is complete."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change_published.yaml")
-    parser.add_argument("--rollouts", type=int, default=100_000)
+    parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
+    parser.add_argument("--rollouts", type=int, default=1_000_000)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after this time")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--truths", type=Path, default=TRUTHS)
     args = parser.parse_args()
-    folder = ROOT / "benchmarks" / "results" / f"ground_truth_{Path(args.scenario).stem}"
-    settings = [*args.set, f"estimator.rollouts={args.rollouts}"]
-    words = ["run", args.scenario, "--estimator", "mc", "--workers", str(args.workers)]
-    words += [word for setting in settings for word in ("--set", setting)]
-    folder.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
-    call = [sys.executable, "-m", "avrare", *words, "--no-pictures", "--resume", str(folder)]
-    subprocess.run(call, cwd=ROOT, check=True)
-    seconds = time.monotonic() - began
-    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    resolved = load(args.scenario, settings).resolved
-    kept = {
-        "scenario": result["scenario"],
-        "system": {name: block for name, block in resolved.items() if name not in ("estimator", "seed")},
-        "fingerprint": result["fingerprint"],
-        "seed": result["seed"],
-        "versions": result["versions"],
-        "command": shlex.join(["avrare", *words]),
-        "estimates": [{name: entry[name] for name in KEPT} for entry in result["estimates"]],
+    settings = [*args.set, "estimator={plugin: mc}", f"estimator.rollouts={args.rollouts}"]
+    scenario = LoadedScenario(load(args.scenario, settings))
+    try:
+        results = rolled_out(scenario, args)
+    except Interrupted:
+        print("stopped, the finished chunks are saved; the same command goes on")
+        return
+    definition, entries = scenario.definition, [result.to_dict() for result in results]
+    hidden = ("estimator", "seed", "chunk")
+    about = {
+        "scenario": definition.name,
+        "system": {name: block for name, block in definition.resolved.items() if name not in hidden},
+        "fingerprint": fingerprint(definition),
+        "seed": definition.seed,
+        "versions": definition.versions,
+        "command": shlex.join(["python", "benchmarks/ground_truth.py", *sys.argv[1:]]),
+        "estimates": [{name: entry[name] for name in KEPT} for entry in entries],
     }
-    file = ROOT / "docs" / "ground-truth" / f"{kept['scenario']}-{kept['fingerprint']}.json"
-    file.parent.mkdir(exist_ok=True)
-    file.write_text(json.dumps(kept, indent=2) + "\n", encoding="utf-8")
+    file = args.truths / f"{definition.name}-{about['fingerprint']}.json"
+    truth.write(file, about, {result.specification: truth.Tail.of(result.robustness) for result in results})
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    print(f"{file.relative_to(ROOT)} written; {seconds:.0f} s, the largest process had {peak:.0f} MiB")
+    print(f"{file} written; {results[0].seconds:.0f} s, the largest process had {peak:.0f} MiB")
+
+
+def rolled_out(scenario: LoadedScenario, args: Any) -> list[Any]:
+    """Return the results of all rollouts, those of earlier calls included."""
+    definition = scenario.definition
+    folder = args.results / f"ground_truth_{definition.name}_{fingerprint(definition)}"
+    problem = scenario.problem(scenario.specifications)
+    executor = build_executor(args.workers)
+    settings = Settings(definition.seed, definition.confidence)
+    began, told = time.monotonic(), [time.monotonic()]
+
+    def tell(info: Info) -> None:
+        if time.monotonic() - told[0] > 60.0:
+            told[0] = time.monotonic()
+            print(f"{info.rollouts} of {args.rollouts} rollouts, {info.failures} failures", flush=True)
+
+    task = {"scenario": definition.resolved | {"estimator": None}, "versions": definition.versions}
+    with Checkpoint.open(folder, task).held() as checkpoint:
+        return run(
+            problem, MonteCarlo(McConfig(rollouts=args.rollouts)), executor, settings, tell,
+            checkpoint.journal("rollouts"), lambda: time.monotonic() - began > args.seconds,
+        )  # fmt: skip
 
 
 if __name__ == "__main__":

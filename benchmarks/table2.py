@@ -6,7 +6,7 @@ For each rule, 20 repetitions of the paper's four methods at its settings (N = 2
 10 stages of cross-entropy), and the same with what avrare does better at the cost of its own splitting run.
 The truth is 100,000 Monte Carlo rollouts, kept in docs/ground-truth by
 
-    python benchmarks/ground_truth.py SCENARIO SETTINGS
+    python benchmarks/ground_truth.py SCENARIO --rollouts 100000 SETTINGS
 
 with the settings printed by --truth-command. Cells are files in the results folder, named after the
 truth's fingerprint; what is there is not run again. Writes docs/table2.md and its pictures from
@@ -119,7 +119,7 @@ def main() -> None:
     args = parser.parse_args()
     if args.truth_command:
         settings = " ".join(f"--set {setting}" for setting in SETTINGS)
-        print(f"python benchmarks/ground_truth.py {args.scenario} {settings}")
+        print(f"python benchmarks/ground_truth.py {args.scenario} --rollouts 100000 {settings}")
         return
     truth = table2_page.ground_truth(ROOT / "docs" / "ground-truth", load(args.scenario, SETTINGS))
     args.results.mkdir(parents=True, exist_ok=True)
