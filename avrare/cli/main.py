@@ -42,6 +42,7 @@ COMMAND_GROUP = "avrare.commands"
 PROVIDED = {
     "pem": ("avrare-gp-pem", "fit a perception error model to detections"),
     "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
+    "policy": ("avrare-policy", "convert a trained policy network to a file of the plugin"),
     "synthesize": ("avrare-linear", "design the input of a linear system that makes its failure less likely"),
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.

@@ -12,6 +12,6 @@ def avrare_components() -> list[Component]:
             name="policy",
             config="avrare_policy.config:PolicyConfig",
             factory="avrare_policy.controller:build",
-            summary="a small neural network from an .npz file, for simulators that hand out observations",
+            summary="a neural network from an .npz or .onnx file, for simulators that hand out observations",
         )
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 
@@ -12,6 +14,9 @@ class PolicyConfig(BaseModel):
 
     model: str = Field(
         min_length=1,
-        description="name of a policy that an installed plugin ships, or the path of an .npz file",
+        description="name of a policy that an installed plugin ships, or the path of an .npz or .onnx file",
         json_schema_extra={"file": True},
+    )
+    output: Literal["value", "argmax"] = Field(
+        "value", description="argmax: the action is the number of the largest output (discrete actions)"
     )

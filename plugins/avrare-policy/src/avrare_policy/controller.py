@@ -14,6 +14,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Prediction
 from avrare_policy.config import PolicyConfig
 from avrare_policy.network import Network, load
+from avrare_policy.onnx_model import OnnxPolicy
 
 GROUP = "avrare.policies"
 """Entry point group of shipped policies; values are the packages that hold ``models/NAME.npz``."""
@@ -25,12 +26,13 @@ class PolicyController:
     Attributes:
         horizon: 0: it needs no predictions.
         network: The network.
+        argmax: Whether the action is the number of the largest output, as in discrete action spaces.
     """
 
     horizon = 0
 
-    def __init__(self, network: Network) -> None:
-        self.network = network
+    def __init__(self, network: Network | OnnxPolicy, argmax: bool = False) -> None:
+        self.network, self.argmax = network, argmax
 
     def start(self, n: int) -> None:
         """Return None: there is no memory."""
@@ -47,29 +49,33 @@ class PolicyController:
                 "the controller policy needs a simulator with observations of the ego",
                 "such as highway_env with a `lidar:` block",
             )
-        wanted, given = len(self.network.mean), observation.shape[1]
+        wanted, given = self.network.inputs, observation.shape[1]
         if given != wanted:
             raise UsageError(
                 f"the policy needs observations of {wanted} numbers, the simulator gives {given}",
                 "configure the simulator's sensors as in the policy's model card",
             )
-        return self.network(observation), None
+        action = self.network(observation)
+        return (action.argmax(axis=1)[:, None].astype(np.float64) if self.argmax else action), None
 
 
 def locate(model: str) -> Path:
-    """Return the file of a shipped policy, or of a path that ends in ``.npz``.
+    """Return the file of a shipped policy, or of a path that ends in ``.npz`` or ``.onnx``.
 
     Raises:
         UsageError: There is no such policy or file.
     """
-    if model.endswith(".npz"):
+    if model.endswith((".npz", ".onnx")):
         path = Path(model)
         if not path.is_file():
             raise UsageError(f"{model}: no such file")
         return path
     shipped = {point.name: point.value for point in entry_points(group=GROUP)}
     if model not in shipped:
-        hint = did_you_mean(model, shipped) or "give a shipped policy's name or the path of an .npz file"
+        hint = (
+            did_you_mean(model, shipped)
+            or "give a shipped policy's name or the path of an .npz or .onnx file"
+        )
         raise UsageError(f"unknown policy {model!r}", hint)
     spec = find_spec(shipped[model])
     folders = list(spec.submodule_search_locations or []) if spec is not None else []
@@ -88,4 +94,6 @@ def build(config: PolicyConfig, scene: object | None = None) -> PolicyController
     Raises:
         UsageError: The policy is unknown or its file cannot be read.
     """
-    return PolicyController(load(locate(config.model)))
+    path = locate(config.model)
+    network = OnnxPolicy(path) if path.suffix == ".onnx" else load(path)
+    return PolicyController(network, config.output == "argmax")

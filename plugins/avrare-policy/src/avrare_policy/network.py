@@ -15,6 +15,8 @@ from avrare.base.stored_files import parse_arrays, read_regular
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
 FORMAT = 1
+SQUASHED = 2
+"""Format of a network whose last layer is squashed, which version 0.1 cannot read."""
 ACTIVATIONS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.float32]]] = {
     "tanh": np.tanh,
     "relu": lambda values: np.maximum(values, np.float32(0.0)),
@@ -34,6 +36,7 @@ class Network:
         low: (A,) least action.
         high: (A,) greatest action.
         provenance: Source, licence etc. by keyword.
+        squash: Whether tanh squashes the last layer into [low, high], in place of clipping.
     """
 
     weights: tuple[NDArray[np.float32], ...]
@@ -44,9 +47,15 @@ class Network:
     low: Floats
     high: Floats
     provenance: Mapping[str, str]
+    squash: bool = False
+
+    @property
+    def inputs(self) -> int:
+        """Numbers of an observation, D."""
+        return len(self.mean)
 
     def __call__(self, observation: Floats) -> Floats:
-        """Return actions (N, A) of observations (N, D), clipped to their range.
+        """Return actions (N, A) of observations (N, D), within their range.
 
         Products are einsum: with BLAS the last bits of a row would depend on its neighbours.
         """
@@ -56,6 +65,8 @@ class Network:
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             values = np.einsum("ni,ij->nj", values, weight) + bias
             values = values if k == last else activate(values)
+        if self.squash:
+            return self.low + 0.5 * (np.tanh(values.astype(np.float64)) + 1.0) * (self.high - self.low)
         return np.clip(values.astype(np.float64), self.low, self.high)
 
 
@@ -76,7 +87,7 @@ def load(path: Path) -> Network:
 def save(path: Path, network: Network) -> None:
     """Write a network: ``W0``, ``b0``, ``W1``, ..., never pickled."""
     arrays: dict[str, NDArray[np.generic]] = {
-        "format": np.array(FORMAT),
+        "format": np.array(SQUASHED if network.squash else FORMAT),
         "activation": np.array(network.activation),
         "provenance_keys": np.array(list(network.provenance), dtype=np.str_),
         "provenance_values": np.array(list(network.provenance.values()), dtype=np.str_),
@@ -88,8 +99,9 @@ def save(path: Path, network: Network) -> None:
 
 
 def _assemble(path: Path, arrays: Arrays) -> Network:
-    if int(arrays["format"].astype(float)) != FORMAT:
-        raise UsageError(f"{path}: policy format {arrays['format']}, this version reads {FORMAT}")
+    found = int(arrays["format"].astype(float))
+    if found not in (FORMAT, SQUASHED):
+        raise UsageError(f"{path}: policy format {found}, this version reads {FORMAT} and {SQUASHED}")
     layers = sum(name.startswith("W") and name[1:].isdigit() for name in arrays)
     keys, values = arrays["provenance_keys"], arrays["provenance_values"]
     network = Network(
@@ -101,6 +113,7 @@ def _assemble(path: Path, arrays: Arrays) -> Network:
         low=np.asarray(arrays["low"], float),
         high=np.asarray(arrays["high"], float),
         provenance={str(key): str(value) for key, value in zip(keys, values, strict=True)},
+        squash=found == SQUASHED,
     )
     _check(path, network)
     return network
@@ -121,7 +134,9 @@ def _check(path: Path, network: Network) -> None:
         if getattr(network, name).shape != (size,):
             raise UsageError(f"{path}: {name} needs {size} entries")
     finite = [np.isfinite(values).all() for values in (*network.weights, *network.biases)]
-    finite += [np.isfinite(getattr(network, name)).all() for name in ("mean", *vectors)]
+    finite += [np.isfinite(getattr(network, name)).all() for name in ("mean", "scale")]
+    bounds = (network.low, network.high)
+    finite += [np.isfinite(bound).all() if network.squash else not np.isnan(bound).any() for bound in bounds]
     if len(sizes) == 1 or not all(finite):
         raise UsageError(f"{path}: a policy needs at least one layer, and finite numbers")
     if (network.scale <= 0.0).any():
