@@ -143,6 +143,7 @@ OPTIONS: dict[str, Options] = {
         "--shrink": "find the smallest noise that still fails",
         "--csv FILE": "write the rollout as CSV for `avrare monitor`",
         "--commonroad FILE": "write the rollout as a CommonRoad scenario; the ego has ID 1",
+        "--mcap FILE": "write the rollout as MCAP for Foxglove: boxes, observations, tracks, plan, signals",
     },
     "falsify": {
         **_SCENARIO,

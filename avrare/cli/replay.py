@@ -14,6 +14,8 @@ from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say, write_file
+from avrare.report.documents.mcap_recording import write_mcap
+from avrare.report.plots.rollout_plot import extract_frames
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
 from avrare.results.reader import (
     find_changes,
@@ -58,7 +60,7 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError("--specification requires --run", "a stored failure names its specification")
     elif args.blob is not None:
         raise UsageError("--blob cannot be combined with --run", "give one of them")
-    for name in ("csv", "commonroad"):
+    for name in ("csv", "commonroad", "mcap"):
         if getattr(args, name) == "":
             raise UsageError(f"--{name} must be a file, not ''")
 
@@ -98,7 +100,7 @@ def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) -> None:
-    if args.csv is None and args.commonroad is None:
+    if args.csv is None and args.commonroad is None and args.mcap is None:
         return
     if not found.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
@@ -114,6 +116,9 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
                 say(f"the vehicle {name!r} is written as {written!r}: {reason}")
     if args.commonroad is not None:
         _write(args.commonroad, to_commonroad(recording, scenario.name))
+    if args.mcap is not None:
+        write_mcap(Path(args.mcap), recording, extract_frames(scenario, found))
+        say(f"written to {args.mcap}")
 
 
 def _write(path: str, text: str) -> None:

@@ -1,11 +1,14 @@
 """Rollouts as files that ``avrare monitor`` reads."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
+from avrare.report.documents.mcap_recording import write_mcap
+from avrare.report.plots.rollout_plot import extract_frames
 from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, read_csv, to_csv
 from avrare.results.recordings.recording import FIELDS, Recording
@@ -97,3 +100,53 @@ def test_names_with_commas_are_read_back(recording, tmp_path):
     scene = replace(recording.scene, names=('a "van", red',))
     (tmp_path / "drive.csv").write_text(to_csv(replace(recording, scene=scene)))
     assert read_csv(str(tmp_path / "drive.csv"), "ego", scene.road).names == scene.names
+
+
+def messages(path, topic):
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        found = make_reader(file).iter_messages(topics=[topic])
+        return [(schema.name, message.log_time, json.loads(message.data)) for schema, _, message in found]
+
+
+def test_mcap_has_boxes_and_signals_at_every_sample(drive_past, recording, tmp_path):
+    pytest.importorskip("mcap")
+    tape = np.random.default_rng(0).standard_normal((9, 4))
+    rollout = replay_tape(drive_past.problem("near"), tape)
+    write_mcap(tmp_path / "drive.mcap", recording, extract_frames(drive_past, rollout))
+    scene = messages(tmp_path / "drive.mcap", "/scene")
+    assert {name for name, _, _ in scene} == {"foxglove.SceneUpdate"}
+    assert [time for _, time, _ in scene] == [100_000_000 * k for k in range(9)]
+    cubes = {one["id"]: one["cubes"][0] for one in scene[3][2]["entities"]}
+    assert set(cubes) == {"ego", *recording.scene.names}
+    assert cubes["ego"]["pose"]["position"]["x"] == recording.signals["ego_x"][3]
+    assert cubes["ego"]["size"]["x"] == recording.scene.ego_length
+    signals = messages(tmp_path / "drive.mcap", "/signals")
+    assert [content["gap"] for _, _, content in signals] == recording.signals["gap"].tolist()
+    (road,) = messages(tmp_path / "drive.mcap", "/road")
+    assert len(road[2]["entities"][0]["lines"]) >= 2
+
+
+def test_mcap_without_vehicles_has_signals_only(linear, pushed, tmp_path):
+    pytest.importorskip("mcap")
+    found = replay_tape(linear.problem("near"), pushed)
+    signals = {**found.signals, "endless": np.full(len(found.states), np.inf)}
+    write_mcap(tmp_path / "drive.mcap", Recording("test", 0.1, 0.0, signals), ())
+    rows = messages(tmp_path / "drive.mcap", "/signals")
+    assert len(rows) == len(found.states)
+    assert rows[0][2]["endless"] is None  # JSON has no infinity
+    assert not messages(tmp_path / "drive.mcap", "/scene")
+
+
+def test_mcap_bytes_are_the_same_every_time(recording, tmp_path):
+    pytest.importorskip("mcap")
+    for name in ("a", "b"):
+        write_mcap(tmp_path / name, recording, ())
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_mcap_into_a_folder_that_is_not_there(recording, tmp_path):
+    pytest.importorskip("mcap")
+    with pytest.raises(UsageError, match="cannot write"):
+        write_mcap(tmp_path / "no" / "drive.mcap", recording, ())
