@@ -15,7 +15,7 @@ import stat
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,18 +47,29 @@ def read_arrays(path: Path, hint: str) -> Arrays:
     return _explained(path, hint, lambda: parse_arrays(read_regular(path)))
 
 
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a file to read that is no pipe and no device, which could hang or never end.
+
+    Raises:
+        ValueError: It is one.
+    """
+    file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb")
+    kind = os.fstat(file.fileno()).st_mode
+    if stat.S_ISREG(kind):
+        return file
+    file.close()
+    if stat.S_ISDIR(kind):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    raise ValueError("it is not a regular file")
+
+
 def read_regular(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
-    """Return the content of a file that is no pipe and no device, which could hang or never end.
+    """Return the content of a file that is no pipe and no device.
 
     Raises:
         ValueError: It is one, or larger than ``most`` bytes.
     """
-    with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
-        kind = os.fstat(file.fileno()).st_mode
-        if stat.S_ISDIR(kind):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
-        if not stat.S_ISREG(kind):
-            raise ValueError("it is not a regular file")
+    with open_regular(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
         raise ValueError(f"it is larger than {most / 2**20:.0f} MiB")

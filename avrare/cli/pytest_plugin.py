@@ -106,10 +106,12 @@ class CriterionItem(pytest.Item):
 
     def runtest(self) -> None:
         """Fail unless the verdict is a pass."""
+        from avrare.base.visible_text import spell_controls
+
         assert isinstance(self.parent, ScenarioFile)
         outcome = self.parent.outcome
         decision = outcome.decisions[self.number]
-        text = f"{decision.scenario}  {decision.name}: {decision.verdict}; {decision.reason}"
+        text = spell_controls(f"{decision.scenario}  {decision.name}: {decision.verdict}; {decision.reason}")
         # An inconclusive verdict because of rollout errors is not a matter of budget: never skip it.
         too_few = decision.verdict == "inconclusive" and not outcome.has_errors(decision)
         if too_few and self.config.getini("avrare_inconclusive") == "skip":

@@ -151,7 +151,7 @@ class FileJournal:
         if not path.exists():
             return None
         with suppress(OSError, ValueError, KeyError, TypeError):
-            return len(_arrays(path.read_bytes())["error"])
+            return len(_arrays(read_regular(path))["error"])
         return 1  # damaged: told when it is read
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
@@ -165,7 +165,7 @@ class FileJournal:
         """Wall time of the estimate when the newest chunk was stored [s]; 0 where there is none."""
         newest = max(self.folder.glob("*.npz"), default=None)
         try:
-            return decode_seconds(newest.read_bytes()) if newest else 0.0
+            return decode_seconds(read_regular(newest)) if newest else 0.0
         except (OSError, ValueError, TypeError):  # reported when the chunk is read
             return 0.0
 

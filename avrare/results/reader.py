@@ -22,6 +22,7 @@ from avrare.base.stored_files import check_seal, digest, read_arrays, read_json,
 from avrare.base.visible_text import spell_line
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.estimation.result import Failures, Worst
+from avrare.scenario.safe_mode import is_outside
 from avrare.scenario.yaml import MAX_BYTES
 
 if TYPE_CHECKING:
@@ -271,6 +272,8 @@ def _find_changes(path: Path, content: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _scenario_text(path: Path) -> str:
+    if is_outside(path / SCENARIO, path):  # a report would give away a file from elsewhere
+        return ""
     try:
         return read_regular(path / SCENARIO, MAX_BYTES).decode()
     except (OSError, ValueError):

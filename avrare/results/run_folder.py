@@ -122,7 +122,9 @@ def begin_checkpoint(
             f"{folder}: reserved for the checkpoint, but a scenario has the same name",
             "run the scenario by itself, or rename it",
         )
-    if not resume and read_index(folder) is not None:
+    if resume:
+        refuse_links(out)
+    elif read_index(folder) is not None:
         _remove_without_chunks(folder)
     paths = {one.name: str(Path(one.path).resolve()) for one in scenarios}
     files = {f"{one.name}/{SCENARIO}": dump(one.resolved).encode() for one in scenarios}

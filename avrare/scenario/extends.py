@@ -6,7 +6,7 @@ import os
 import re
 
 from avrare.base.errors import ScenarioError, did_you_mean
-from avrare.base.stored_files import read_regular
+from avrare.base.stored_files import open_regular
 from avrare.scenario.safe_mode import TRUST, is_outside, is_safe
 from avrare.scenario.value_positions import Mark, Node, printable
 from avrare.scenario.yaml import MAX_BYTES, parse
@@ -56,9 +56,8 @@ def _base(parent: Node, path: str) -> str:
 def _content(path: str, named_at: Mark | None) -> bytes:
     where = f"{named_at}: extends: {printable(path)}" if named_at else printable(path)
     try:
-        if named_at is not None:
-            return read_regular(path, MAX_BYTES)
-        with open(path, "rb") as file:  # the user may give a pipe
+        given_pipe = named_at is None and path.startswith("/dev/")  # <(...) on the command line
+        with open(path, "rb") if given_pipe else open_regular(path) as file:
             return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise ScenarioError([(f"{where}: no such file", _similar_files(path))]) from None

@@ -28,7 +28,12 @@ from avrare.driving import Road
 from avrare.estimation.budget import Budget
 from avrare.estimation.plan import Info
 from avrare.plugin.registry import default_registry
-from avrare.report.documents import check_documents, comparison_documents, monitoring_documents
+from avrare.report.documents import (
+    check_documents,
+    comparison_documents,
+    github_output,
+    monitoring_documents,
+)
 from avrare.report.html.page import render_report
 from avrare.report.plots import comparison_plot, history_plot, monitoring_plot
 from avrare.report.terminal import comparison_table, monitoring_text, paired_table, result_table
@@ -235,6 +240,17 @@ def test_markdown(name, problem, estimate):
         )
         assert not OBEYED.search(text)
         assert shape(text) == shape(honest)
+
+
+def test_github_annotations(name, estimate):
+    """Each is one line, and none is another command of a workflow."""
+    target = SimpleNamespace(
+        name=name, definition=SimpleNamespace(path=name.replace("\0", "").replace("\ud800", ""))
+    )
+    lines = github_output.annotate_rows(check_of(name, estimate), [target])
+    assert [line.split()[0] for line in lines] == ["::error", "::warning"]
+    assert not OBEYED.search("".join(lines))
+    assert not re.search("[\n\r]", "".join(lines))
 
 
 def shape(text):

@@ -145,6 +145,21 @@ def test_a_changed_scenario_of_a_run_is_named(night, capsys):
         assert "scenario.yaml: it was changed after the run" in capsys.readouterr().err
 
 
+def test_a_scenario_that_is_a_link_is_not_shown(night, monkeypatch):
+    """Or else the report of a stranger's run folder would give away a file from elsewhere."""
+    monkeypatch.chdir(night)
+    secret = night / "secret"
+    secret.write_text("password: swordfish")
+    for path in kept(night / "run" / "scenario.yaml"):
+        path.unlink()
+        path.symlink_to(secret)
+        assert main(["report", str(night / "run"), "--safe"]) == 0
+        page = (night / "run" / "report.html").read_text()
+        assert "swordfish" not in page
+        assert "this is a link to a file outside its folder" in page
+        path.unlink()
+
+
 def test_a_changed_index_of_a_checkpoint_is_named(tmp_path):
     folder = tmp_path / "checkpoint"
     Checkpoint.open(folder, {"budget": "steps=100", "seconds": 1})

@@ -1,6 +1,9 @@
 """Damaged files of a run's folder: one message each, whatever is in them."""
 
+import io
 import json
+import os
+import zipfile
 import zlib
 
 import numpy as np
@@ -9,7 +12,7 @@ import pytest
 from avrare.base import stored_files
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_arrays, read_json
-from avrare.results.reader import read_failures, read_rollouts, read_run_folder
+from avrare.results.reader import load_run_scenario, read_failures, read_rollouts, read_run_folder
 
 ESTIMATE = {
     "specification": "left", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.05],
@@ -132,6 +135,31 @@ def test_what_could_not_be_copied_or_written_again_is_refused(tmp_path, text):
     (tmp_path / "x.json").write_text(text)
     with pytest.raises(UsageError, match=r"x\.json: cannot be read"):
         read_json(tmp_path / "x.json", "remove it")
+
+
+@pytest.mark.parametrize("name", ["result.json", "failures.npz", "rollouts.npz", "scenario.yaml"])
+def test_a_pipe_in_place_of_a_file_does_not_hang(tmp_path, name):
+    write(tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    read = {"failures.npz": read_failures, "rollouts.npz": read_rollouts, "scenario.yaml": load_run_scenario}
+    with pytest.raises(UsageError):
+        read.get(name, read_run_folder)(tmp_path)
+    if name == "scenario.yaml":
+        run = read_run_folder(tmp_path)
+        assert run.scenario is None
+        assert run.scenario_text == ""
+        assert "not a regular file" in run.load_errors[0]
+
+
+def test_a_header_that_promises_too_much_is_refused(tmp_path):
+    content = io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": (2**50,)}
+    np.lib.format.write_array_header_1_0(content, header)
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        archive.writestr("a.npy", content.getvalue() + bytes(64))
+    with pytest.raises(UsageError, match=r"x\.npz: cannot be read"):
+        read_arrays(tmp_path / "x.npz", "remove it")
 
 
 def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.targets import CheckTarget
 from avrare.base.errors import AvrareError
+from avrare.base.visible_text import spell_controls
 from avrare.report.documents.check_documents import format_numbers, markdown
 from avrare.scenario.value_positions import Node
 from avrare.scenario.yaml import parse
@@ -66,7 +67,7 @@ def _find_line(path: str, decision: Decision) -> int:
 
 
 def _escape(text: str) -> str:
-    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return spell_controls(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _escape_property(text: str) -> str:

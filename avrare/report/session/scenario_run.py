@@ -23,6 +23,7 @@ from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.load import load
+from avrare.scenario.safe_mode import safe_mode
 
 
 class ScenarioRun(Results):
@@ -61,6 +62,7 @@ def run(
     workers: int = 1,
     resume: bool = False,
     progress: Progress | bool = False,
+    safe: bool = False,
 ) -> ScenarioRun:
     """Estimate every specification of a scenario and write the run folder, as ``avrare run`` does.
 
@@ -73,13 +75,15 @@ def run(
         workers: Number of processes; changes no bit of a result.
         resume: Continue the interrupted run in ``out``.
         progress: As for ``avrare.estimate``.
+        safe: Refuse code that is no installed plugin, and files outside the scenario's folder.
 
     Raises:
         ScenarioError: The file has problems; the message lists all of them with line and column.
         UsageError: The arguments or the parts do not fit, or ``out`` contains another run.
         PluginError: A plugin is missing.
     """
-    definition = load(path, overrides, estimator)
+    with safe_mode(safe):
+        definition = load(path, overrides, estimator)
     scenario, paid = LoadedScenario(definition), Budget.parse(budget)
     if resume and out is None:
         raise UsageError(
