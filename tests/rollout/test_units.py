@@ -195,6 +195,36 @@ def test_margin_ties_nobody_where_a_term_changes_its_truth():
     np.testing.assert_array_equal(found.scores[:, -1] >= 1.0, found.violated[:, 0])
 
 
+class Selecting:
+    """Specification whose formula reads signals of its own; where x is at 0, one of them has no value."""
+
+    formula = avrare.stl("always (near < 3 and far < 300)")
+
+    def __init__(self):
+        self.monitor = FormulaMonitor(self.formula)
+
+    def sample(self, signals):
+        x, y = signals["x"], signals["y"]
+        return {"near": x, "far": np.where(x == 0.0, np.nan, 100.0 * y)}
+
+    def start(self, n):
+        return self.monitor.start(n)
+
+    def update(self, state, signals):
+        return self.monitor.update(state, self.sample(signals))
+
+    def margin(self, state):
+        return self.monitor.margin(state)
+
+
+def test_a_specification_that_selects_its_signals_is_measured_in_theirs():
+    """Without noise x stays at 0: only the rollouts with noise tell the size of the other term."""
+    problem = Problem(Pair(1.0, 1.0), Selecting(), STEPS)
+    near, far = problem.sizes[0]
+    np.testing.assert_allclose(near, 3.0)
+    assert 50.0 < far[0] < 500.0
+
+
 def test_a_term_without_a_margin_is_measured_in_its_spread():
     """Without noise y stays at its limit: its margin there tells no size."""
     small, equal = (

@@ -87,7 +87,9 @@ class _Recorder:
 
     def update(self, state: dict[str, Floats], signals: Signals) -> tuple[dict[str, Floats], Verdict]:
         read = self.select(signals) if self.select else signals
-        newest = {name: np.asarray(values)[:, None] for name, values in read.items() if name in self.names}
+        known = {name: np.asarray(read[name]) for name in self.names if name in read}
+        # A value that is unknown, as of a predicate where two vehicles meet, tells no size.
+        newest = {name: np.where(np.isnan(x), np.inf, x)[:, None] for name, x in known.items()}
         seen = {name: np.concatenate([state[name], x], axis=1) if state else x for name, x in newest.items()}
         n = len(next(iter(signals.values())))
         return seen, Verdict(np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
