@@ -19,6 +19,7 @@ install: .venv/run.stamp  ## set up .venv with avrare and its plugins (no torch)
 run: .venv/run.stamp  ## estimate how likely the lane change breaks its rules
 	$(BIN)/avrare run scenarios/lane_change.yaml scenarios/lane_change_splitting.yaml \
 		--workers $(WORKERS) --out $(OUT)
+	@echo 'see it: $(BIN)/avrare report $(OUT)/lane_change --open'
 
 test: .venv/test.stamp  ## run the tests of the core and of every plugin, but for the slow ones
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)

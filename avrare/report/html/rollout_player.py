@@ -29,6 +29,8 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
 _MAX_SIGNALS = 12
+_LEVELS = ("longitudinal_acceleration", "lateral_acceleration", "jerk", "time_to_collision")
+"""Signals that are drawn beside a top view, where the simulator has them."""
 _MAX_NUMBERS = 60_000  # largest size of plans and predictions; a longer rollout is shown without them
 
 
@@ -122,7 +124,7 @@ def render_player(rollout: MonitoredRollout, scenario: LoadedScenario, opened: b
         tag(
             "div", _render_stage(result), json_block(_tabulate_view(result, rollout.frames, marked)),
             _draw_robustness(result), draw_predicates(scenario.stack.specifications[result.name], result),
-            draw_noise(scenario, stored.tape, stored.failed),
+            _draw_levels(result), draw_noise(scenario, stored.tape, stored.failed),
             class_="player", data_start=_select_start(result),
         ),
         open=opened,
@@ -184,16 +186,27 @@ def _make_time_axis(result: MonitoringResult) -> tuple[Floats, Scale]:
 
 
 def _draw_signals(result: MonitoringResult) -> Markup:
-    times, x = _make_time_axis(result)
     # scalar ones, those of the formula first
-    scalar = {name: values for name, values in result.recording.signals.items() if np.ndim(values) == 1}
+    scalar = [name for name, values in result.recording.signals.items() if np.ndim(values) == 1]
+    chosen = sorted(scalar, key=lambda one: one not in result.formula)[:_MAX_SIGNALS]
+    return tag("div", _draw_lines(result, chosen), class_="signals")
+
+
+def _draw_levels(result: MonitoringResult) -> Markup | None:
+    recording = result.recording
+    names = [name for name in _LEVELS if name in recording.signals and recording.scene is not None]
+    return tag("div", _draw_lines(result, names), class_="signals") if names else None
+
+
+def _draw_lines(result: MonitoringResult, names: Sequence[str]) -> list[Markup]:
+    times, x = _make_time_axis(result)
     figures = []
-    for name in sorted(scalar, key=lambda one: one not in result.formula)[:_MAX_SIGNALS]:
-        values = np.asarray(scalar[name], dtype=np.float64)
+    for name in names:
+        values = np.asarray(result.recording.signals[name], dtype=np.float64)
         chart = LineChart(x, make_linear_scale(values.tolist()), f"Signal {name} over time", over_time=True)
         chart.draw_line(times, values, "accent")
         figures.append(chart.render(name, height=84))
-    return tag("div", figures, class_="signals")
+    return figures
 
 
 def _draw_robustness(result: MonitoringResult) -> Markup:
