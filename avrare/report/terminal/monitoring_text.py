@@ -78,8 +78,7 @@ def summarise(result: MonitoringResult) -> str:
     # A part may be further from holding than the formula, where other parts make up for it.
     overall = " overall" if first.value < first.robustness else ""
     at = "" if worst is None else f" at {format_sample_time(result.recording, worst.sample)} s"
-    limit = f", decided by {worst.limit}" if worst is not None and worst.limit and overall else ""
-    return f"{verdict} first {_describe(result, first)} (worst{overall} robustness {robustness}{at}{limit})"
+    return f"{verdict} first {_describe(result, first)} (worst{overall} robustness {robustness}{at})"
 
 
 def _describe(result: MonitoringResult, decisive: DecisiveSample) -> str:

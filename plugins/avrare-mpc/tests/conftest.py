@@ -131,7 +131,7 @@ def plain():
     prefix = "avrare_mpc.riccati"
     compiled = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith(prefix)}
     numba, sys.modules["numba"] = sys.modules.get("numba"), None
-    names = ("jit", "values", "cost", "sweep", "newton", "batch", "solver")
+    names = ("jit", "lanes", "functions", "values", "cost", "sweep", "newton", "batch", "solver")
     try:
         modules = {name: importlib.import_module(f"{prefix}.{name}") for name in names}
     finally:

@@ -9,6 +9,7 @@ from avrare.driving import Prediction, Road, Vehicles
 from avrare_mpc.config import MpcConfig, TrajectoryPlan
 from avrare_mpc.controller import build
 from avrare_mpc.riccati.jit import COMPILED
+from avrare_mpc.riccati.lanes import WIDTH
 from avrare_mpc.riccati.solver import programme
 from avrare_mpc.trajectory import plan_trajectory
 
@@ -88,17 +89,23 @@ def test_an_old_plan_is_followed_within_the_bound_at_another_speed(lane_change, 
 @pytest.mark.parametrize("speed", [20.0, 0.0, -20.0, 0.5])
 def test_a_trial_stays_strictly_inside_whatever_its_direction(lane_change, plain, speed):
     rng, p = np.random.default_rng(1), programme(bounded(horizon=8), lane_change.scene)
-    path, trial = (plain.values.new_path(8, 3) for _ in range(2))
-    path.states[0] = trial.states[0] = [0.0, 1.75, speed, 0.0]
-    path.inputs[:] = [1.0, 0.1] * rng.uniform(-1.0, 1.0, (8, 2))
-    plain.newton.simulate(p, path)
-    bounds = plain.values.Bounds(hard=6, soft=1)
+    _, path, trial, work = plain.values.new_memory(8, 3)
+    path.states[:4] = np.reshape([0.0, 1.75, speed, 0.0], (4, 1))
+    path.inputs[:] = np.reshape([1.0, 0.1] * rng.uniform(-1.0, 1.0, (8, 2)), (16, 1))
+    bounds, one, everywhere = plain.values.Bounds(hard=3, soft=1), np.ones(WIDTH), np.full(WIDTH, True)
+    with np.errstate(divide="ignore"):
+        plain.newton.follow(p, path, path, work, bounds, one, everywhere)
     for size in (1e-3, 1.0, 1e6):
+        work.gains[:] = size * rng.standard_normal(work.gains.shape)
         with np.errstate(divide="ignore"):
-            plain.newton.follow(p, path, trial, size * rng.standard_normal((8, 12)), bounds, 1.0)
-        gap, before = (LIMIT - np.abs(each.states[:-1, 2] * each.inputs[:, 1]) for each in (trial, path))
+            plain.newton.follow(p, path, trial, work, bounds, one, ~everywhere)
+        gap, before = (
+            LIMIT - np.abs(each.states[:-4].reshape(8, 4, -1)[:, 2] * each.inputs.reshape(8, 2, -1)[:, 1])
+            for each in (trial, path)
+        )
         assert (gap > 0.0049 * before).all()
-        assert (np.abs(trial.inputs) < [p.acceleration_max, p.turn_rate_max]).all()
+        assert (np.abs(trial.inputs[::2]) < p.acceleration_max).all()
+        assert (np.abs(trial.inputs[1::2]) < p.turn_rate_max).all()
 
 
 def test_scripted_cars_keep_it_too():

@@ -8,7 +8,7 @@ from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.plan import shift
 from avrare_mpc.riccati import solver as module
-from avrare_mpc.riccati.batch import solve_without_bounds
+from avrare_mpc.riccati.batch import solve_all
 from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.solver import BETTER, NEAR, QUICK, RiccatiSolver
 
@@ -86,16 +86,16 @@ def test_the_second_search_helps_where_the_first_fails(lane_change, programmes):
 
 def with_rough(monkeypatch, change):
     """Apply ``change`` to what the rough search answers; returns a list of its iterations, to be filled."""
-    run, spent = module._run, []
+    run, spent = RiccatiSolver._run, []
 
-    def changed(kernel, programme, tuning, *rest):
-        answer = run(kernel, programme, tuning, *rest)
+    def changed(self, bounds, tuning, *rest):
+        answer = run(self, bounds, tuning, *rest)
         if tuning is NEAR:
             change(answer)
             spent.append(answer.iterations.copy())
         return answer
 
-    monkeypatch.setattr(module, "_run", changed)
+    monkeypatch.setattr(RiccatiSolver, "_run", changed)
     return spent
 
 
@@ -127,13 +127,29 @@ def test_rows_are_the_same_bits_in_any_batch(lane_change, programmes, both):
             assert np.array_equal(getattr(part, name), getattr(both[0], name)[index])
 
 
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 40])
+def test_neighbours_and_order_change_no_bit(lane_change, programmes, both, count):
+    """Not even neighbours that overflow, or that never end."""
+    start, x, y, rows, guesses = programmes
+    absurd = np.array([[0.0, 1e8, 1e8, 40.0], [0.0, 1.75, -30.0, 1.5], [40.0, 1.75, 20.0, 0.0]])
+    there = len(start) + np.arange(3)
+    start, x, y = (np.concatenate(pair) for pair in ((start, absurd), (x, x[:3]), (y, y[:3])))
+    guesses = np.concatenate([guesses, 1e3 * guesses[:3]])
+    index = np.concatenate([np.random.default_rng(count).permutation(rows)[:count], there])
+    index = np.random.default_rng(0).permutation(index)
+    part = RiccatiSolver(MpcConfig(), lane_change.scene).solve(start, x, y, index, guesses[index])
+    sane = index < len(rows)
+    for name in FIELDS:
+        assert np.array_equal(getattr(part, name)[sane], getattr(both[0], name)[index[sane]])
+
+
 def test_other_memory_layouts_are_not_compiled_again(lane_change, programmes, both):
     start, x, y, rows, guesses = programmes
-    known = len(solve_without_bounds.compiled.signatures)
+    known = len(solve_all.compiled.signatures)
     apart = np.asfortranarray(x)
     apart.flags.writeable = False
     found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(
         start, apart, y, rows[::5].astype(np.int32), np.asfortranarray(guesses)[::5]
     )
     assert np.array_equal(found.cost, both[0].cost[::5])
-    assert len(solve_without_bounds.compiled.signatures) == known
+    assert len(solve_all.compiled.signatures) == known

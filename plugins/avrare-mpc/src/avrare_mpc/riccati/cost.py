@@ -1,4 +1,4 @@
-"""Cost of a trajectory, its barrier, and the quadratic model of each stage.
+"""Cost of trajectories, their barrier, and the quadratic model of each stage.
 
 The model omits second derivatives of the clearances and of the lane distances (Gauss-Newton), so that every
 stage is convex; with them a search takes as many iterations.
@@ -6,204 +6,250 @@ stage is convex; with them a search takes as many iterations.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
+from avrare_mpc.riccati.functions import larger, logarithm, smaller, softplus
 from avrare_mpc.riccati.jit import kernel
-from avrare_mpc.riccati.values import Bounds, Floats, Others, Path, Programme
+from avrare_mpc.riccati.lanes import (
+    Lanes,
+    any_of,
+    exponent,
+    load,
+    magnitude,
+    mantissa,
+    peek,
+    root,
+    select,
+    splat,
+    store,
+)
+from avrare_mpc.riccati.values import Bounds, Path, Programme, Workspace
 
 NEGLIGIBLE = -37.0
 """Scaled clearance below which a softplus is under 1e-16 and taken as 0."""
+LINEAR = 37.0
+"""Scaled clearance above which a softplus is its argument."""
+INFINITE = 1e300
+"""Barrier of a path on a bound."""
 
 
 class Stage(NamedTuple):
     """Gradient and Hessian by x, y, v, h and a of every term but turn rates and bounds; xy is 0."""
 
-    x: float
-    y: float
-    v: float
-    h: float
-    a: float
-    xx: float
-    xv: float
-    xh: float
-    xa: float
-    yy: float
-    yv: float
-    yh: float
-    ya: float
-    vv: float
-    vh: float
-    va: float
-    hh: float
-    ha: float
-    aa: float
+    x: Lanes
+    y: Lanes
+    v: Lanes
+    h: Lanes
+    a: Lanes
+    xx: Lanes
+    xv: Lanes
+    xh: Lanes
+    xa: Lanes
+    yy: Lanes
+    yv: Lanes
+    yh: Lanes
+    ya: Lanes
+    vv: Lanes
+    vh: Lanes
+    va: Lanes
+    hh: Lanes
+    ha: Lanes
+    aa: Lanes
 
 
 @kernel
-def lane_terms(y: float, centres: Floats) -> tuple[float, float, float]:
+def lane_terms(p: Programme, y: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     """Return 1 / sum(1 / d^2) over the lanes, its slope, and its Gauss-Newton curvature.
 
-    Ratios to the nearest lane's distance make it regular on a lane's centre.
+    With P the product of all d, S the sum over lanes of the squared products of the others' d, and U that of
+    their cubes, they are P^2 / S, 2 P U / S^2 and 2 U^2 / S^3: regular on a lane's centre.
     """
-    near = y - centres[0]
-    for i in range(1, len(centres)):
-        if abs(y - centres[i]) < abs(near):
-            near = y - centres[i]
-    squares = cubes = 0.0
-    for i in range(len(centres)):
-        distance = y - centres[i]
-        ratio = 1.0 if distance == near else near / distance
-        square = ratio * ratio
-        squares += square
-        cubes += square * ratio
-    pull = cubes / squares
-    return near * near / squares, 2.0 * near * pull / squares, 2.0 * pull * pull / squares
+    product, squares, cubes = splat(1.0), splat(0.0), splat(0.0)
+    for i in range(p.road_lanes):
+        d = y - peek(p.centres, i)
+        d2, product2 = d * d, product * product
+        squares = squares * d2 + product2
+        cubes = cubes * (d2 * d) + product2 * product
+        product = product * d
+    inverse = 1.0 / squares
+    pull = cubes * inverse
+    return product * product * inverse, 2.0 * product * pull * inverse, 2.0 * pull * pull * inverse
 
 
 @kernel
-def path_cost(p: Programme, path: Path, others: Others) -> float:
-    """Return the cost of a trajectory without its bounds; fills the terms shared with the derivatives."""
-    steps, before, cost = len(path.inputs), 0.0, 0.0
-    for k in range(steps + 1):
-        a = w = 0.0
-        if k < steps:
-            a, w = path.inputs[k, 0], path.inputs[k, 1]
-            brake = min(a, 0.0)
-            cost += p.acceleration_weight * a * a + p.braking_weight * brake * brake
-            cost += p.turn_rate_weight * w * w
+def path_cost(p: Programme, path: Path, work: Workspace) -> Lanes:
+    """Return the cost of trajectories without bounds; fills the terms shared with the derivatives."""
+    before, cost = splat(0.0), splat(0.0)
+    for k in range(p.steps + 1):
+        a, w = splat(0.0), splat(0.0)
+        if k < p.steps:
+            a, w = load(path.inputs, 2 * k), load(path.inputs, 2 * k + 1)
+            brake = smaller(a, 0.0)
+            effort = p.acceleration_weight * a * a + p.braking_weight * brake * brake
+            cost = cost + (effort + p.turn_rate_weight * w * w)
             if k > 0:
-                cost += p.turn_rate_change_weight * (w - before) * (w - before)
+                cost = cost + p.turn_rate_change_weight * (w - before) * (w - before)
         else:
-            cost += p.final_turn_rate * before * before
-        y, v, h = path.states[k, 1], path.states[k, 2], path.states[k, 3]
-        cost += p.y_goal_weight * (y - p.y_goal) * (y - p.y_goal)
-        cost += p.v_goal_weight * (v - p.v_goal) * (v - p.v_goal) + p.heading_weight * h * h
-        cost += p.lane_weight * lane_terms(y, p.centres)[0]
-        cost += _clearance_cost(p, path, k, a, others)
+            cost = cost + p.final_turn_rate * before * before
+        y, v, h = load(path.states, 4 * k + 1), load(path.states, 4 * k + 2), load(path.states, 4 * k + 3)
+        lane, slope, curve = lane_terms(p, y)
+        store(path.lane, 2 * k, slope)
+        store(path.lane, 2 * k + 1, curve)
+        goals = p.y_goal_weight * (y - p.y_goal) * (y - p.y_goal)
+        goals = goals + p.v_goal_weight * (v - p.v_goal) * (v - p.v_goal) + p.heading_weight * h * h
+        cost = cost + (goals + p.lane_weight * lane)
+        cost = cost + _clearance_cost(p, path, work, k, a)
         before = w
     return cost
 
 
 @kernel
-def _clearance_cost(p: Programme, path: Path, k: int, a: float, others: Others) -> float:
-    x, y, v = path.states[k, 0], path.states[k, 1], path.states[k, 2]
-    lead_x = (v * p.dt + a * p.dt * p.dt) * path.cosine[k]
-    lead_y = (v * p.lead_speed + a * p.lead_acceleration) * path.sine[k]
-    cost = 0.0
-    for i in range(len(p.reach_x)):
-        missing_x = p.reach_x[i] + lead_x - abs(x - others.x[i, k])
-        missing_y = p.reach_y[i] + lead_y - abs(y - others.y[i, k])
-        path.along[k, i] = 1.0 if missing_x < missing_y else 0.0
-        scaled = p.sharpness * min(missing_x, missing_y)
-        overlap = slope = 0.0
-        if scaled > NEGLIGIBLE:
-            small = math.exp(-abs(scaled))
-            overlap = (max(scaled, 0.0) + math.log1p(small)) / p.sharpness
-            slope = (1.0 if scaled > 0.0 else small) / (1.0 + small)
-        path.overlap[k, i], path.slope[k, i] = overlap, slope
-        cost += p.obstacle_weight * overlap * overlap
+def _clearance_cost(p: Programme, path: Path, work: Workspace, k: int, a: Lanes) -> Lanes:
+    x, y, v = load(path.states, 4 * k), load(path.states, 4 * k + 1), load(path.states, 4 * k + 2)
+    lead_x = (v * p.dt + a * (p.dt * p.dt)) * load(path.turn, 2 * k)
+    lead_y = (v * p.lead_speed + a * p.lead_acceleration) * load(path.turn, 2 * k + 1)
+    cost, per_sharpness = splat(0.0), 1.0 / p.sharpness
+    for i in range(p.vehicles):
+        other, row = 2 * (p.vehicles * k + i), 4 * (p.vehicles * k + i)
+        dx, dy = x - load(work.others, other), y - load(work.others, other + 1)
+        missing_x = peek(p.reach_x, i) + lead_x - magnitude(dx)
+        missing_y = peek(p.reach_y, i) + lead_y - magnitude(dy)
+        scaled = p.sharpness * smaller(missing_x, missing_y)
+        near = scaled > NEGLIGIBLE
+        if any_of(near):
+            soft, slope = softplus(larger(smaller(scaled, LINEAR), NEGLIGIBLE))
+            soft = select(scaled > LINEAR, scaled, soft)
+            overlap, slope = select(near, soft * per_sharpness, 0.0), select(near, slope, 0.0)
+            weighted = p.obstacle_weight * overlap
+            cost = cost + weighted * overlap
+            store(path.push, row, 2.0 * weighted * slope)
+            bend = slope * slope + overlap * p.sharpness * slope * (1.0 - slope)
+            store(path.push, row + 1, 2.0 * p.obstacle_weight * bend)
+            along = missing_x < missing_y
+            store(path.push, row + 2, select(along, select(dx < 0.0, 1.0, splat(-1.0)), 0.0))
+            store(path.push, row + 3, select(along, 0.0, select(dy < 0.0, 1.0, splat(-1.0))))
+        else:
+            store(path.push, row, 0.0)
+            store(path.push, row + 1, 0.0)
     return cost
 
 
 @kernel
-def barrier(p: Programme, path: Path, bounds: Bounds, mu: float) -> float:
-    """Return penalties and barriers of the bounds at parameter ``mu``; fills the path's distances and slacks.
+def barrier(p: Programme, path: Path, bounds: Bounds, mu: Lanes) -> Lanes:
+    """Return penalties and barriers of the bounds at parameter ``mu``; fills the path's slacks.
 
     A soft bound g >= 0 costs min over slacks t of penalty t - mu log(t) - mu log(g + t), in closed form.
-    Only the first ``bounds.soft`` soft bounds count.
     """
-    total = 0.0
-    for k in range(len(path.inputs)):
-        a, w = path.inputs[k, 0], path.inputs[k, 1]
-        product = (a + p.acceleration_max) * (p.acceleration_max - a)
-        product *= (w + p.turn_rate_max) * (p.turn_rate_max - w)
-        if bounds.hard > 4:
-            lateral = path.states[k, 2] * w
-            product *= (lateral + p.lateral_max) * (p.lateral_max - lateral)
+    total, product, power = splat(0.0), splat(1.0), splat(0.0)
+    for k in range(p.steps):
+        a, w = load(path.inputs, 2 * k), load(path.inputs, 2 * k + 1)
+        here = (a + p.acceleration_max) * (p.acceleration_max - a)
+        here = here * ((w + p.turn_rate_max) * (p.turn_rate_max - w))
+        if bounds.hard > 2:
+            lateral = load(path.states, 4 * k + 2) * w
+            here = here * ((lateral + p.lateral_max) * (p.lateral_max - lateral))
         for j in range(bounds.soft):
-            value, penalty = path.states[k + 1, j + 1], p.penalty[j]
-            for side in range(2):
-                gap = value - p.low[j] if side == 0 else p.high[j] - value
-                inside, outside = slacks(gap, penalty, mu)
-                path.inside[k, 2 * j + side], path.outside[k, 2 * j + side] = inside, outside
-                total += penalty * outside
-                product *= inside * outside * (penalty / mu)
-        total -= mu * math.log(product)
-    return total
+            value, penalty = load(path.states, 4 * (k + 1) + j + 1), peek(p.penalty, j)
+            low, high = value - peek(p.low, j), peek(p.high, j) - value
+            small_low, small_high, sums = slacks(low, high, mu * (1.0 / penalty))
+            store(path.slack, 6 * k + 2 * j, small_low)
+            store(path.slack, 6 * k + 2 * j + 1, small_high)
+            total = total + penalty * (outside(low, small_low) + outside(high, small_high))
+            here = here * sums
+        product, power = mantissa(product) * here, power + exponent(product)
+    whole = total - mu * logarithm(product, power)
+    return select(product > 0.0, whole, INFINITE)
 
 
 @kernel
-def slacks(gap: float, penalty: float, mu: float) -> tuple[float, float]:
-    """Return g + t and t at the minimum over t of penalty t - mu log(t) - mu log(g + t).
+def slacks(low: Lanes, high: Lanes, ratio: Lanes) -> tuple[Lanes, Lanes, Lanes]:
+    """Return for two gaps g the smaller of t and g + t at the minimum of penalty t - mu log(t (g + t)).
 
-    Free of cancellation, whichever of the two is small.
+    The third value is the product of both t (g + t) penalty / mu: at the minimum each is (g + t) + t.
+
+    Args:
+        low: A gap, negative where its bound is violated.
+        high: Another one.
+        ratio: mu / penalty.
     """
-    ratio = mu / penalty
-    small = 2.0 * ratio * ratio / (abs(gap) + math.sqrt(gap * gap + 4.0 * ratio * ratio)) + ratio
-    return (small + gap, small) if gap > 0.0 else (small, small - gap)
+    r2 = 4.0 * ratio * ratio
+    size_low, size_high = magnitude(low), magnitude(high)
+    root_low, root_high = root(low * low + r2), root(high * high + r2)
+    sum_low, sum_high = size_low + root_low, size_high + root_high
+    inverse = (0.5 * r2) / (sum_low * sum_high)
+    sums = (root_low + 2.0 * ratio) * (root_high + 2.0 * ratio)
+    return sum_high * inverse + ratio, sum_low * inverse + ratio, sums
 
 
 @kernel
-def penalties(p: Programme, path: Path) -> tuple[float, float]:
+def outside(gap: Lanes, small: Lanes) -> Lanes:
+    """Return the slack t of a gap; ``slacks`` gave the smaller of t and gap + t."""
+    return select(gap > 0.0, small, small - gap)
+
+
+@kernel
+def inside(gap: Lanes, small: Lanes) -> Lanes:
+    """Return gap + t."""
+    return select(gap > 0.0, small + gap, small)
+
+
+@kernel
+def penalties(p: Programme, path: Path) -> tuple[Lanes, Lanes]:
     """Return the penalty of y beyond its soft bound, and the largest violation by speed or heading."""
-    penalty = excess = 0.0
-    for k in range(1, len(path.states)):
+    penalty, excess = splat(0.0), splat(0.0)
+    for k in range(1, p.steps + 1):
         for j in range(3):
-            value = path.states[k, j + 1]
-            out = max(p.low[j] - value, value - p.high[j], 0.0)
+            value = load(path.states, 4 * k + j + 1)
+            out = larger(larger(peek(p.low, j) - value, value - peek(p.high, j)), 0.0)
             if j == 0:
-                penalty += p.penalty[0] * out
+                penalty = penalty + peek(p.penalty, 0) * out
             else:
-                excess = max(excess, out)
+                excess = larger(excess, out)
     return penalty, excess
 
 
 @kernel
-def stage_model(p: Programme, path: Path, k: int, a: float, others: Others) -> Stage:
+def stage_model(p: Programme, path: Path, k: int, a: Lanes) -> Stage:
     """Return the model at node ``k`` with acceleration ``a``."""
-    y, v, h = path.states[k, 1], path.states[k, 2], path.states[k, 3]
-    _, slope, curve = lane_terms(y, p.centres)
-    effort = 2.0 * (p.acceleration_weight + (p.braking_weight if a < 0.0 else 0.0))
-    slope_y = 2.0 * p.y_goal_weight * (y - p.y_goal) + p.lane_weight * slope
-    slope_v = 2.0 * p.v_goal_weight * (v - p.v_goal)
-    model = Stage(
-        0.0, slope_y, slope_v, 2.0 * p.heading_weight * h, effort * a,
-        0.0, 0.0, 0.0, 0.0,
-        2.0 * p.y_goal_weight + p.lane_weight * curve, 0.0, 0.0, 0.0,
-        2.0 * p.v_goal_weight, 0.0, 0.0,
-        2.0 * p.heading_weight, 0.0,
+    y, v, h = load(path.states, 4 * k + 1), load(path.states, 4 * k + 2), load(path.states, 4 * k + 3)
+    effort = 2.0 * (p.acceleration_weight + select(a < 0.0, p.braking_weight, splat(0.0)))
+    slope_y = 2.0 * p.y_goal_weight * (y - p.y_goal) + p.lane_weight * load(path.lane, 2 * k)
+    none = splat(0.0)
+    model = Stage(  # + 0.0: no -0.0, to which adding 0 would make a difference
+        none, slope_y + 0.0, 2.0 * p.v_goal_weight * (v - p.v_goal) + 0.0,
+        2.0 * p.heading_weight * h + 0.0, effort * a + 0.0,
+        none, none, none, none,
+        2.0 * p.y_goal_weight + p.lane_weight * load(path.lane, 2 * k + 1), none, none, none,
+        splat(2.0 * p.v_goal_weight), none, none,
+        splat(2.0 * p.heading_weight), none,
         effort,
     )  # fmt: skip
-    for i in range(len(p.reach_x)):
-        if path.slope[k, i] > 0.0:
-            model = _add_clearance(p, path, k, i, a, others, model)
+    for i in range(p.vehicles):
+        if any_of(load(path.push, 4 * (p.vehicles * k + i) + 1) > 0.0):
+            model = _add_clearance(p, path, k, i, a, model)
     return model
 
 
 @kernel
-def _add_clearance(p: Programme, path: Path, k: int, i: int, a: float, others: Others, to: Stage) -> Stage:
-    # 1. Derivatives of the cost by the missing clearance.
-    overlap, slope = path.overlap[k, i], path.slope[k, i]
-    force = 2.0 * p.obstacle_weight * overlap * slope
-    curve = slope * slope + overlap * p.sharpness * slope * (1.0 - slope)
-    curve = 2.0 * p.obstacle_weight * curve
-    # 2. Derivatives of the missing clearance by x, y, v, h and a.
-    c, s, speed = path.cosine[k], path.sine[k], path.states[k, 2]
-    x = y = 0.0
-    if path.along[k, i] > 0.0:
-        x = 1.0 if path.states[k, 0] < others.x[i, k] else -1.0
-        v, h, acc = c * p.dt, -s * (speed * p.dt + a * p.dt * p.dt), c * p.dt * p.dt
-    else:
-        y = 1.0 if path.states[k, 1] < others.y[i, k] else -1.0
-        lead = speed * p.lead_speed + a * p.lead_acceleration
-        v, h, acc = s * p.lead_speed, c * lead, s * p.lead_acceleration
-    # 3. Chain rule.
+def _add_clearance(p: Programme, path: Path, k: int, i: int, a: Lanes, to: Stage) -> Stage:
+    # 1. Derivatives of the missing clearance by x, y, v, h and a.
+    row = 4 * (p.vehicles * k + i)
+    c, s, speed = load(path.turn, 2 * k), load(path.turn, 2 * k + 1), load(path.states, 4 * k + 2)
+    near = load(path.push, row + 1) > 0.0
+    force, curve = load(path.push, row), load(path.push, row + 1)
+    x, y = select(near, load(path.push, row + 2), 0.0), select(near, load(path.push, row + 3), 0.0)
+    lead = speed * p.lead_speed + a * p.lead_acceleration
+    along = x * x > 0.0
+    v = select(along, c * p.dt, s * p.lead_speed)
+    h = select(along, -s * (speed * p.dt + a * (p.dt * p.dt)), c * lead)
+    acc = select(along, c * (p.dt * p.dt), s * p.lead_acceleration)
+    # 2. Chain rule.
+    cx, cy, cv, ch = curve * x, curve * y, curve * v, curve * h
     return Stage(
         to.x + force * x, to.y + force * y, to.v + force * v, to.h + force * h, to.a + force * acc,
-        to.xx + curve * x * x, to.xv + curve * x * v, to.xh + curve * x * h, to.xa + curve * x * acc,
-        to.yy + curve * y * y, to.yv + curve * y * v, to.yh + curve * y * h, to.ya + curve * y * acc,
-        to.vv + curve * v * v, to.vh + curve * v * h, to.va + curve * v * acc,
-        to.hh + curve * h * h, to.ha + curve * h * acc,
+        to.xx + cx * x, to.xv + cx * v, to.xh + cx * h, to.xa + cx * acc,
+        to.yy + cy * y, to.yv + cy * v, to.yh + cy * h, to.ya + cy * acc,
+        to.vv + cv * v, to.vh + cv * h, to.va + cv * acc,
+        to.hh + ch * h, to.ha + ch * acc,
         to.aa + curve * acc * acc,
     )  # fmt: skip

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import pickle
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,8 +21,11 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 COMPILED = numba is not None and not numba.config.DISABLE_JIT
 """Whether the kernels are compiled."""
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-_SOURCES = {__file__}
-"""Source files of the kernels, and this one for the options."""
+_FOLDER = Path(__file__).parent
+_SOURCES = {__file__, str(_FOLDER / "lanes.py"), str(_FOLDER / "vectors.py")}
+"""Source files of the kernels, and those of what they are made of."""
+if COMPILED:
+    import avrare_mpc.riccati.vectors  # noqa: F401  (compiled code knows lanes from now on)
 
 
 def kernel(function: Function) -> Function:
@@ -65,6 +70,29 @@ class _Entry:
         for file in Path(self.compiled.stats.cache_path).glob(f"{module}.*.nb[ci]"):
             file.unlink(missing_ok=True)
         self.compiled = numba.njit(cache=True, **_OPTIONS)(self._function)
+
+
+@contextlib.contextmanager
+def announced(message: str) -> Iterator[None]:
+    """Print a message to standard error once something is compiled in this block."""
+    if not COMPILED:
+        yield
+        return
+    from numba.core import event
+
+    class Announcement(event.Listener):
+        told = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.told:
+                print(message, file=sys.stderr, flush=True)
+                self.told = True
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Announcement()):
+        yield
 
 
 def sources_digest() -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +11,10 @@ from avrare.driving import Scene
 from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import Integers, SearchResult, cheapest, initial_guesses, lane_centres, lateral_bounds
-from avrare_mpc.riccati.batch import (
-    Answer,
-    solve_lateral_with_bounds,
-    solve_lateral_without_bounds,
-    solve_with_bounds,
-    solve_without_bounds,
-)
-from avrare_mpc.riccati.jit import COMPILED
+from avrare_mpc.riccati.batch import Answer, Jobs, solve_all
+from avrare_mpc.riccati.jit import COMPILED, announced
 from avrare_mpc.riccati.newton import FOUND
-from avrare_mpc.riccati.values import Programme, Tuning
+from avrare_mpc.riccati.values import Bounds, Programme, Tuning, memory, new_memory
 
 Problems = tuple[Floats, ...]
 """Current states, predicted x and predicted y of N programmes."""
@@ -83,15 +76,19 @@ class RiccatiSolver:
     ) -> None:  # fmt: skip
         self.programme = programme(config, scene)
         self._tunings, self._near = (quick, patient), near
-        self._kernels = (solve_without_bounds, solve_with_bounds)
-        if config.lateral_acceleration_max is not None:
-            self._kernels = (solve_lateral_without_bounds, solve_lateral_with_bounds)
+        hard = 2 if config.lateral_acceleration_max is None else 3
+        self._bounds = Bounds(hard, soft=1), Bounds(hard, soft=3)
         if not COMPILED:
             warnings.warn(
                 "numba is not installed: the riccati backend of the controller mpc is not compiled and takes "
                 "hundreds of times longer (pip install 'avrare-mpc[fast]')",
                 stacklevel=2,
             )
+            return
+        with announced("note: the controller mpc is compiled, once for this machine and version (some 15 s)"):
+            nobody = (len(scene.lengths), config.horizon + 1)
+            problems = np.zeros((0, 4)), np.zeros((0, *nobody)), np.zeros((0, *nobody))
+            self._run(self._bounds[0], quick, problems, np.zeros(0, int), np.zeros((0, config.horizon, 2)))
 
     def solve(
         self, start: Floats, other_x: Floats, other_y: Floats, rows: Integers, guesses: Floats
@@ -132,7 +129,7 @@ class RiccatiSolver:
         self, found: Solutions, index: Integers, rough: Tuning, problems: Problems, rows: Integers,
         guesses: Floats,
     ) -> None:  # fmt: skip
-        first = _run(self._kernels[0], self.programme, rough, problems, rows, guesses)
+        first = self._run(self._bounds[0], rough, problems, rows, guesses)
         found.iterations[index] += first.iterations
         with np.errstate(invalid="ignore"):
             promising = ~found.found[index] | (first.cost < (1.0 - BETTER) * found.cost[index])
@@ -151,11 +148,11 @@ class RiccatiSolver:
         answer = _blank(*guesses.shape[:2])
         found, retried = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
         todo = np.arange(len(rows))
-        for kernel, allowed in zip(self._kernels, (np.inf, TOLERANCE), strict=True):
+        for bounds, allowed in zip(self._bounds, (np.inf, TOLERANCE), strict=True):
             for number, tuning in enumerate(tunings):
-                if not len(todo):  # do not compile a kernel that is not needed
+                if not len(todo):
                     break
-                part = _run(kernel, self.programme, tuning, problems, rows[todo], guesses[todo])
+                part = self._run(bounds, tuning, problems, rows[todo], guesses[todo])
                 _store(answer, todo, part)
                 retried[todo] |= number == 1
                 found[todo] = (part.status == FOUND) & np.isfinite(part.cost) & (part.excess <= allowed)
@@ -163,23 +160,32 @@ class RiccatiSolver:
             todo = np.flatnonzero(found & (answer.excess > TOLERANCE))
         return Solutions(answer.states, answer.inputs, answer.cost, found, retried, answer.iterations)
 
+    def _run(
+        self, bounds: Bounds, tuning: Tuning, problems: Problems, rows: Integers, guesses: Floats
+    ) -> Answer:
+        part = _blank(*guesses.shape[:2])
+        given = (*problems, rows.astype(np.float64), guesses)
+        p = addressed(self.programme)
+        _, path, trial, work = kept = new_memory(p.steps, p.vehicles)
+        jobs, answer = Jobs(*map(memory, given)), Answer(*map(memory, part))
+        with np.errstate(all="ignore"):  # in plain Python a search that overflows would warn
+            solve_all(p, bounds, tuning, jobs, len(rows), answer, path, trial, work)
+        del kept
+        return part
+
+
+def addressed(p: Programme) -> Programme:
+    """Return what kernels get of a programme, which must outlive it."""
+    arrays = ("centres", "reach_x", "reach_y", "low", "high", "penalty")
+    return p._replace(**{name: memory(getattr(p, name)) for name in arrays})
+
 
 def _contiguous(
     start: Floats, other_x: Floats, other_y: Floats, rows: Integers, guesses: Floats
 ) -> tuple[Problems, Integers, Floats]:
-    # a kernel is compiled once for each memory layout of its arguments
-    problems = tuple(np.require(part, np.float64, ("C", "W")) for part in (start, other_x, other_y))
-    return problems, np.require(rows, np.int64, ("C", "W")), np.require(guesses, np.float64, ("C", "W"))
-
-
-def _run(
-    kernel: Callable[..., object], programme: Programme, tuning: Tuning, problems: Problems, rows: Integers,
-    guesses: Floats,
-) -> Answer:  # fmt: skip
-    part = _blank(*guesses.shape[:2])
-    with np.errstate(all="ignore"):  # in plain Python a search that overflows would warn
-        kernel(programme, tuning, *problems, rows, guesses, part)
-    return part
+    # kernels read memory as it lies there
+    problems = tuple(np.require(part, np.float64, ("C", "A")) for part in (start, other_x, other_y))
+    return problems, np.require(rows, np.int64, ("C", "A")), np.require(guesses, np.float64, ("C", "A"))
 
 
 def _take_better(found: Solutions, index: Integers, other: Solutions) -> None:
@@ -195,8 +201,8 @@ def _blank(searches: int, steps: int) -> Answer:
         inputs=np.empty((searches, steps, 2)),
         cost=np.empty(searches),
         excess=np.empty(searches),
-        status=np.empty(searches, dtype=np.int64),
-        iterations=np.zeros(searches, dtype=np.int64),
+        status=np.empty(searches),
+        iterations=np.zeros(searches),
     )
 
 
@@ -215,6 +221,9 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
     along = config.clearance_ego_lengths * scene.ego_length + config.clearance_x
     across = config.clearance_ego_widths * scene.ego_width + config.clearance_y
     return Programme(
+        steps=config.horizon,
+        vehicles=len(scene.lengths),
+        road_lanes=len(config.lanes),
         dt=dt,
         centres=np.array(lane_centres(config, scene)),
         reach_x=along + np.asarray(scene.lengths, dtype=np.float64) / 2,
@@ -226,7 +235,11 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
         low=np.array([low_high[0], config.speed_min, -config.heading_max]),
         high=np.array([low_high[1], config.speed_max, config.heading_max]),
         penalty=np.array([config.y_penalty, HARD_PENALTY, HARD_PENALTY]),
-        **{name: getattr(config, name) for name in Programme._fields if name in MpcConfig.model_fields},
+        **{
+            name: getattr(config, name)
+            for name in Programme._fields
+            if name in MpcConfig.model_fields and name != "lanes"
+        },
     )
 
 

@@ -18,64 +18,65 @@ from typing import NamedTuple
 
 from avrare_mpc.riccati.cost import Stage, stage_model
 from avrare_mpc.riccati.jit import kernel
-from avrare_mpc.riccati.values import Bounds, Floats, Others, Path, Programme, Workspace
+from avrare_mpc.riccati.lanes import Lanes, Memory, load, splat, store
+from avrare_mpc.riccati.values import Bounds, Path, Programme, Workspace
 
 
 class Value(NamedTuple):
     """Gradient and Hessian V of the cost to go by x, y, v, h, previous w."""
 
-    x: float
-    y: float
-    v: float
-    h: float
-    w: float
-    xx: float
-    xy: float
-    xv: float
-    xh: float
-    xw: float
-    yy: float
-    yv: float
-    yh: float
-    yw: float
-    vv: float
-    vh: float
-    vw: float
-    hh: float
-    hw: float
-    ww: float
+    x: Lanes
+    y: Lanes
+    v: Lanes
+    h: Lanes
+    w: Lanes
+    xx: Lanes
+    xy: Lanes
+    xv: Lanes
+    xh: Lanes
+    xw: Lanes
+    yy: Lanes
+    yv: Lanes
+    yh: Lanes
+    yw: Lanes
+    vv: Lanes
+    vh: Lanes
+    vw: Lanes
+    hh: Lanes
+    hw: Lanes
+    ww: Lanes
 
 
 class Expansion(NamedTuple):
     """Gradient and Hessian Q of stage and cost to go by x, y, v, h and the inputs a and w."""
 
-    x: float
-    y: float
-    v: float
-    h: float
-    a: float
-    w: float
-    xx: float
-    xy: float
-    xv: float
-    xh: float
-    xa: float
-    xw: float
-    yy: float
-    yv: float
-    yh: float
-    ya: float
-    yw: float
-    vv: float
-    vh: float
-    va: float
-    vw: float
-    hh: float
-    ha: float
-    hw: float
-    aa: float
-    aw: float
-    ww: float
+    x: Lanes
+    y: Lanes
+    v: Lanes
+    h: Lanes
+    a: Lanes
+    w: Lanes
+    xx: Lanes
+    xy: Lanes
+    xv: Lanes
+    xh: Lanes
+    xa: Lanes
+    xw: Lanes
+    yy: Lanes
+    yv: Lanes
+    yh: Lanes
+    ya: Lanes
+    yw: Lanes
+    vv: Lanes
+    vh: Lanes
+    va: Lanes
+    vw: Lanes
+    hh: Lanes
+    ha: Lanes
+    hw: Lanes
+    aa: Lanes
+    aw: Lanes
+    ww: Lanes
 
 
 class InputModel(NamedTuple):
@@ -86,70 +87,71 @@ class InputModel(NamedTuple):
         lag: First derivative of the cost of the change.
     """
 
-    v: float
-    a: float
-    w: float
-    vv: float
-    vw: float
-    aa: float
-    ww: float
-    change: float
-    lag: float
+    v: Lanes
+    a: Lanes
+    w: Lanes
+    vv: Lanes
+    vw: Lanes
+    aa: Lanes
+    ww: Lanes
+    change: Lanes
+    lag: Lanes
 
 
 @kernel
-def sweep(
-    p: Programme, path: Path, work: Workspace, others: Others, bounds: Bounds, mu: float, damping: float
-) -> float:
+def sweep(p: Programme, path: Path, work: Workspace, bounds: Bounds, mu: Lanes, damping: Lanes) -> Lanes:
     """Compute the gains of every stage into ``work.gains``.
 
     Args:
         p: The programme.
-        path: The current trajectory.
+        path: The current trajectories.
         work: Memory; its multipliers are read.
-        others: Predicted positions of the other vehicles.
-        bounds: Number of soft bounds that count.
+        bounds: Bounds that count.
         mu: Barrier parameter.
         damping: Added to Q_uu, in units of the inputs' bounds.
 
     Returns:
         Slope of the barrier cost along the direction.
     """
-    steps = len(path.inputs)
-    model = stage_model(p, path, steps, 0.0, others)
-    before = path.inputs[steps - 1, 1]
+    steps, none = p.steps, splat(0.0)
+    model = stage_model(p, path, steps, none)
+    before = load(path.inputs, 2 * steps - 1)
     rest = 2.0 * p.final_turn_rate
     value = Value(
         model.x, model.y, model.v, model.h, rest * before,
-        model.xx, 0.0, model.xv, model.xh, 0.0,
-        model.yy, model.yv, model.yh, 0.0,
-        model.vv, model.vh, 0.0,
-        model.hh, 0.0,
-        rest,
+        model.xx, none, model.xv, model.xh, none,
+        model.yy, model.yv, model.yh, none,
+        model.vv, model.vh, none,
+        model.hh, none,
+        splat(rest),
     )  # fmt: skip
-    slope = 0.0
+    slope = splat(0.0)
     for k in range(steps - 1, -1, -1):
         # 1. soft bounds
-        value = _add_bounds(p, path, work, k, bounds, mu, value)
+        value = _add_bounds(work, k, bounds, value)
         # 2. expansion
-        model = stage_model(p, path, k, path.inputs[k, 0], others)
+        model = stage_model(p, path, k, load(path.inputs, 2 * k))
         inputs = _input_model(p, path, work, k, bounds, mu, damping)
         expansion = _expand(p, path, k, value, model, inputs)
         # 3. and 4. gains and cost to go
         value, along = _minimise(expansion, inputs, work.gains, k)
-        slope += along
+        slope = slope + along
     return slope
 
 
 @kernel
-def _add_bounds(
-    p: Programme, path: Path, work: Workspace, k: int, bounds: Bounds, mu: float, to: Value
-) -> Value:
-    gy, hy = _soft_bound(p, path, work, k, 0, mu)
-    gv = hv = gh = hh = 0.0
+def _add_bounds(work: Workspace, k: int, bounds: Bounds, to: Value) -> Value:
+    gy, hy = load(work.force, 3 * k), load(work.stiffness, 6 * k) + load(work.stiffness, 6 * k + 1)
+    gv, hv, gh, hh = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
     if bounds.soft > 1:
-        gv, hv = _soft_bound(p, path, work, k, 1, mu)
-        gh, hh = _soft_bound(p, path, work, k, 2, mu)
+        gv, hv = (
+            load(work.force, 3 * k + 1),
+            load(work.stiffness, 6 * k + 2) + load(work.stiffness, 6 * k + 3),
+        )
+        gh, hh = (
+            load(work.force, 3 * k + 2),
+            load(work.stiffness, 6 * k + 4) + load(work.stiffness, 6 * k + 5),
+        )
     return Value(
         to.x, to.y + gy, to.v + gv, to.h + gh, to.w,
         to.xx, to.xy, to.xv, to.xh, to.xw,
@@ -161,19 +163,9 @@ def _add_bounds(
 
 
 @kernel
-def _soft_bound(p: Programme, path: Path, work: Workspace, k: int, j: int, mu: float) -> tuple[float, float]:
-    low, high = 2 * j, 2 * j + 1
-    curvature = 0.0
-    for side in range(low, high + 1):
-        multiplier = work.soft[k, side]
-        inside, outside = path.inside[k, side], path.outside[k, side]
-        curvature += 1.0 / (inside / multiplier + outside / (p.penalty[j] - multiplier))
-    return mu / path.inside[k, high] - mu / path.inside[k, low], curvature  # curvature: primal-dual
-
-
-@kernel
 def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputModel) -> Expansion:
-    dt, c, s, v = p.dt, path.cosine[k], path.sine[k], path.states[k, 2]
+    dt, c, s = p.dt, load(path.turn, 2 * k), load(path.turn, 2 * k + 1)
+    v = load(path.states, 4 * k + 2)
     xv, xh, yv, yh = dt * c, -dt * s * v, dt * s, dt * c * v
     v_x, v_y = to.xv + xv * to.xx + yv * to.xy, to.yv + xv * to.xy + yv * to.yy
     v_v = to.vv + xv * to.xv + yv * to.yv
@@ -214,31 +206,27 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
 
 @kernel
 def _input_model(
-    p: Programme, path: Path, work: Workspace, k: int, bounds: Bounds, mu: float, damping: float
+    p: Programme, path: Path, work: Workspace, k: int, bounds: Bounds, mu: Lanes, damping: Lanes
 ) -> InputModel:
-    a, w = path.inputs[k, 0], path.inputs[k, 1]
-    change = 2.0 * p.turn_rate_change_weight if k > 0 else 0.0
-    lag = change * (w - path.inputs[k - 1, 1]) if k > 0 else 0.0
-    low_a, high_a = a + p.acceleration_max, p.acceleration_max - a
-    low_w, high_w = w + p.turn_rate_max, p.turn_rate_max - w
-    rate, box = 2.0 * p.turn_rate_weight, work.box[k]
-    speed = push = stiff = 0.0
-    if bounds.hard > 4:  # force and stiffness of the bounds of v w
-        speed = path.states[k, 2]
-        low, high = p.lateral_max + speed * w, p.lateral_max - speed * w
-        push, stiff = mu / high - mu / low, box[4] / low + box[5] / high
+    w, change, lag = load(path.inputs, 2 * k + 1), splat(0.0), splat(0.0)
+    if k > 0:
+        change = splat(2.0 * p.turn_rate_change_weight)
+        lag = change * (w - load(path.inputs, 2 * k - 1))
+    push_a, stiff_a = _hard_bound(work, 6 * k, mu)
+    push_w, stiff_w = _hard_bound(work, 6 * k + 2, mu)
+    speed, push, stiff = splat(0.0), splat(0.0), splat(0.0)
+    if bounds.hard > 2:
+        speed = load(path.states, 4 * k + 2)
+        push, stiff = _hard_bound(work, 6 * k + 4, mu)
+    rate = 2.0 * p.turn_rate_weight
     return InputModel(
         v=push * w,
-        a=mu / high_a - mu / low_a,
-        w=rate * w + lag + mu / high_w - mu / low_w + push * speed,
+        a=push_a,
+        w=rate * w + lag + push_w + push * speed,
         vv=stiff * w * w,
         vw=stiff * w * speed,
-        aa=box[0] / low_a + box[1] / high_a + damping / (p.acceleration_max * p.acceleration_max),
-        ww=rate
-        + change
-        + box[2] / low_w
-        + box[3] / high_w
-        + damping / (p.turn_rate_max * p.turn_rate_max)
+        aa=stiff_a + damping * (1.0 / (p.acceleration_max * p.acceleration_max)),
+        ww=(rate + change + stiff_w + damping * (1.0 / (p.turn_rate_max * p.turn_rate_max)))
         + stiff * speed * speed,
         change=change,
         lag=lag,
@@ -246,7 +234,14 @@ def _input_model(
 
 
 @kernel
-def _minimise(q: Expansion, own: InputModel, gains: Floats, k: int) -> tuple[Value, float]:
+def _hard_bound(work: Workspace, row: int, mu: Lanes) -> tuple[Lanes, Lanes]:
+    """Return slope and curvature of the barriers of a lower bound and of the upper one behind it."""
+    low, high = load(work.nearness, row), load(work.nearness, row + 1)
+    return mu * high - mu * low, load(work.box, row) * low + load(work.box, row + 1) * high
+
+
+@kernel
+def _minimise(q: Expansion, own: InputModel, gains: Memory, k: int) -> tuple[Value, Lanes]:
     scale = 1.0 / (q.aa * q.ww - q.aw * q.aw)
     aa, aw, ww = q.ww * scale, -q.aw * scale, q.aa * scale
     a, w = -(aa * q.a + aw * q.w), -(aw * q.a + ww * q.w)
@@ -255,8 +250,8 @@ def _minimise(q: Expansion, own: InputModel, gains: Floats, k: int) -> tuple[Val
     av, wv = -(aa * q.va + aw * q.vw), -(aw * q.va + ww * q.vw)
     ah, wh = -(aa * q.ha + aw * q.hw), -(aw * q.ha + ww * q.hw)
     ap, wp = aw * own.change, ww * own.change
-    for i, gain in enumerate((a, ax, ay, av, ah, ap, w, wx, wy, wv, wh, wp)):
-        gains[k, i] = gain
+    _store_gains(gains, 12 * k, a, ax, ay, av, ah, ap)
+    _store_gains(gains, 12 * k + 6, w, wx, wy, wv, wh, wp)
     value = Value(
         q.x + q.xa * a + q.xw * w,
         q.y + q.ya * a + q.yw * w,
@@ -280,3 +275,15 @@ def _minimise(q: Expansion, own: InputModel, gains: Floats, k: int) -> tuple[Val
         own.change - own.change * wp,
     )
     return value, q.a * a + q.w * w
+
+
+@kernel
+def _store_gains(
+    gains: Memory, row: int, constant: Lanes, x: Lanes, y: Lanes, v: Lanes, h: Lanes, before: Lanes
+) -> None:
+    store(gains, row, constant)
+    store(gains, row + 1, x)
+    store(gains, row + 2, y)
+    store(gains, row + 3, v)
+    store(gains, row + 4, h)
+    store(gains, row + 5, before)

@@ -1,7 +1,10 @@
 """Arguments of the kernels: named tuples, which compiled and plain Python read alike.
 
-H is the number of steps, V of other vehicles, C of lanes. States are x, y, speed, heading; inputs are
-acceleration, turn rate. Soft bounds are those of y, speed and heading, in this order.
+H is the number of steps, V of other vehicles, C of lanes of the road. States are x, y, speed, heading; inputs
+are acceleration, turn rate. Soft bounds are those of y, speed and heading, in this order.
+
+A ``Memory`` holds rows of lanes (``avrare_mpc.riccati.lanes``): row k * columns + column of what is called
+(H, columns) below, but in ``Programme``, where it holds plain numbers.
 """
 
 from __future__ import annotations
@@ -11,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare_mpc.riccati.jit import kernel
+from avrare_mpc.riccati.jit import COMPILED
+from avrare_mpc.riccati.lanes import WIDTH, Memory
 
 Floats = NDArray[np.float64]
 
@@ -20,6 +24,9 @@ class Programme(NamedTuple):
     """Weights, goals and bounds of ``MpcConfig`` and the scene; SI units.
 
     Attributes:
+        steps: H.
+        vehicles: V.
+        road_lanes: C.
         dt: Step.
         centres: (C,) lane centres.
         reach_x: (V,) wanted distance between centres along the road at standstill.
@@ -33,10 +40,13 @@ class Programme(NamedTuple):
         penalty: (3,) weight of each unit beyond a soft bound.
     """
 
+    steps: int
+    vehicles: int
+    road_lanes: int
     dt: float
-    centres: Floats
-    reach_x: Floats
-    reach_y: Floats
+    centres: Memory
+    reach_x: Memory
+    reach_y: Memory
     lead_speed: float
     lead_acceleration: float
     y_goal: float
@@ -55,28 +65,21 @@ class Programme(NamedTuple):
     acceleration_max: float
     turn_rate_max: float
     lateral_max: float
-    low: Floats
-    high: Floats
-    penalty: Floats
+    low: Memory
+    high: Memory
+    penalty: Memory
 
 
 class Bounds(NamedTuple):
-    """Number of bounds that count; the rows of ``Workspace`` have them in this order.
+    """Number of bounds that count; the columns of ``Workspace`` have them in this order.
 
     Attributes:
-        hard: 4: acceleration and turn rate; 6: lateral acceleration, too.
+        hard: 2: acceleration and turn rate; 3: lateral acceleration, too.
         soft: 1: y; 3: speed and heading, too.
     """
 
     hard: int
     soft: int
-
-
-class Others(NamedTuple):
-    """Predicted positions of the other vehicles, x and y (V, H + 1)."""
-
-    x: Floats
-    y: Floats
 
 
 class Tuning(NamedTuple):
@@ -103,74 +106,74 @@ class Path(NamedTuple):
     Attributes:
         inputs: (H, 2).
         states: (H + 1, 4).
-        cosine: (H + 1,) of the heading.
-        sine: (H + 1,) of the heading.
-        overlap: (H + 1, V) smoothed missing clearance [m].
-        slope: (H + 1, V) its derivative with respect to the missing clearance.
-        along: (H + 1, V) 1 where the clearance along the road counts, 0 where that across does.
-        inside: (H, 6) distances to the soft bounds plus slack: low y, high y, low speed, ...
-        outside: (H, 6) the slacks.
+        turn: (H + 1, 2) cosine and sine of the heading.
+        lane: (H + 1, 2) first and second derivative of the cost of the lanes by y.
+        push: (H + 1, 4 V) of each vehicle's clearance cost, by the missing clearance, the first and second
+            derivative; then the sign of that by x, or by y, where the one or the other counts.
+        slack: (H, 6) of the soft bounds low y, high y, low speed, ...: the slack or the distance with it,
+            whichever is smaller.
     """
 
-    inputs: Floats
-    states: Floats
-    cosine: Floats
-    sine: Floats
-    overlap: Floats
-    slope: Floats
-    along: Floats
-    inside: Floats
-    outside: Floats
+    inputs: Memory
+    states: Memory
+    turn: Memory
+    lane: Memory
+    push: Memory
+    slack: Memory
 
 
 class Workspace(NamedTuple):
-    """Memory of one search, reused for every particle.
+    """Memory of the searches in progress, one in each lane.
 
     Attributes:
-        box: (H, 6) multipliers of the hard bounds: low a, high a, low w, high w, low v w, high v w.
+        others: (H + 1, 2 V) predicted positions x and y of each other vehicle.
+        box: (H, 6) multipliers of the hard bounds low a, high a, low w, high w, low v w, high v w.
         box_move: (H, 6) their Newton direction.
+        nearness: (H, 6) 1 / distance to the hard bounds.
         soft: (H, 6) multipliers of the soft bounds.
-        soft_move: (H, 6) their Newton direction.
+        soft_move: (H, 6) their Newton direction; before, stiffness over what makes the multiplier move.
+        stiffness: (H, 6) curvature of the soft bounds.
+        force: (H, 3) slope of the soft bounds.
         gains: (H, 12) change of a, then of w: constant, and by x, y, v, h, previous w.
         move: (H, 3) direction of the inputs, and of v w.
         drift: (H, 3) direction of y, v, h at nodes 1..H.
+        status: (1, 16) the progress of each search (``avrare_mpc.riccati.newton``).
     """
 
-    box: Floats
-    box_move: Floats
-    soft: Floats
-    soft_move: Floats
-    gains: Floats
-    move: Floats
-    drift: Floats
+    others: Memory
+    box: Memory
+    box_move: Memory
+    nearness: Memory
+    soft: Memory
+    soft_move: Memory
+    stiffness: Memory
+    force: Memory
+    gains: Memory
+    move: Memory
+    drift: Memory
+    status: Memory
 
 
-@kernel
-def new_workspace(steps: int) -> Workspace:
-    """Allocate memory for plans of ``steps`` steps."""
-    return Workspace(
-        np.zeros((steps, 6)),
-        np.zeros((steps, 6)),
-        np.zeros((steps, 6)),
-        np.zeros((steps, 6)),
-        np.zeros((steps, 12)),
-        np.zeros((steps, 3)),
-        np.zeros((steps, 3)),
-    )
+def new_memory(steps: int, vehicles: int) -> tuple[Floats, Path, Path, Workspace]:
+    """Allocate two trajectories and a workspace; the array must outlive the tuples' use.
 
-
-@kernel
-def new_path(steps: int, others: int) -> Path:
-    """Allocate a trajectory of ``steps`` steps around ``others`` vehicles."""
+    Args:
+        steps: H.
+        vehicles: V.
+    """
     nodes = steps + 1
-    return Path(
-        np.zeros((steps, 2)),
-        np.zeros((nodes, 4)),
-        np.zeros(nodes),
-        np.zeros(nodes),
-        np.zeros((nodes, others)),
-        np.zeros((nodes, others)),
-        np.zeros((nodes, others)),
-        np.zeros((steps, 6)),
-        np.zeros((steps, 6)),
-    )
+    path = [steps * 2, nodes * 4, nodes * 2, nodes * 2, nodes * 4 * vehicles, steps * 6]
+    work = [nodes * 2 * vehicles, *(steps * columns for columns in (6, 6, 6, 6, 6, 6, 3, 12, 3, 3)), 16]
+    sizes = [*path, *path, *work]
+    # a row begins where a cache line does
+    whole = np.zeros((sum(sizes) + 1) * WIDTH)
+    skip = -whole.ctypes.data % 64 // whole.itemsize
+    rows = whole[skip : skip + sum(sizes) * WIDTH].reshape(-1, WIDTH)
+    parts = [memory(part) for part in np.split(rows, np.cumsum(sizes)[:-1])]
+    count = len(path)
+    return rows, Path(*parts[:count]), Path(*parts[count : 2 * count]), Workspace(*parts[2 * count :])
+
+
+def memory(array: Floats) -> Memory:
+    """Return what kernels get of a contiguous array: its address where they are compiled."""
+    return array.ctypes.data if COMPILED else array

@@ -1,0 +1,184 @@
+"""Machine instructions of ``lanes``: types and operations of vector registers for numba.
+
+Each function of ``lanes`` and each operator becomes one LLVM instruction on <WIDTH x double>, so that packed
+arithmetic does not depend on whether an optimiser finds it.
+"""
+
+# mypy: disable-error-code="no-untyped-call,untyped-decorator"
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, lower_cast, models, register_model
+
+from avrare_mpc.riccati import lanes
+from avrare_mpc.riccati.lanes import WIDTH
+
+_DOUBLE, _LONG = ir.DoubleType(), ir.IntType(64)
+_VECTOR, _LONGS = ir.VectorType(_DOUBLE, WIDTH), ir.VectorType(_LONG, WIDTH)
+_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+_ROW = 8 * WIDTH
+
+
+class LanesType(types.Type):
+    """Type of numbers of all lanes; a float becomes one with the same number in every lane."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Lanes{WIDTH}")
+
+    def can_convert_from(self, context: Any, other: Any) -> Any:
+        """Accept scalars."""
+        return context.tm and 1 if isinstance(other, types.Number) else None
+
+    def unify(self, context: Any, other: Any) -> Any:
+        """Let a variable be a scalar first and lanes later."""
+        return self if isinstance(other, types.Number) else None
+
+
+class MaskType(types.Type):
+    """Type of truth values of all lanes."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask{WIDTH}")
+
+
+LANES, MASK, NUMBER, PLACE = LanesType(), MaskType(), types.float64, types.int64
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _VECTOR)
+
+
+@register_model(MaskType)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _BITS)
+
+
+def _splat(builder: Any, value: Any) -> Any:
+    first = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
+    return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), zeros)
+
+
+@lower_cast(types.Number, LanesType)
+def _cast(context: Any, builder: Any, kind: Any, to: Any, value: Any) -> Any:
+    return _splat(builder, context.cast(builder, value, kind, NUMBER))
+
+
+def _define(function: Any, result: Any, arguments: tuple[Any, ...], emit: Callable[..., Any]) -> None:
+    """Let compiled code call ``function``; ``emit(builder, *values)`` builds its instructions."""
+
+    class Template(AbstractTemplate):
+        key = function
+
+        def generic(self, given: Any, named: Any) -> Any:
+            vectors = [kind for kind in given if isinstance(kind, LanesType | MaskType)]
+            needed = any(kind in (LANES, MASK) for kind in arguments) and function is not lanes.store
+            if len(given) != len(arguments) or (needed and not vectors):
+                return None
+            for kind, wanted in zip(given, arguments, strict=True):
+                if kind != wanted and not (wanted != MASK and isinstance(kind, types.Number)):
+                    return None
+            return signature(result, *arguments)
+
+    infer_global(function)(Template)
+    lower_builtin(function, *arguments)(lambda context, builder, sig, values: emit(builder, *values))
+
+
+def _intrinsic(name: str) -> Callable[..., Any]:
+    def emit(builder: Any, value: Any) -> Any:
+        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"{name}.v{WIDTH}f64")
+        return builder.call(function, [value])
+
+    return emit
+
+
+def _long(value: int) -> ir.Constant:
+    return ir.Constant(_LONGS, [value] * WIDTH)
+
+
+def _pointer(builder: Any, memory: Any, place: Any, size: int, kind: Any) -> Any:
+    offset = builder.mul(place, ir.Constant(_LONG, size))
+    return builder.inttoptr(builder.add(memory, offset), kind.as_pointer())
+
+
+def _load(builder: Any, memory: Any, row: Any) -> Any:
+    return builder.load(_pointer(builder, memory, row, _ROW, _VECTOR), align=_ROW)
+
+
+def _store(builder: Any, memory: Any, row: Any, value: Any) -> Any:
+    return builder.store(value, _pointer(builder, memory, row, _ROW, _VECTOR), align=_ROW)
+
+
+def _peek(builder: Any, memory: Any, index: Any) -> Any:
+    return builder.load(_pointer(builder, memory, index, 8, _DOUBLE))
+
+
+def _poke(builder: Any, memory: Any, index: Any, value: Any) -> Any:
+    return builder.store(value, _pointer(builder, memory, index, 8, _DOUBLE))
+
+
+def _any(builder: Any, mask: Any) -> Any:
+    whole = builder.bitcast(mask, ir.IntType(WIDTH))
+    return builder.icmp_unsigned("!=", whole, ir.Constant(ir.IntType(WIDTH), 0))
+
+
+def _times_power_of_two(builder: Any, value: Any, power: Any) -> Any:
+    shift = builder.shl(builder.fptosi(power, _LONGS), _long(52))
+    return builder.bitcast(builder.add(builder.bitcast(value, _LONGS), shift), _VECTOR)
+
+
+def _exponent(builder: Any, value: Any) -> Any:
+    biased = builder.and_(builder.lshr(builder.bitcast(value, _LONGS), _long(52)), _long(0x7FF))
+    return builder.sitofp(builder.sub(biased, _long(1023)), _VECTOR)
+
+
+def _mantissa(builder: Any, value: Any) -> Any:
+    fraction = builder.and_(builder.bitcast(value, _LONGS), _long((1 << 52) - 1))
+    return builder.bitcast(builder.or_(fraction, _long(1023 << 52)), _VECTOR)
+
+
+def _nothing(emit: Callable[..., Any]) -> Callable[..., Any]:
+    def whole(builder: Any, *values: Any) -> Any:
+        emit(builder, *values)
+        return ir.Constant(ir.IntType(8).as_pointer(), None)  # numba's None
+
+    return whole
+
+
+for _function, _name in {
+    operator.add: "fadd", operator.sub: "fsub", operator.mul: "fmul", operator.truediv: "fdiv",
+}.items():  # fmt: skip
+    _define(_function, LANES, (LANES, LANES), lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
+for _function, _name in {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">="}.items():
+    _define(
+        _function, MASK, (LANES, LANES), lambda builder, a, b, name=_name: builder.fcmp_ordered(name, a, b)
+    )
+for _function, _name in {operator.and_: "and_", operator.or_: "or_"}.items():
+    _define(_function, MASK, (MASK, MASK), lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
+_define(operator.invert, MASK, (MASK,), lambda builder, mask: builder.not_(mask))
+_define(operator.neg, LANES, (LANES,), lambda builder, value: builder.fneg(value))
+_define(lanes.select, LANES, (MASK, LANES, LANES), lambda builder, *values: builder.select(*values))
+_define(lanes.any_of, types.boolean, (MASK,), _any)
+_define(lanes.splat, LANES, (NUMBER,), _splat)
+_define(lanes.load, LANES, (PLACE, PLACE), _load)
+_define(lanes.store, types.none, (PLACE, PLACE, LANES), _nothing(_store))
+_define(lanes.peek, NUMBER, (PLACE, PLACE), _peek)
+_define(lanes.poke, types.none, (PLACE, PLACE, NUMBER), _nothing(_poke))
+_define(lanes.root, LANES, (LANES,), _intrinsic("llvm.sqrt"))
+_define(lanes.magnitude, LANES, (LANES,), _intrinsic("llvm.fabs"))
+_define(lanes.nearest, LANES, (LANES,), _intrinsic("llvm.rint"))
+_define(lanes.below, LANES, (LANES,), _intrinsic("llvm.floor"))
+_define(lanes.times_power_of_two, LANES, (LANES, LANES), _times_power_of_two)
+_define(lanes.exponent, LANES, (LANES,), _exponent)
+_define(lanes.mantissa, LANES, (LANES,), _mantissa)
