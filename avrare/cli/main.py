@@ -89,7 +89,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as finished:  # argparse after --help
         return finished.code if isinstance(finished.code, int) else int(ExitCode.PASS)
     except Exception as error:
-        _report_bug(error, "--traceback" in words or os.environ.get("AVRARE_TRACEBACK") == "1")
+        full = "--traceback" in words or os.environ.get("AVRARE_TRACEBACK") == "1"
+        if isinstance(error, OSError) and isinstance(error.filename, str) and not full:
+            # A path that cannot even be looked at: too long, a loop of links, a disk that fails.
+            reason = UsageError(f"{error.filename[:200]}: {error.strerror}", "check this path")
+            print("\n".join(reason.lines()), file=sys.stderr)
+            return int(reason.exit_code)
+        _report_bug(error, full)
         return int(ExitCode.BUG)
 
 

@@ -327,3 +327,13 @@ def test_sigterm_ends_any_command_in_words(monkeypatch, capsys):
     finally:
         signal.signal(signal.SIGTERM, before)
     assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize("command", ["report", "run --resume", "monitor --stl p", "history add", "check --baseline"])
+def test_a_path_that_cannot_be_looked_at_is_no_bug(command, here, capsys):
+    (here / "toy.yaml").write_text(GOOD)
+    scenario = ["toy.yaml"] if command.startswith("check") else []
+    assert main([*command.split(), "x" * 5000, *scenario]) == 4
+    err = capsys.readouterr().err
+    assert "File name too long" in err
+    assert "bug" not in err
