@@ -32,6 +32,8 @@ MOST_BYTES = 2**32
 """Bytes of any other file."""
 _MOST_DEPTH = 64
 """Levels of lists and objects: what is deeper cannot be copied or written again."""
+_MOST_DIGITS = 20
+"""Characters of a whole number: those of 64 bits."""
 _MOST_EXPANDED = 2**30
 """Bytes to which a small npz file may expand."""
 _KINDS = "biufU"
@@ -80,7 +82,7 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     """Return the JSON object in ``content``."""
     text = content if isinstance(content, str) else content.decode("utf-8")
     try:
-        found = json.loads(text)
+        found = json.loads(text, parse_int=_parse_int)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     if not isinstance(found, dict):
@@ -127,6 +129,12 @@ def _without_seconds(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _without_seconds(item) for key, item in value.items() if key != "seconds"}
     return [_without_seconds(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _parse_int(text: str) -> int:
+    if len(text) > _MOST_DIGITS:
+        raise ValueError(f"it holds a whole number of {len(text)} digits")
+    return int(text)
 
 
 def parse_arrays(content: bytes) -> Arrays:

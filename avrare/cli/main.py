@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 from avrare.base import version
@@ -72,29 +72,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         with _sigterm_like_ctrl_c():
-            _escape_unprintable_text()
+            _prepare_streams()
             code = _dispatch(words)
             sys.stdout.flush()
             return code
     except AvrareError as error:
-        print("\n".join(error.lines()), file=sys.stderr)
+        _tell(*error.lines())
         return int(error.exit_code)
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        _tell("interrupted")
         return int(ExitCode.INTERRUPTED)
     except BrokenPipeError:
-        # Python flushes stdout once more at exit; give it somewhere to go.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return _BROKEN_PIPE
     except SystemExit as finished:  # argparse after --help
         return finished.code if isinstance(finished.code, int) else int(ExitCode.PASS)
     except Exception as error:
         full = "--traceback" in words or os.environ.get("AVRARE_TRACEBACK") == "1"
-        if isinstance(error, OSError) and isinstance(error.filename, str) and not full:
-            # A path that cannot even be looked at: too long, a loop of links, a disk that fails.
-            reason = UsageError(f"{error.filename[:200]}: {error.strerror}", "check this path")
-            print("\n".join(reason.lines()), file=sys.stderr)
-            return int(reason.exit_code)
+        if isinstance(error, OSError) and not full:
+            _tell(*_system_error(error).lines())
+            _drop_output()
+            return int(ExitCode.USAGE)
         _report_bug(error, full)
         return int(ExitCode.BUG)
 
@@ -174,21 +172,41 @@ def _top_parser() -> Parser:
     return parser
 
 
-def _escape_unprintable_text() -> None:
+def _prepare_streams() -> None:
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, open(os.devnull, "w"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _tell(*lines: str) -> None:
+    with suppress(OSError):  # a standard error that takes nothing
+        print("\n".join(lines), file=sys.stderr, flush=True)
+
+
+def _drop_output() -> None:
+    # Python flushes stdout once more at exit; give it somewhere to go.
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _system_error(error: OSError) -> UsageError:
+    # What no command explains: a path too long, a loop of links, a disk that is full or fails.
+    name = f"{error.filename[:200]}: " if isinstance(error.filename, str) else ""
+    hint = "check this path" if name else "check the disk, the current folder, and where the output goes"
+    return UsageError(f"{name}{error.strerror or error}", hint)
 
 
 def _report_bug(error: Exception, full: bool) -> None:
     import traceback
 
     if full:
-        traceback.print_exc()
+        _tell(traceback.format_exc())
     words = " ".join(str(error).split())
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{frame.filename}:{frame.lineno} in {frame.name}"
     line = f"this is a bug in avrare: {type(error).__name__}: {words} ({place})"
-    print(spell_controls(line), file=sys.stderr)
-    if not full:
-        print("hint: run the command again with --traceback and report the output", file=sys.stderr)
+    hint = [] if full else ["hint: run the command again with --traceback and report the output"]
+    _tell(spell_controls(line), *hint)

@@ -19,7 +19,7 @@ from avrare.plugin.registry import default_registry
 from avrare.plugin.rule_catalogue import Catalogue, Offer
 from avrare.report.terminal.console import make_console
 
-_WIDTH = 100
+_NARROWEST, _WIDTH = 40, 100
 
 
 def execute(args: argparse.Namespace) -> None:
@@ -54,7 +54,7 @@ def _print_table(offers: Sequence[Offer]) -> None:
 
 def _print_cards(offers: Sequence[Offer]) -> None:
     console = make_console()
-    width = min(console.width, _WIDTH)
+    width = max(_NARROWEST, min(console.width, _WIDTH))  # COLUMNS may say anything
     for index, offer in enumerate(offers):
         for line in [*([""] if index else []), *_card(offer, width)]:
             console.print(line)

@@ -15,7 +15,7 @@ import io
 import json
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,14 +107,16 @@ class Checkpoint:
     @contextmanager
     def held(self) -> Iterator[Checkpoint]:
         """Hold the lock of the folder: two processes must not resume in it at once."""
-        try:
-            with _explain_folder_errors(self.folder), exclusive_lock(self.folder / INDEX):
-                yield self
-        except LockHeld:
-            raise UsageError(
-                f"{self.folder}: another process is using this folder",
-                "wait until it ends, or choose another folder",
-            ) from None
+        with ExitStack() as held:
+            try:
+                with _explain_folder_errors(self.folder):
+                    held.enter_context(exclusive_lock(self.folder / INDEX))
+            except LockHeld:
+                raise UsageError(
+                    f"{self.folder}: another process is using this folder",
+                    "wait until it ends, or choose another folder",
+                ) from None
+            yield self  # what goes wrong from now on is another matter
 
     def remove(self) -> None:
         """Delete the checkpoint, the index first; files of others in the folder stay."""

@@ -329,7 +329,9 @@ def test_sigterm_ends_any_command_in_words(monkeypatch, capsys):
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize("command", ["report", "run --resume", "monitor --stl p", "history add", "check --baseline"])
+@pytest.mark.parametrize(
+    "command", ["report", "run --resume", "monitor --stl p", "history add", "check --baseline"]
+)
 def test_a_path_that_cannot_be_looked_at_is_no_bug(command, here, capsys):
     (here / "toy.yaml").write_text(GOOD)
     scenario = ["toy.yaml"] if command.startswith("check") else []
@@ -337,3 +339,28 @@ def test_a_path_that_cannot_be_looked_at_is_no_bug(command, here, capsys):
     err = capsys.readouterr().err
     assert "File name too long" in err
     assert "bug" not in err
+
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="a file that takes nothing is a matter of Linux")
+@pytest.mark.parametrize(("stream", "code"), [("stdout", 4), ("stderr", 4)])
+def test_output_that_nobody_takes_is_no_bug(stream, code, here):
+    (here / "toy.yaml").write_text(GOOD)
+    words = ["rules"] if stream == "stdout" else ["report", "none"]
+    with FULL.open("w") as full:
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, stream: full}
+        done = subprocess.run([sys.executable, "-m", "avrare", *words], text=True, check=False, **streams)
+    assert done.returncode == code
+    if stream == "stdout":
+        assert done.stderr.startswith("No space left on device\nhint: check the disk")
+        assert "bug" not in done.stderr
+        assert "Exception ignored" not in done.stderr
+
+
+def test_output_may_be_closed(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    assert main(["rules"]) == 0
+    assert main(["report", "none"]) == 4

@@ -167,3 +167,11 @@ def test_listing_the_installed_rules_imports_nothing_heavy():
     assert not {name.split(".")[0] for name in modules.split()} & HEAVY
     names = [card["name"] for card in json.loads("\n".join(text))]
     assert {"R_G1", "R_G2", "R_G4", "R_I2", "no_collision"} <= set(names)
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "-3", "many", "100000"])
+def test_a_terminal_of_any_width(columns, offer, monkeypatch, capsys):
+    offer(book="cards")
+    monkeypatch.setenv("COLUMNS", columns)
+    assert main(["rules", "R_A"]) == 0
+    assert "keep away" in capsys.readouterr().out

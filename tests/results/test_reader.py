@@ -11,7 +11,7 @@ import pytest
 
 from avrare.base import stored_files
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import read_arrays, read_json
+from avrare.base.stored_files import parse_json, read_arrays, read_json
 from avrare.results.reader import load_run_scenario, read_failures, read_rollouts, read_run_folder
 
 ESTIMATE = {
@@ -169,3 +169,10 @@ def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
         read_arrays(tmp_path / "bomb.npz", "remove it")
     np.savez(tmp_path / "large.npz", a=np.zeros(2**20))
     assert read_arrays(tmp_path / "large.npz", "remove it")["a"].shape == (2**20,)
+
+
+def test_whole_numbers_have_at_most_64_bits():
+    assert parse_json(f'{{"n": {2**64 - 1}, "m": {-(2**63)}}}') == {"n": 2**64 - 1, "m": -(2**63)}
+    for number in ("1" + "0" * 40, "-1" + "0" * 400, "9" * 5000):
+        with pytest.raises(ValueError, match="whole number of"):
+            parse_json(f'{{"n": {number}}}')

@@ -36,6 +36,8 @@ _HINT = "restore the file, or remove it to use the previous baseline"
 SHARED_KEYS = ("steps", "simulator", "perception")
 """Keys of a resolved scenario that belong to the problem of every specification."""
 _MAX_LISTED = 5
+_MOST_ERROR = 1e6
+"""Relative error of an estimate from 10^12 rollouts with one failure: no stored one is larger."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class _StoredEntry(BaseModel):
     specification: str
     probability: float = Field(ge=0.0, le=1.0)
     evidence: dict[str, Any]
-    relative_error: float | None
+    relative_error: float | None = Field(ge=0.0, le=_MOST_ERROR)
     rollouts: int = Field(ge=1)
     simulated_steps: int = Field(ge=0)
     seconds: float = Field(ge=0.0)

@@ -62,6 +62,8 @@ def test_the_default_folder_is_next_to_the_scenario(scenario, tmp_path):
         (lambda text: "[]", "not a JSON object"),
         (lambda text: text.replace('"schema": 1', '"schema": 2'), "has schema 2"),
         (lambda text: text.replace('"law": "binomial"', '"law": "levy"'), "not an estimate"),
+        (lambda text: text.replace('"rollouts": 1000', '"rollouts": 1' + "0" * 400), "number of 401 digits"),
+        (lambda text: text.replace('"relative_error": ', '"relative_error": 1e300, "x": '), "relative_error"),
         (
             lambda text: json.dumps({**json.loads(text), "estimates": [{}]}),
             r"estimates\.0\.specification: Field",

@@ -36,6 +36,7 @@ class Task:
         again: Words of the command after a crash, as the messages or the documentation advise.
         left: What must be equal to that of an undisturbed command.
         codes: Exit codes of a command that succeeds.
+        every: Which calls are tried: each, or every third, ... where processes are slow to start.
     """
 
     words: list[str]
@@ -43,12 +44,15 @@ class Task:
     needs: tuple[str, ...] = ()
     again: list[str] | None = None
     codes: tuple[int, ...] = (0,)
+    every: int = 1
 
 
 def _run(estimator, workers) -> Task:
     words = ["run", f"{estimator}.yaml", "--no-pictures", "--quiet", "--workers", str(workers)]
     again = ["run", "--resume", "out", "--no-pictures", "--quiet"]
-    return Task([*words, "--out", "out"], lambda: result("out"), (f"{estimator}.yaml",), again)
+    return Task(
+        [*words, "--out", "out"], lambda: result("out"), (f"{estimator}.yaml",), again, every=4 * workers - 3
+    )
 
 
 def _texts(pattern):
@@ -125,7 +129,7 @@ def undisturbed(task, home):
 def points(task, home):
     """Yield (point, trouble, told) of each point at which the command could be killed."""
     wanted = undisturbed(task, home)
-    for point in range(-len(TORN), 10_000):
+    for point in [*range(-len(TORN), 0), *range(0, 10_000, task.every)]:
         killed, found, told = crash(task, point, home)
         if not killed:
             if point >= 0:

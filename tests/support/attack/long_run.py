@@ -15,7 +15,8 @@ from attack.attempts import HANG, LONGEST, TRACEBACK, TROUBLES, limit_memory
 from attack.kinds import KINDS, attempt
 from avrare.base.atomic_files import write_text
 
-BATCH = 100
+_BATCH, _KILLED, _CRASHED = 100, 5, 20
+"""Inputs of a kind, runs that are killed, and crash points of a turn."""
 _SILENCE = 8 * LONGEST
 """Seconds without an answer after which a child is ended; before that its own watch ends what it does."""
 _MOST_KEPT = 200
@@ -93,7 +94,7 @@ def _inputs(progress, folder, inputs, only):
 
 def _one_kind(progress, folder, name, inputs):
     while (first := progress.entry("kinds", name)["next"]) < inputs:
-        for seed, trouble, told in _batch(folder, name, range(first, min(inputs, first + BATCH))):
+        for seed, trouble, told in _batch(folder, name, range(first, min(inputs, first + _BATCH))):
             progress.add("kinds", name, seed, trouble, told)
         yield True
 
@@ -145,7 +146,7 @@ def _kills(progress, folder, most):
             name = f"{life.number.name} of the {life.target}"
             last = i == len(lives) - 1
             progress.add("kills", name, seed, trouble if last else None, told)
-        if seed % 3 == 2:
+        if seed % _KILLED == _KILLED - 1:
             yield True
 
 
@@ -159,7 +160,7 @@ def _crash_points(progress, folder):
         home.mkdir(exist_ok=True)
         for count, (point, trouble, told) in enumerate(crash_points.points(task, home)):
             progress.add("crash points", name, point, trouble, told)
-            if count % 10 == 9:
+            if count % _CRASHED == _CRASHED - 1:
                 yield True
         entry["complete"] = True
         shutil.rmtree(home / "work", ignore_errors=True)
