@@ -172,6 +172,24 @@ class TestRulesFiles:
         for rule in ("slow", "walk"):
             assert check(TrafficRuleConfig(rule=rule, rules_file=path), 0.1) == []
 
+    @pytest.mark.parametrize(
+        ("lines", "message"),
+        [
+            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a is defined by itself"),
+            (
+                ["a(p, q) = b(p, q)", "b(p, q) = a(p, q)"],
+                "in the definition of a, column 11: b is defined below",
+            ),
+            ([f"a{i}(p, q) = a{i - 1}(p, q)" for i in range(1, 2000)], "nested"),
+        ],
+        ids=["itself", "each other", "a long chain"],
+    )
+    def test_definitions_that_use_each_other(self, mine, lines, message):
+        formula = f"exists o in others: {lines[-1].partition('(')[0]}(ego, o)"
+        indented = "\n  ".join(["a0(p, q) = ahead(p, q)", *lines])
+        path = mine(f"definitions: |\n  {indented}\nrules:\n  mine: {{formula: '{formula}'}}\n")
+        assert message in told(rule="mine", rules_file=path).message
+
     def test_a_mistake_in_a_definition(self, mine):
         path = mine()
         finding = told(rule="unread", rules_file=path)

@@ -75,16 +75,21 @@ class Rulebook:
     def needed(self, formula: str) -> dict[str, str]:
         """Return the definitions that a formula uses, each after those that it uses."""
         needed: dict[str, str] = {}
-
-        def add(text: str) -> None:
-            for name in re.findall(r"(\w+)\s*\(", text):
-                if name in self.definitions and name not in needed:
-                    definition = self.definitions[name]
-                    add(definition.partition("=")[2])
-                    needed[name] = definition
-
-        add(formula)
+        seen: set[str] = set()  # a definition may use itself: the parser says so
+        pending = [(name, False) for name in self._used(formula)]
+        while pending:
+            name, complete = pending.pop()
+            if complete:
+                needed[name] = self.definitions[name]
+            elif name not in seen:
+                seen.add(name)
+                inner = self._used(self.definitions[name].partition("=")[2])
+                pending += [(name, True), *((other, False) for other in inner)]
         return needed
+
+    def _used(self, formula: str) -> list[str]:
+        """Return the names of definitions in a text, the last one first."""
+        return [name for name in reversed(re.findall(r"(\w+)\s*\(", formula)) if name in self.definitions]
 
     def complete(self, formula: str) -> str:
         """Return the formula below the definitions that it needs, one per line."""
