@@ -1,9 +1,12 @@
 """Damage to files that a disk or a stranger may have done: seeded mutations of JSON, npz and SQLite files."""
 
+import contextlib
 import copy
 import io
 import json
+import re
 import sqlite3
+import zipfile
 
 import numpy as np
 
@@ -65,6 +68,8 @@ def damage_arrays(content, random):
         lambda: np.zeros(3, dtype=[("a", "f8")]), lambda: _nudged(array) if number else np.array(1.5),
     ]  # fmt: skip
     if random.random() < 0.1:
+        return _damage_header(arrays, name, random)
+    if random.random() < 0.1:
         del arrays[name]
     else:
         arrays[name] = changes[random.integers(len(changes))]()
@@ -73,10 +78,66 @@ def damage_arrays(content, random):
     return changed.getvalue()
 
 
+def _damage_header(arrays, name, random):
+    """Let the header of one array promise another shape or type than its bytes have."""
+    changed = io.BytesIO()
+    with zipfile.ZipFile(changed, "w") as archive:
+        for key, array in arrays.items():
+            member = io.BytesIO()
+            np.save(member, array, allow_pickle=array.dtype.hasobject)
+            content = member.getvalue()
+            if key == name:
+                content = _other_header(content, random)
+            archive.writestr(f"{key}.npy", content)
+    return changed.getvalue()
+
+
+def _other_header(content, random):
+    shapes = [
+        "(1000000000000,)",
+        "(-1,)",
+        "(2147483648, 2147483648)",
+        "(0, 99999999999)",
+        "(3.5,)",
+        "()",
+        "(1,)",
+    ]
+    kinds = [
+        "'<U2147483647'",
+        "'|O'",
+        "'<f8,<f8'",
+        "'<M8[s]'",
+        "'|V0'",
+        "'<U0'",
+        "[('a', '<f8')]",
+        "'<f16'",
+        "'>f8'",
+    ]
+    end = content.index(b"\n", 10)
+    header = content[10:end].decode()
+    if random.random() < 0.5:
+        header = re.sub(r"'shape': \([^)]*\)", f"'shape': {shapes[random.integers(len(shapes))]}", header)
+    else:
+        header = re.sub(r"'descr': [^,]*", f"'descr': {kinds[random.integers(len(kinds))]}", header)
+    text = header.rstrip().encode()
+    text += b" " * (-(len(text) + 11) % 64) + b"\n"
+    return content[:8] + len(text).to_bytes(2, "little") + text + content[end + 1 :]
+
+
 def _nudged(array):
     changed = array.copy()
     changed.reshape(-1)[0] += 1
     return changed
+
+
+_STATEMENTS = [
+    "ALTER TABLE avrare_history ADD COLUMN other", "DROP TABLE avrare_history", "DELETE FROM avrare_history",
+    "ALTER TABLE avrare_history RENAME TO x", "CREATE VIEW v AS SELECT * FROM v", "PRAGMA user_version = 99",
+    "PRAGMA encoding = 'UTF-16'", "UPDATE avrare_history SET probability = NULL, rollouts = 'many'",
+    "CREATE TRIGGER t AFTER INSERT ON avrare_history BEGIN DELETE FROM avrare_history; END",
+    "CREATE TRIGGER u BEFORE INSERT ON avrare_history BEGIN SELECT RAISE(ABORT, 'no'); END",
+    "INSERT INTO avrare_history SELECT * FROM avrare_history", "PRAGMA journal_mode = WAL",
+]  # fmt: skip
 
 
 def damage_history(content, random, path):
@@ -99,6 +160,9 @@ def damage_history(content, random, path):
         "[red]",
         2**62,
     ]
+    if random.random() < 0.2:
+        with contextlib.suppress(sqlite3.Error):
+            database.execute(_STATEMENTS[random.integers(len(_STATEMENTS))])
     value = values[random.integers(len(values))]
     column = columns[random.integers(len(columns))]
     database.execute(f"UPDATE avrare_history SET {column} = ? WHERE rowid = 1", (value,))
