@@ -2,9 +2,13 @@
 
 import numpy as np
 
+import avrare
+from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.estimation.result import Failures, Worst
+from avrare.report.html import rollout_player
 from avrare.report.html.rollout_player import select_rollouts
 from avrare.results.reader import RolloutSample
+from avrare.results.recordings.recording import Recording
 
 
 def test_the_most_likely_failure_has_the_shortest_noise():
@@ -13,10 +17,19 @@ def test_the_most_likely_failure_has_the_shortest_noise():
     found = select_rollouts("r", Failures(noise, np.array([-1.0, -0.1, -5.0]), 3), None)
     assert [(one.title, one.robustness, one.norm) for one in found] == [
         ("Worst failure", -5.0, 2.0),
-        ("Most likely failure", -0.1, 1.0),
+        ("Likeliest stored failure", -0.1, 1.0),
     ]
     one = select_rollouts("r", Failures(noise[:1], np.array([-1.0]), 1), None)
-    assert [shown.title for shown in one] == ["Worst and most likely failure"]
+    assert [shown.title for shown in one] == ["Worst and likeliest stored failure"]
     near = select_rollouts("r", None, RolloutSample(np.zeros(2, np.float32), Worst(noise[0], 0.5)))
     assert [(shown.title, shown.failed) for shown in near] == [("Nearest to a failure", False)]
     assert select_rollouts("r", None, None) == []
+
+
+def test_a_player_opens_three_seconds_before_the_failure():
+    signals = {"x": np.where(np.arange(100) < 60, 1.0, -1.0)}
+    recording = Recording("t", 0.1, 0.0, signals)
+    result = monitor_recording("x", avrare.stl("always (x > 0)", dt=0.1).monitor(), recording)
+    assert rollout_player._select_start(result) == 30
+    early = monitor_recording("x", avrare.stl("always (x < 0)", dt=0.1).monitor(), recording)
+    assert rollout_player._select_start(early) == 0

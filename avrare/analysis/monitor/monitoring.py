@@ -41,6 +41,7 @@ class DecisiveSample:
     formula_sample: int  # where the sub-formula has it: another sample if the formula looks ahead or back
     # Variables for which one vehicle is enough: if the specification is violated, theirs comes nearest.
     existential: tuple[str, ...] = ()
+    limit: str = ""  # sub-formula that has the specification's robustness, where it is not ``formula``
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,11 @@ class _CauseFinder:
         vehicles = {variable: str(name) for variable, name in bindings.items()}
         existential = _find_existential(self.formula.node)
         nearest = tuple(variable for variable in vehicles if variable in existential)
-        return DecisiveSample(cause.sample, robustness, vehicles, leaf.text, leaf.value, leaf.sample, nearest)
+        limit = cause.chain[-1].text if consequent is not None else ""
+        return DecisiveSample(
+            cause.sample, robustness, vehicles, leaf.text, leaf.value, leaf.sample, nearest,
+            "" if limit == leaf.text else limit,
+        )  # fmt: skip
 
     def _explain_consequent(self, cause: Cause, earliest: bool) -> tuple[dict[str, str | int], Link] | None:
         # Why C of ``always (A -> C)`` fails at the sample; None if it does not.

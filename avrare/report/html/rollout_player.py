@@ -28,6 +28,7 @@ from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
+_LEAD = 3.0  # time before the failure at which the player opens [s]
 _MAX_SIGNALS = 12
 _LEVELS = ("longitudinal_acceleration", "lateral_acceleration", "jerk", "time_to_collision")
 """Signals that are drawn beside a top view, where the simulator has them."""
@@ -75,7 +76,7 @@ def select_rollouts(
     worst = int(np.argmin(failures.robustness))
     likely = int(np.argmin(np.square(failures.noise).sum(axis=(1, 2))))
     titles = {worst: "Worst failure"}
-    titles[likely] = "Worst and most likely failure" if likely == worst else "Most likely failure"
+    titles[likely] = f"{'Worst and likeliest' if likely == worst else 'Likeliest'} stored failure"
     return [
         StoredRollout(title, name, failures.noise[k], float(failures.robustness[k]), True)
         for k, title in titles.items()
@@ -153,8 +154,10 @@ def _render_difference(stored: StoredRollout, result: MonitoringResult) -> Marku
 
 
 def _select_start(result: MonitoringResult) -> int:
+    """Return the sample at which the player opens: three seconds before what it is shown for."""
     decisive = result.first or result.worst
-    return decisive.sample if decisive is not None else 0
+    before = round(_LEAD / result.recording.dt)
+    return max(decisive.sample - before, 0) if decisive is not None else 0
 
 
 def _render_stage(result: MonitoringResult) -> Markup:

@@ -78,7 +78,8 @@ def summarise(result: MonitoringResult) -> str:
     # A part may be further from holding than the formula, where other parts make up for it.
     overall = " overall" if first.value < first.robustness else ""
     at = "" if worst is None else f" at {format_sample_time(result.recording, worst.sample)} s"
-    return f"{verdict} first {_describe(result, first)} (worst{overall} robustness {robustness}{at})"
+    limit = f", decided by {worst.limit}" if worst is not None and worst.limit and overall else ""
+    return f"{verdict} first {_describe(result, first)} (worst{overall} robustness {robustness}{at}{limit})"
 
 
 def _describe(result: MonitoringResult, decisive: DecisiveSample) -> str:

@@ -8,6 +8,7 @@ from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Verdict
+from avrare.report.terminal.monitoring_text import summarise
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 
 rng = np.random.default_rng(8)
@@ -205,3 +206,12 @@ def test_a_road_without_other_vehicles():
     found = monitor_recording("f", formula.monitor(), alone)
     assert (found.violated, found.robustness) == (False, np.inf)
     assert alone.signals["gap"].tolist() == [np.inf] * 5
+
+
+def test_the_part_that_decides_the_robustness_of_the_whole_is_named():
+    # The requirement misses its bound by 2, the condition holds by 0.2 only: the rule's robustness is -0.2.
+    drive = recorded(near=[-1.0, 0.1, 0.2], gap=[5.0, -1.5, -2.0])
+    result = monitor_recording("rule", avrare.stl("always (near > 0 -> gap > 0)", dt=0.1).monitor(), drive)
+    assert (result.robustness, result.worst.formula, result.worst.value) == (-0.2, "gap > 0", -2.0)
+    assert result.worst.limit.startswith("near")
+    assert ", decided by near" in summarise(result)
