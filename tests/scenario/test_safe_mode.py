@@ -8,6 +8,7 @@ import pytest
 
 import avrare
 from avrare.base.errors import AvrareError, UsageError
+from avrare.cli.main import main
 from avrare.plugin.component import Component, hookimpl
 from avrare.plugin.registry import Registry, default_registry
 from avrare.scenario.load import load
@@ -250,3 +251,39 @@ def test_a_pipe_is_no_base(folder):
     write("extends: base.yaml\n")
     with pytest.raises(AvrareError, match="not a regular file"):
         load("s.yaml")
+
+
+def test_no_file_outside_is_opened_and_no_program_started(folder):
+    """As Python's own audit of every call tells, for each way of naming one."""
+    names = ["../secret.npz", "link.npz", "away/secret.npz", str(folder.parent / "secret.npz")]
+    texts = [GYM.format(**PARTS | {"controller": f"{{plugin: policy, model: '{name}'}}"}) for name in names]
+    rule = "{plugin: traffic_rules, rules_file: ../secret.yaml, rule: X}"
+    texts.append(GYM.format(**PARTS | {"specification": rule}))
+    texts += [f"extends: {name}\n" for name in ("../secret.yaml", "away/secret.yaml")]
+    for k, text in enumerate(texts):
+        Path(f"s{k}.yaml").write_text(text)
+    command = ["validate", "--build", *(f"s{k}.yaml" for k in range(len(texts)))]
+    assert touched(folder, command), "the audit sees nothing"
+    assert touched(folder, [*command, "--safe"]) == set()
+
+
+def touched(folder, command):
+    """Names of the files beside ``folder`` that a command opens, and of the programs that it starts."""
+    read, write = os.pipe()
+    if child := os.fork():
+        os.close(write)
+        with os.fdopen(read) as pipe:
+            found = set(pipe.read().splitlines())
+        os.waitpid(child, 0)
+        return found
+
+    def watch(event, arguments):
+        if event in ("os.exec", "os.posix_spawn", "os.system", "subprocess.Popen"):
+            os.write(write, f"{event}\n".encode())
+        path = arguments[0] if event == "open" and isinstance(arguments[0], str) else "."
+        if os.path.dirname(os.path.realpath(path)) == str(folder.parent.resolve()) and path != ".":
+            os.write(write, f"{os.path.basename(path)}\n".encode())
+
+    sys.addaudithook(watch)
+    main(command)
+    os._exit(0)

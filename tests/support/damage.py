@@ -10,6 +10,8 @@ import zipfile
 
 import numpy as np
 
+from avrare.base.stored_files import CHECKSUM, seal
+
 DEEP = "deep"
 JSON_VALUES = [
     None, {}, [], "", "x", -1, 0, 3, 1e308, -0.5, True, float("nan"), float("inf"), 10**400, "[bold red]",
@@ -32,6 +34,8 @@ def damage_json(content, random):
         parent[str(random.integers(100))] = parent.pop(key)
     else:
         parent[key] = JSON_VALUES[random.integers(len(JSON_VALUES))]
+    if CHECKSUM in tree and random.random() < 0.5:  # on purpose, not by accident
+        tree = seal(tree)
     text = json.dumps(tree)
     return text.replace('"deep"', "[" * 900 + "]" * 900 if random.random() < 0.5 else "[" * 99_999).encode()
 

@@ -236,7 +236,7 @@ def test_an_error_during_a_run_keeps_the_saved_chunks(night, monkeypatch, capsys
     def fail(*_):
         raise Interrupted("enough")
 
-    monkeypatch.setattr(command, "_judged", fail)
+    monkeypatch.setattr(command, "with_verdict", fail)
     assert run(night.scenario(), "--out", "torn") == 2
     assert len(night.saved("torn")) == 40
     assert "40 chunks are saved" in capsys.readouterr().err
