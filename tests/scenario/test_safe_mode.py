@@ -277,12 +277,13 @@ def touched(folder, command):
         os.waitpid(child, 0)
         return found
 
+    outside = str(folder.parent.resolve())
+
     def watch(event, arguments):
         if event in ("os.exec", "os.posix_spawn", "os.system", "subprocess.Popen"):
             os.write(write, f"{event}\n".encode())
-        path = arguments[0] if event == "open" and isinstance(arguments[0], str) else "."
-        if os.path.dirname(os.path.realpath(path)) == str(folder.parent.resolve()) and path != ".":
-            os.write(write, f"{os.path.basename(path)}\n".encode())
+        elif event == "open" and os.path.dirname(os.path.realpath(str(arguments[0]))) == outside:
+            os.write(write, f"{arguments[0]}\n".encode())
 
     sys.addaudithook(watch)
     main(command)
