@@ -229,6 +229,8 @@ def digest(chunk: Request) -> str:
     if chunk.tape is not None:
         hashed.update(np.ascontiguousarray(chunk.tape).tobytes())
     hashed.update(f"{chunk.rows} {chunk.stop_early} {chunk.law is not None}".encode())
+    if (law := chunk.tape_law) is not None:
+        hashed.update(f"{law.proposal.digest} {law.from_target}".encode())
     return hashed.hexdigest()
 
 

@@ -115,6 +115,7 @@ class Result:
         robustness: Robustness of each complete rollout of the first stage, NaN for errors.
         counts: Counters of the system, summed over all rollouts.
         diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
+        artifacts: What the estimator leaves in the run folder: JSON data by the name of the file.
         blind_bound: Upper bound, at ``confidence``, for failures that the score or proposal does not lead to;
             None where every rollout was drawn from the target, as in Monte Carlo.
         cross_check: Second estimate that the option ``cross_check`` asked for; not in the cost above.
@@ -140,6 +141,7 @@ class Result:
     robustness: Floats
     counts: dict[str, int] = field(default_factory=dict)
     diagnostics: dict[str, Any] = field(default_factory=dict)
+    artifacts: dict[str, Any] = field(default_factory=dict)
     blind_bound: float | None = None
     cross_check: CrossCheckResult | None = None
     seconds: float = 0.0

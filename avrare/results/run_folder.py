@@ -108,6 +108,7 @@ def write(
         write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")
         write_failures(folder, results)
         _write_rollouts(folder, results)
+        write_artifacts(folder, results)
         write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
 
 
@@ -232,6 +233,13 @@ def write_failures(folder: Path, results: Sequence[Result]) -> None:
         _write_arrays(folder / FAILURES_FILE, np.savez, arrays)
     else:
         (folder / FAILURES_FILE).unlink(missing_ok=True)  # left by an earlier run in the same folder
+
+
+def write_artifacts(folder: Path, results: Sequence[Result]) -> None:
+    """Write the files that estimators leave, each with an entry by specification."""
+    for name in sorted({name for result in results for name in result.artifacts}):
+        entries = {one.specification: one.artifacts[name] for one in results if name in one.artifacts}
+        write_text(folder / name, json.dumps(entries, indent=1) + "\n")
 
 
 def _write_rollouts(folder: Path, results: Sequence[Result]) -> None:

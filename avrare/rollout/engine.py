@@ -52,6 +52,8 @@ def simulate(
     """
     if request.law is not None:
         system = _draw_under(system, request.law)
+    if request.tape_law is not None and (request.start != FROM_START).any():
+        raise ValueError("a law of complete tapes is for rows that start at the beginning")
     if request.past is not None:
         request = _restore_carries(system, specifications, noise, request)
     return _Simulation(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
@@ -68,15 +70,37 @@ def _draw_under(system: System, law: Any) -> System:
 
 
 class _Tape:
-    """Noise of a request, drawn in blocks of steps."""
+    """Noise of a request, drawn in blocks of steps, and log p/q of what it has handed out.
+
+    Attributes:
+        sums: (M, A) sums that the density of the request's proposal needs, over the steps of each row.
+    """
 
     def __init__(self, noise: NoiseSource, request: Request, steps: int) -> None:
         self.noise, self.request, self.steps = noise, request, steps
         self._block_start = 0
         self._block: Floats = np.zeros((0, 0, 0))
+        law = request.tape_law
+        self.sums = np.zeros((request.rows, law.proposal.terms if law is not None else 0))
+        self._component: Integers | None = None
+        if law is not None and not law.from_target and request.tape is None:
+            uniform = noise.choices(request.run, request.stage, request.particle)
+            self._component = law.proposal.choose(uniform)
 
     def __call__(self, rows: Integers, t: int) -> Floats:
         """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
+        found = self._numbers(rows, t)
+        if self.request.tape_law is not None:
+            terms, values = self.request.tape_law.proposal.evidence(found, t)
+            self.sums[np.ix_(rows, terms)] += values
+        return found
+
+    def log_ratio(self) -> Floats:
+        """Return log p/q (M,) of each row's steps."""
+        law = self.request.tape_law
+        return law.proposal.log_ratio(self.sums) if law is not None else np.zeros(self.request.rows)
+
+    def _numbers(self, rows: Integers, t: int) -> Floats:
         if self.request.tape is not None:
             return np.ascontiguousarray(self.request.tape[rows, t])
         if not self._block_start <= t < self._block_start + self._block.shape[1]:
@@ -90,6 +114,8 @@ class _Tape:
         run, stage, particle = (a[started, None] for a in (request.run, request.stage, request.particle))
         self._block_start = t
         self._block = self.noise.normals(run, stage, particle, np.arange(t, t + count))
+        if self._component is not None and request.tape_law is not None:
+            request.tape_law.proposal.transform(self._block, self._component, t)
 
 
 class _CarryStore:
@@ -160,8 +186,8 @@ class _Simulation:
             values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
-            tuple(dict.fromkeys(self.messages))[:5], tuple(self.store.carries), self.log_weight,
-            self.store.every,
+            tuple(dict.fromkeys(self.messages))[:5], tuple(self.store.carries),
+            self.log_weight + self.noise.log_ratio(), self.store.every,
         )  # fmt: skip
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:

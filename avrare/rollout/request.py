@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.protocols import Bools, Floats, Verdict
+from avrare.rollout.tape_law import Integers, TapeLaw
 
-Integers = NDArray[np.int64]
 FROM_START = -1
 ARRAYS = ("robustness", "violated", "error", "scores", "log_weight")
 """Fields of ``Rollouts`` with an entry for each row."""
@@ -71,6 +71,7 @@ class Request:
         most_bytes: Limit on a row's carries; k is doubled where they would take more. 0: no limit.
         stop_early: End a row as soon as all its verdicts are final.
         law: Distribution to draw from instead of the system's own, passed to ``under``; or None.
+        tape_law: Law of the noise tapes; None: standard normal. Only for rows that start at the beginning.
         past: Rows with start >= 0 whose carries must be simulated first; None: there are none.
     """
 
@@ -85,6 +86,7 @@ class Request:
     most_bytes: int = 0
     stop_early: bool = False
     law: Any = None
+    tape_law: TapeLaw | None = None
     past: Past | None = None
 
     @property
@@ -142,8 +144,8 @@ class Rollouts:
         messages: Causes of the first few errors.
         carries: (t, row indices, carry) by step, where they were requested.
         every: Carries are those of steps 0, k, 2k, ... and the last, for this k.
-        log_weight: (M,) log likelihood ratio that the system reports, zeros where it reports none; for rows
-            with an error, of the steps before it.
+        log_weight: (M,) log likelihood ratio p/q of the request's ``tape_law`` and of what the system itself
+            reports, zeros where there is neither; for rows that ended early, of the steps until then.
     """
 
     robustness: Floats

@@ -28,6 +28,7 @@ from avrare.protocols import (
     Simulator,
     Tracker,
     find_ability,
+    find_noise_names,
 )
 
 
@@ -70,6 +71,14 @@ class ClosedLoop:
         self.controller = controller
         self._persistent = perception if isinstance(perception, PersistentPerceptionErrorModel) else None
         self.noise_size = simulator.noise_size + (perception.noise_size if perception is not None else 0)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Names of the noise numbers: the simulator's, then the perception error model's."""
+        names = find_noise_names(self.simulator, "noise of the simulator:")
+        if self.perception is not None:
+            names += find_noise_names(self.perception, "noise of perception:")
+        return names
 
     def initial(self, noise: Floats) -> LoopState:
         """Return the state at t = 0 from noise (N, noise_size)."""

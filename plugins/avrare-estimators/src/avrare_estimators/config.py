@@ -12,6 +12,10 @@ from avrare_estimators.importance.proposals import validate_proposal
 
 LEAST_RUNS_OF_LOOK = 5
 """Fewer runs say too little of their own scatter."""
+LEARNED = "learned"
+LEAST_DEFENSIVE = 0.25
+MOST_ROLLOUTS = 300_000
+"""Upper bound of a sample with a stopping rule: a failure that is never met must end, too."""
 KernelName = Literal["pcn", "shrink", "lipschitz", "surrogate", "lipschitz_growing", "bayesian"]
 
 
@@ -166,20 +170,69 @@ class _WeightedConfig(_Config):
 
 
 class IsConfig(_WeightedConfig):
-    """Importance sampling from a given proposal."""
+    """Importance sampling from a proposal that is learnt on the noise tape, or given."""
 
-    rollouts: int = Field(default=30_000, ge=2, description="rollouts of each run, its cross-check included")
+    rollouts: int = Field(
+        default=30_000, ge=2,
+        description="rollouts of each run, its learning and cross-check included; with relative_error, the "
+        "most (default 300,000 then)",
+    )  # fmt: skip
     defensive: float = Field(
-        default=0.5, ge=0.0, lt=1.0, description="share of a sample's rollouts drawn from the target itself"
-    )
+        default=0.5, ge=0.0, lt=1.0,
+        description="share of a sample's rollouts drawn from the target itself (learned: at least 0.25, the "
+        "default then)",
+    )  # fmt: skip
     proposal: Any = Field(
-        description="{gaussian: {mean: ..., std: ...}} of the noise, or {plugin: NAME, ...}: a perception "
-        "model with log_prob"
+        default=LEARNED,
+        description="learned, {gaussian: {mean: ..., std: ...}} of the noise, or {plugin: NAME, ...}: a "
+        "perception model with log_prob",
     )
+    learned: str | None = Field(
+        default=None,
+        description="file of a learned proposal (learned.json of a run folder), to draw from without a pilot",
+        json_schema_extra={"file": True},
+    )
+    pilot: int = Field(
+        default=3000, ge=200,
+        description="rollouts of the target to begin to learn from, at most a sixth of all; each later stage "
+        "has half as many; learned",
+    )  # fmt: skip
+    stages: int = Field(default=6, ge=1, le=50, description="most stages after the pilot; learned")
+    relative_error: float | None = Field(
+        default=None, ge=1e-3, lt=1.0,
+        description="stop at the first look at which the standard error is at most this share of the "
+        "estimate; learned",
+    )  # fmt: skip
+
+    @property
+    def learns(self) -> bool:
+        """The proposal is on the noise tape, and is learnt or was."""
+        return isinstance(self.proposal, str)
+
+    @model_validator(mode="after")
+    def _fit_learning(self) -> Self:
+        given = self.model_fields_set
+        if not self.learns:
+            if other := [name for name in ("learned", "pilot", "stages", "relative_error") if name in given]:
+                raise ValueError(f"{other[0]} belongs to `proposal: learned`, not to a given proposal")
+            return self
+        # Not by assignment: an option that is not given must not count as given.
+        if "defensive" not in given:
+            self.__dict__["defensive"] = LEAST_DEFENSIVE
+        if self.defensive < LEAST_DEFENSIVE:
+            raise ValueError(f"defensive must be at least {LEAST_DEFENSIVE} for a learned proposal")
+        if self.relative_error is not None:
+            if self.runs > 1:
+                raise ValueError("relative_error is a stopping rule for a single run; leave runs at 1")
+            if "rollouts" not in given:
+                self.__dict__["rollouts"] = MOST_ROLLOUTS
+        return self
 
     @field_validator("proposal")
     @classmethod
     def _check_proposal(cls, proposal: Any) -> Any:
+        if proposal == LEARNED:
+            return proposal
         try:
             validate_proposal(proposal)
         except AvrareError as error:

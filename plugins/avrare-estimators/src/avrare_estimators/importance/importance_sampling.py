@@ -28,8 +28,12 @@ from avrare_estimators.importance.sampling import (
 )
 
 
-def build(config: IsConfig, scene: object | None = None) -> ImportanceSampling:
+def build(config: IsConfig, scene: object | None = None) -> WeightedSampler:
     """Build the estimator of a scenario or a call."""
+    if config.learns:
+        from avrare_estimators.importance.learned_sampling import LearnedSampling
+
+        return LearnedSampling(config)
     return ImportanceSampling(config)
 
 
@@ -110,14 +114,17 @@ class WeightedSampler:
         ]
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
-        check = CrossCheck.begin(state.samples, self._check_rollouts(state))
+        plain = sample.share == 1.0  # Monte Carlo needs none
+        check = None if plain else CrossCheck.begin(state.samples, self._check_rollouts(state))
         state = replace(state, task=check)
         if check is not None and check.pending is not None:
             return state
         return self._finish_run(state, check.result() if check is not None else None)
 
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
-        outcome = RunOutcome(state.samples[-1], self.config.check > 0.0, result, state.stages)
+        sample, doubts = state.samples[-1], self._doubts(state)
+        checked = self.config.check > 0.0 and sample.share < 1.0
+        outcome = RunOutcome(sample, checked, result, state.stages, doubts)
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
@@ -131,6 +138,10 @@ class WeightedSampler:
     def _sample_rows(self, state: SamplingState) -> int:
         """Return the rows of the final sample."""
         raise NotImplementedError
+
+    def _doubts(self, state: SamplingState) -> dict[str, str]:
+        """Return the health warnings of a run whose samples are complete."""
+        return {}
 
     def _check_rollouts(self, state: SamplingState) -> int:
         share = self.config.check

@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 
 _KINDS = (
-    "an object with sample(rng, n) and log_ratio(noise), a perception model with observe and log_prob, "
+    "learned, an object with sample(rng, n) and log_ratio(noise), a perception model with observe and log_prob, "
     "{gaussian: {mean: ..., std: ...}} or {plugin: NAME, ...}"
 )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
@@ -22,7 +22,9 @@ from avrare_estimators.importance.cross_check import CrossCheckResult
 from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.weights import Quality, quality, stratified_variance
 
-DISTRUST = {"no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached"}
+DISTRUST = {
+    "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered", "stages_disagree",
+}  # fmt: skip
 """Warnings under which the interval does not rest on the weights."""
 
 
@@ -35,12 +37,14 @@ class RunOutcome:
         checked: A cross-check was asked for.
         cross_check: Its result; None where there was none, or it did not reach failure.
         stages: Learning stages, one entry each.
+        doubts: Health warnings of the run.
     """
 
     sample: Sample
     checked: bool
     cross_check: CrossCheckResult | None
     stages: tuple[dict[str, Any], ...]
+    doubts: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def weights(self) -> Floats:
@@ -63,9 +67,14 @@ class RunOutcome:
         return float(np.where(self.sample.error, self.weights, 0.0).mean())
 
     @property
+    def plain(self) -> bool:
+        """All rows were drawn from the target: Monte Carlo."""
+        return self.sample.share == 1.0
+
+    @property
     def unreached(self) -> bool:
         """Learning ended short of failure."""
-        return bool(self.stages) and not self.stages[-1]["reached"]
+        return bool(self.stages) and not self.stages[-1]["reached"] and not self.plain
 
     def variance(self, unit: float) -> float:
         """Return the variance of ``probability`` in units of ``unit``."""
@@ -95,15 +104,17 @@ def summarise(
     if mean > 0.0:
         own = _interval_of_weights(runs, values, marks)(plan.confidence)
         warnings |= find_doubts(mean, own, missed, fresh, checks, plan.confidence)
-    trusted = not DISTRUST & warnings.keys()
+    interval_at = _interval_of_weights(runs, values, marks, missed)
+    if all(run.plain for run in runs):
+        interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
+    elif DISTRUST & warnings.keys():
+        interval_at = partial(_for_any_weights, mean, fresh)
     return build_result(
         plan,
         name,
         tally,
         values,
-        interval_at=_interval_of_weights(runs, values, marks, missed)
-        if trusted
-        else partial(_for_any_weights, mean, fresh),
+        interval_at=interval_at,
         relative_error=math.sqrt(_relative_variance(runs, values)),
         health=warnings,
         failures=_failures(runs, tally, noise_size),
@@ -127,11 +138,15 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
 
 
 def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info) -> dict[str, str]:
-    found = health.check_weights(
-        marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
-    )
+    found: dict[str, str] = {}
+    if not all(run.plain for run in runs):
+        found = health.check_weights(
+            marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
+        )
     if any(run.unreached for run in runs):
         found |= health.warn("unreached", stages=max(len(run.stages) for run in runs))
+    for run in runs:
+        found |= run.doubts
     if all(run.sample.violated.all() for run in runs):
         found |= health.warn("all_failed")
     return found | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)

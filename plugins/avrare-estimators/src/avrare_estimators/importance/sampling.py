@@ -9,7 +9,7 @@ makes the requests to the rollout engine, and gives log p/q of the rollouts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -19,9 +19,11 @@ from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
+from avrare.rollout.tape_law import TapeLaw
 from avrare.stack.closed_loop import SamplingLaw
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.proposals import NoiseProposal
+from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.weights import mixture_log_weights
 
 _BLOCK = 256
@@ -124,6 +126,41 @@ class LatentSource:
                 "log_ratio(noise) returns log p/q of each tape",
             )
         return ratio
+
+
+@dataclass(frozen=True)
+class TapeSource:
+    """Rows whose tapes come from a mixture on the noise tape; None stands for the target.
+
+    The request carries the mixture: tapes are made where the rollouts run, and weighed there.
+    """
+
+    mixture: TapeMixture | None
+    replayable = True
+
+    def tapes(self, stratum: Stratum, index: Integers) -> Floats:
+        tapes = stratum.normals(index)
+        if self.mixture is not None and not stratum.from_target:
+            particle = stratum.first + index
+            uniform = stratum.plan.noise.choices(stratum.run, stratum.stage, particle)
+            self.mixture.transform(tapes, self.mixture.choose(uniform), 0)
+        return tapes
+
+    def request(self, stratum: Stratum, index: Integers) -> Request:
+        ones = np.ones_like(index)
+        return Request(
+            stratum.run * ones, stratum.stage * ones, stratum.first + index, FROM_START * ones,
+            tape_law=self._law(stratum.from_target),
+        )  # fmt: skip
+
+    def target_request(self, tapes: Floats) -> Request:
+        return replace(Request.replay(tapes), tape_law=self._law(from_target=True))
+
+    def log_ratio(self, request: Request, rollouts: Rollouts) -> Floats:
+        return rollouts.log_weight
+
+    def _law(self, from_target: bool) -> TapeLaw | None:
+        return TapeLaw(self.mixture, from_target) if self.mixture is not None else None
 
 
 @dataclass(frozen=True)
@@ -232,7 +269,7 @@ class Sample:
 
     Attributes:
         source: The proposal.
-        strata: The target's rows and the proposal's.
+        strata: Those of the target's rows, then those of the proposal's.
         log_ratio: (n,) log p/q.
         violated: (n,) the row fails.
         error: (n,) the row broke down.
@@ -242,7 +279,7 @@ class Sample:
     """
 
     source: Source
-    strata: tuple[Stratum, Stratum]
+    strata: tuple[Stratum, ...]
     log_ratio: Floats
     violated: Bools
     error: Bools
@@ -253,7 +290,7 @@ class Sample:
     @property
     def target_rows(self) -> int:
         """Number of rows drawn from the target."""
-        return self.strata[0].rows
+        return sum(stratum.rows for stratum in self.strata if stratum.from_target)
 
     @property
     def share(self) -> float:
@@ -273,12 +310,27 @@ class Sample:
 
     def tapes(self, index: Integers) -> Floats:
         """Draw the tapes (len(index), steps + 1, noise_size) of rows ``index`` again."""
-        target, proposal = self.strata
-        from_target = index < target.rows
-        tapes = np.empty((len(index), target.plan.steps + 1, target.plan.noise.noise_size))
-        tapes[from_target] = self.source.tapes(target, index[from_target])
-        tapes[~from_target] = self.source.tapes(proposal, index[~from_target] - target.rows)
+        tapes = np.empty((len(index), self.strata[0].plan.steps + 1, self.strata[0].plan.noise.noise_size))
+        begin = 0
+        for stratum in self.strata:
+            own = (index >= begin) & (index < begin + stratum.rows)
+            tapes[own] = self.source.tapes(stratum, index[own] - begin)
+            begin += stratum.rows
         return tapes
+
+    @staticmethod
+    def join(samples: Sequence[Sample]) -> Sample:
+        """Join samples of one source and the same shares of target rows."""
+        if len(samples) == 1:
+            return samples[0]
+
+        def target_first(name: str) -> Any:
+            arrays = [(getattr(one, name), one.target_rows) for one in samples]
+            return np.concatenate([a[:n] for a, n in arrays] + [a[n:] for a, n in arrays])
+
+        strata = sorted((s for one in samples for s in one.strata), key=lambda s: not s.from_target)
+        names = ("log_ratio", "violated", "error", "robustness", "score")
+        return Sample(samples[0].source, tuple(strata), *map(target_first, names), ())
 
     def without_carries(self) -> Sample:
         """Return the sample without the carries, which only the fit of a proposal needs."""

@@ -1,0 +1,69 @@
+"""File of learned proposals: one for each specification, to draw from without learning again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from avrare.base.errors import UsageError
+from avrare.base.stored_files import read_json
+from avrare.estimation.plan import Plan
+from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.importance.words import NoiseNames
+
+FILE = "learned.json"
+"""Name in the run folder."""
+_AGAIN = "give the learned.json of a run of this scenario, or leave `learned` out to learn again"
+
+
+@dataclass(frozen=True)
+class ProposalFile:
+    """Proposals by specification.
+
+    Attributes:
+        mixtures: The proposals.
+        path: Where they were read.
+    """
+
+    mixtures: Mapping[str, TapeMixture]
+    path: str = FILE
+
+    @staticmethod
+    def read(path: str | Path) -> ProposalFile:
+        """Read a file.
+
+        Raises:
+            UsageError: It cannot be read, or holds no proposals.
+        """
+        if not Path(path).is_file():
+            raise UsageError(f"learned: {path}: no such file", _AGAIN)
+        content = read_json(Path(path), _AGAIN)
+        if not content or not all(isinstance(entry, dict) for entry in content.values()):
+            raise UsageError(f"learned: {path}: holds no proposals", _AGAIN)
+        return ProposalFile({name: TapeMixture.from_dict(e) for name, e in content.items()}, str(path))
+
+    def find(self, plan: Plan) -> TapeMixture:
+        """Return the proposal of a plan's specification.
+
+        Raises:
+            UsageError: There is none, or it is for tapes of another shape.
+        """
+        name, shape = plan.names[0], (plan.steps + 1, plan.noise.noise_size)
+        if name not in self.mixtures:
+            known = ", ".join(self.mixtures)
+            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {known}", _AGAIN)
+        found = self.mixtures[name]
+        if found.shape != shape:
+            theirs, ours = (f"{rows - 1} steps of {size} numbers" for rows, size in (found.shape, shape))
+            raise UsageError(f"learned: {self.path}: {name} is for {theirs}, but a rollout has {ours}", _AGAIN)
+        return found
+
+
+def described(mixture: TapeMixture, names: NoiseNames) -> dict[str, Any]:
+    """Return the content of a file's entry, with the names of the noise for people."""
+    content = mixture.to_dict()
+    for atom in content["atoms"]:
+        atom["noise"] = names.noise[atom["channel"]]
+    return {**content, "digest": mixture.digest}
