@@ -73,7 +73,7 @@ class _Tape:
     """Noise of a request, drawn in blocks of steps, and log p/q of what it has handed out.
 
     Attributes:
-        sums: (M, A) sums that the density of the request's proposal needs, over the steps of each row.
+        sums: (A, M) sums that the density of the request's proposal needs, over the steps of each row.
     """
 
     def __init__(self, noise: NoiseSource, request: Request, steps: int) -> None:
@@ -81,24 +81,27 @@ class _Tape:
         self._block_start = 0
         self._block: Floats = np.zeros((0, 0, 0))
         law = request.tape_law
-        self.sums = np.zeros((request.rows, law.proposal.terms if law is not None else 0))
-        self._component: Integers | None = None
+        self.sums = np.zeros((law.proposal.terms if law is not None else 0, request.rows))
+        self._chosen: Integers | None = None
         if law is not None and not law.from_target and request.tape is None:
             uniform = noise.choices(request.run, request.stage, request.particle)
-            self._component = law.proposal.choose(uniform)
+            self._chosen = law.proposal.choose(uniform)
 
     def __call__(self, rows: Integers, t: int) -> Floats:
         """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
         found = self._numbers(rows, t)
         if self.request.tape_law is not None:
             terms, values = self.request.tape_law.proposal.evidence(found, t)
-            self.sums[np.ix_(rows, terms)] += values
+            if len(rows) == self.request.rows:
+                self.sums[terms] += values
+            else:
+                self.sums[np.ix_(terms, rows)] += values
         return found
 
     def log_ratio(self) -> Floats:
         """Return log p/q (M,) of each row's steps."""
         law = self.request.tape_law
-        return law.proposal.log_ratio(self.sums) if law is not None else np.zeros(self.request.rows)
+        return law.proposal.log_ratio(self.sums.T) if law is not None else np.zeros(self.request.rows)
 
     def _numbers(self, rows: Integers, t: int) -> Floats:
         if self.request.tape is not None:
@@ -114,8 +117,8 @@ class _Tape:
         run, stage, particle = (a[started, None] for a in (request.run, request.stage, request.particle))
         self._block_start = t
         self._block = self.noise.normals(run, stage, particle, np.arange(t, t + count))
-        if self._component is not None and request.tape_law is not None:
-            request.tape_law.proposal.transform(self._block, self._component, t)
+        if self._chosen is not None and request.tape_law is not None:
+            request.tape_law.proposal.transform(self._block, self._chosen, t)
 
 
 class _CarryStore:

@@ -28,13 +28,13 @@ class TapeProposal(Protocol):
     def terms(self) -> int: ...  # noqa: D102
 
     def choose(self, uniform: Floats) -> Integers:
-        """Return the component (M,) of rows with these uniform numbers (M,) in (0, 1)."""
+        """Return what to change in rows (M, ...) with these uniform numbers (M,) in (0, 1)."""
 
-    def transform(self, noise: Floats, component: Integers, first: int) -> None:
+    def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
 
     def evidence(self, noise: Floats, step: int) -> tuple[Integers, Floats]:
-        """Return which of the A sums a step changes, (k,), and by how much, (M, k), for noise of the step."""
+        """Return which of the A sums a step changes, (k,), and by how much, (k, M), for noise of the step."""
 
     def log_ratio(self, sums: Floats) -> Floats:
         """Return log p/q (M,) of the steps over which the sums (M, A) were taken; p is standard normal."""

@@ -197,7 +197,7 @@ class IsConfig(_WeightedConfig):
         description="rollouts of the target to begin to learn from, at most a sixth of all; each later stage "
         "has half as many; learned",
     )  # fmt: skip
-    stages: int = Field(default=6, ge=1, le=50, description="most stages after the pilot; learned")
+    stages: int = Field(default=8, ge=1, le=50, description="most stages after the pilot; learned")
     relative_error: float | None = Field(
         default=None, ge=1e-3, lt=1.0,
         description="stop at the first look at which the standard error is at most this share of the "

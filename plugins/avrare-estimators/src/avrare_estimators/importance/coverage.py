@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from avrare.base.number_format import format_probability
-from avrare.base.special_functions import normal_factor
+from avrare.base.special_functions import t_factor
 from avrare.estimation import health
 from avrare_estimators.importance.lessons import Lessons, ratios_of
 from avrare_estimators.importance.sampling import Sample, TapeSource
@@ -23,7 +23,7 @@ _NEAR = 0.5
 """Share of the bound from which a failure counts as uncovered."""
 _MOST_UNCOVERED = 0.15
 _LEAST_EFFECTIVE = 15.0
-_RISK = 0.01
+_RISK = 1e-3
 """Probability that stages which agree seem not to."""
 
 
@@ -66,11 +66,12 @@ def _disagreeing(samples: Sequence[Sample], final: Sample) -> str:
     known = [one for sample in samples if (one := _estimate(sample))[2] >= _LEAST_EFFECTIVE]
     if not known or not mean:
         return ""
-    factor = normal_factor(1.0 - _RISK / len(known))
+    confidence = 1.0 - _RISK / len(known)
     apart = [
         format_probability(value)
-        for value, spread, _ in known
-        if abs(math.log(value / mean)) > factor * math.sqrt(math.log1p(spread) + math.log1p(variance))
+        for value, spread, effective in known
+        if abs(math.log(value / mean))
+        > t_factor(confidence, int(effective) - 1) * math.sqrt(math.log1p(spread) + math.log1p(variance))
     ]
     return f"{', '.join(apart)} but {format_probability(mean)}" if apart else ""
 

@@ -18,7 +18,7 @@ from avrare_estimators.config import IsConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
-from avrare_estimators.importance.lessons import Lessons, is_learnt, worthless
+from avrare_estimators.importance.lessons import Lessons, is_learnt, is_worthless
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile, described
 from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
@@ -120,7 +120,7 @@ class LearnedSampling(WeightedSampler):
         state = replace(state, lessons=lessons, stages=(*state.stages, lessons.report()))
         if self._learnt(state):
             # 2. What the stages have seen decides from where to draw, once and for all.
-            plain = not lessons.mixtures or worthless(state.stages, lessons.probability)
+            plain = is_worthless(state.stages[-1])
             return self._begin_final(state, None if plain else lessons.final())
         return self._learn(replace(state, lessons=lessons.learn()))
 

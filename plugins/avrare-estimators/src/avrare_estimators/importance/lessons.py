@@ -8,6 +8,7 @@ the pool, whichever stage a row came from.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.importance.dictionary import fit
+from avrare_estimators.importance.dictionary import fit, log_ratios
 from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 from avrare_estimators.weights import effective_size, resample
@@ -114,39 +115,36 @@ class Lessons:
         own = np.exp(newest.log_weights)
         score = np.concatenate([sample.score for sample in self.samples])
         reached = bool(violated[rows].all())
+        variance = self._variance(rows, np.concatenate(self.log_ratios)[:, -1]) if self.mixtures else None
+        chance = float(elite.sum() / len(weights))
         return {
             "level": None if reached or not len(rows) else float(score[rows][~violated[rows]].min()),
             "reached": reached,
             "rollouts": len(newest.error),
             "failures": int(newest.violated.sum()),
             "probability": float(np.where(newest.violated, own, 0.0).mean()),
-            "level_probability": float(elite.sum() / len(weights)),
+            "level_probability": chance,
             "elite_effective": effective_size(elite),
-            "relative_variance": self.relative_variance(),
+            "relative_variance": variance,
+            "gain": (1.0 / chance - 1.0) / max(variance, 1e-9) if variance is not None and chance else None,
             "components": len(self.mixtures[-1].share) if self.mixtures else 0,
         }
 
-    def relative_variance(self) -> float | None:
-        """Return the relative variance of one row drawn from the newest proposal; None where unknown."""
-        if not self.mixtures:
-            return None
-        return self._variance(np.concatenate(self.log_ratios)[:, -1])
-
     def expected_variance(self, mixture: TapeMixture | None) -> float | None:
-        """Return the relative variance of one row drawn from ``mixture`` (None: the target)."""
-        if not self.samples:
+        """Return the relative variance of one row drawn from ``mixture`` (None: the target), for failures."""
+        if not self.samples or not self.violated.any():
             return None
         if mixture is None:
-            return 1.0 / self.probability - 1.0 if self.probability else None
-        return self._variance(np.concatenate([ratios_of(sample, mixture) for sample in self.samples]))
+            return 1.0 / self.probability - 1.0
+        ratio = np.concatenate([ratios_of(sample, mixture) for sample in self.samples])
+        return self._variance(np.flatnonzero(self.violated), ratio)
 
-    def _variance(self, log_ratio: Floats) -> float | None:
-        violated, weights = self.violated, self.weights
-        if not violated.any():
-            return None
-        mean = weights[violated].sum() / len(weights)
-        second = (weights[violated] * self.bounded(log_ratio[violated])).sum() / len(weights)
-        return float(second / mean**2 - 1.0)
+    def _variance(self, rows: Integers, log_ratio: Floats) -> float | None:
+        """Return the relative variance of one row of a proposal, for the event that holds these rows."""
+        weights = self.weights[rows]
+        mean = weights.sum() / len(self.violated)
+        second = (weights * self.bounded(log_ratio[rows])).sum() / len(self.violated)
+        return float(second / mean**2 - 1.0) if mean else None
 
     def bounded(self, log_ratio: Floats) -> Floats:
         """Return p over the proposal with its share of the target."""
@@ -168,21 +166,21 @@ class Lessons:
         return np.concatenate(tapes)
 
 
-def is_learnt(stages: tuple[dict[str, Any], ...], most: int) -> bool:
-    """Return whether learning ends after stages with these entries: at failure, once the variance stalls."""
+def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
+    """Return whether learning ends after stages with these entries.
+
+    It ends once the elite are failures and their variance stalls, or where two stages have gained nothing.
+    """
     if len(stages) > most:
         return True
-    variances = [stage["relative_variance"] for stage in stages if stage["reached"]]
-    known = [value for value in variances if value is not None]
-    return len(known) > 1 and known[-1] > _STALLED * known[-2]
+    variances = [stage["relative_variance"] for stage in stages[1:] if stage["reached"]]
+    stalled = len(variances) > 1 and variances[-1] > _STALLED * variances[-2]
+    return stalled or (len(stages) > 2 and is_worthless(stages[-1]) and is_worthless(stages[-2]))
 
 
-def worthless(stages: tuple[dict[str, Any], ...], probability: float) -> bool:
-    """Return whether the proposal is hardly better than the target itself, as far as the stages know."""
-    variance = stages[-1]["relative_variance"]
-    if variance is None or not probability:
-        return False
-    return bool((1.0 / probability - 1.0) < _LEAST_GAIN * variance)
+def is_worthless(stage: dict[str, Any]) -> bool:
+    """Return whether a stage's proposal is hardly better than the target, even at the level of its elite."""
+    return stage["gain"] is None or stage["gain"] < _LEAST_GAIN
 
 
 def ratios_of(sample: Sample, mixture: TapeMixture) -> Floats:
@@ -191,5 +189,5 @@ def ratios_of(sample: Sample, mixture: TapeMixture) -> Floats:
     size = max(1, _BLOCK // math.prod(mixture.shape))
     for begin in range(0, rows, size):
         tapes = sample.tapes(np.arange(begin, min(begin + size, rows)))
-        found.append(mixture.log_ratio(mixture.sums(tapes)))
+        found.append(mixture.log_ratio(log_ratios(mixture.atoms, tapes)))
     return np.concatenate(found)

@@ -1,6 +1,6 @@
 """Mixtures on the noise tape: each component changes one or two small parts of the tape and leaves the rest.
 
-A part is an *atom*: one coordinate at one step that is widened (a normal law of a larger standard deviation,
+What changes a part is an *atom*: one coordinate at one step that is widened (a normal law of a larger standard deviation,
 which reaches both tails), or a channel whose mean is shifted over a window of steps, evenly or growing
 geometrically towards its end. Its density ratio to the target is a sum over its own steps.
 """
@@ -22,9 +22,13 @@ from avrare.rollout.request import Integers
 
 _DIGITS = 6
 """Decimals of a frozen number: rounding of the fit must not reach the rollouts."""
-NO_ATOM = -1
+_LEAST_SHARE = 1e-3
+"""Least share of a component, over the largest."""
+NONE = -1
 Row = tuple[float, ...]
 """Channel, first, last, shift, decay, scale of an atom."""
+Group = dict[Row, float]
+"""Atoms and their shares."""
 
 
 @dataclass(frozen=True)
@@ -75,38 +79,78 @@ class Atoms:
 
 @dataclass(frozen=True)
 class TapeMixture:
-    """A mixture of J components of one or two atoms (an ``avrare.rollout.tape_law.TapeProposal``).
+    """A mixture of J components, each a group of atoms or two independent ones (a ``TapeProposal``).
+
+    A group draws one of its atoms. Two groups of a component have different channels.
 
     Attributes:
         atoms: A atoms.
-        parts: (J, 2) atoms of each component; ``NO_ATOM`` where the second is missing.
+        groups: Atoms of each of G groups and their shares, which add up to 1.
+        parts: (J, 2) groups of each component; ``NONE`` where the second is missing.
         share: (J,) adding up to 1.
         shape: (steps + 1, noise_size) of a tape.
     """
 
     atoms: Atoms
+    groups: tuple[tuple[Integers, Floats], ...]
     parts: Integers
     share: Floats
     shape: tuple[int, int]
 
     @staticmethod
-    def frozen(atoms: Atoms, parts: Integers, share: Floats, shape: tuple[int, int]) -> TapeMixture:
-        """Return the mixture in rounded numbers, without atoms that no component has."""
-        rounded = np.round(share / share.sum(), _DIGITS)
-        kept = rounded > 0.0
-        used, index = np.unique(parts[kept], return_inverse=True)
-        index = index.reshape(-1, 2) - (1 if used[0] == NO_ATOM else 0)
-        chosen = atoms.take(used[used != NO_ATOM])
-        final = Atoms(
-            chosen.channel, chosen.first, chosen.last, np.round(chosen.shift, _DIGITS),
-            np.round(chosen.decay, _DIGITS), np.round(chosen.scale, _DIGITS),
-        )  # fmt: skip
-        return TapeMixture(final, index, rounded[kept], shape)
+    def frozen(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
+        """Return the mixture of components (share, one or two groups) in rounded numbers, the tiny left out."""
+        total = sum(share for share, _ in components)
+        most = max(share for share, _ in components)
+        rows: dict[Row, int] = {}
+        groups: dict[tuple[tuple[int, ...], tuple[float, ...]], int] = {}
+        parts, shares = [], []
+        for share, own in components:
+            if share < _LEAST_SHARE * most:
+                continue
+            places = []
+            for group in own:
+                index = tuple(rows.setdefault(_rounded(row), len(rows)) for row in group)
+                weights = np.array(list(group.values()))
+                key = (index, tuple(np.round(weights / weights.sum(), _DIGITS).tolist()))
+                places.append(groups.setdefault(key, len(groups)))
+            parts.append([*places, NONE][:2])
+            shares.append(round(share / total, _DIGITS))
+        built = tuple((np.array(index), np.array(weights)) for index, weights in groups)
+        return TapeMixture(Atoms.of(list(rows)), built, np.array(parts), np.array(shares), shape)
+
+    @property
+    def components(self) -> list[tuple[float, list[Group]]]:
+        """Share and groups of each component."""
+        rows = self.atoms.rows
+        groups = [
+            {rows[a]: w for a, w in zip(index.tolist(), weights.tolist(), strict=True)}
+            for index, weights in self.groups
+        ]
+        return [
+            (share, [groups[part] for part in parts if part != NONE])
+            for share, parts in zip(self.share.tolist(), self.parts.tolist(), strict=True)
+        ]
 
     @property
     def terms(self) -> int:
         """A, the number of sums that the density needs."""
         return self.atoms.size
+
+    @cached_property
+    def _densities(self) -> list[tuple[Any, ...]]:
+        """Coefficients of log g/p at each step: atoms there, their channels, linear, constant, square terms."""
+        found = []
+        for step in range(self.shape[0]):
+            active = np.flatnonzero((self.atoms.first <= step) & (self.atoms.last >= step))
+            atoms = self.atoms.take(active)
+            mean, precision = atoms.mean(step), atoms.scale**-2
+            wide = np.flatnonzero(atoms.scale != 1.0)
+            constant = 0.5 * mean * mean * precision + np.log(atoms.scale)
+            columns = (mean * precision)[:, None], constant[:, None]
+            square = 0.5 * (1.0 - precision[wide, None])
+            found.append((active, atoms.channel, *columns, wide, square))
+        return found
 
     @cached_property
     def digest(self) -> str:
@@ -115,51 +159,48 @@ class TapeMixture:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def choose(self, uniform: Floats) -> Integers:
-        """Return the component (M,) of rows with these uniform numbers."""
-        ends = np.cumsum(self.share)
-        return np.minimum(np.searchsorted(ends, uniform * ends[-1], side="right"), len(ends) - 1)
-
-    def transform(self, noise: Floats, component: Integers, first: int) -> None:
-        """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
+        """Return the atoms (M, 2) of rows with these uniform numbers; ``NONE`` where there is no second."""
+        component, rest = _pick(self.share, uniform)
+        chosen = np.full((len(uniform), 2), NONE)
         for column in (0, 1):
-            atom = self.parts[component, column]
+            group = self.parts[component, column]
+            for g in np.unique(group[group != NONE]):
+                own = np.flatnonzero(group == g)
+                index, weights = self.groups[g]
+                place, rest[own] = _pick(weights, rest[own])
+                chosen[own, column] = index[place]
+        return chosen
+
+    def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
+        """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
+        starts, ends = np.append(self.atoms.first, 1), np.append(self.atoms.last, 0)  # NONE is the last
+        for atom in chosen.T:
             for k in range(noise.shape[1]):
                 t = first + k
-                rows = np.flatnonzero(
-                    (atom != NO_ATOM) & (self.atoms.first[atom] <= t) & (self.atoms.last[atom] >= t)
-                )
+                rows = np.flatnonzero((starts[atom] <= t) & (ends[atom] >= t))
                 own = self.atoms.take(atom[rows])
                 noise[rows, k, own.channel] = own.mean(t) + own.scale * noise[rows, k, own.channel]
 
     def evidence(self, noise: Floats, step: int) -> tuple[Integers, Floats]:
-        """Return the atoms at a step and log g/p (M, k) of its noise (M, noise_size) under each."""
-        active = np.flatnonzero((self.atoms.first <= step) & (self.atoms.last >= step))
-        atoms = self.atoms.take(active)
-        x, mean, precision = noise[:, atoms.channel], atoms.mean(step), atoms.scale**-2
-        return active, (mean * x - 0.5 * mean * mean) * precision + (
-            0.5 * (1.0 - precision) * x * x - np.log(atoms.scale)
-        )
+        """Return the atoms at a step and log g/p (k, M) of its noise (M, noise_size) under each."""
+        active, channel, linear, constant, wide, square = self._densities[step]
+        x = noise.T[channel]
+        values = x * linear - constant
+        values[wide] += square * x[wide] ** 2
+        return active, values
 
-    def components(self, sums: Floats) -> Floats:
+    def component_logs(self, sums: Floats) -> Floats:
         """Return the log of share times g/p (M, J) of each component, from the sums (M, A)."""
-        padded = np.concatenate([sums, np.zeros((len(sums), 1))], axis=1)  # NO_ATOM is the last
+        padded = np.zeros((len(sums), len(self.groups) + 1))  # NONE is the last
+        for g, (index, weights) in enumerate(self.groups):
+            logs = sums[:, index] + np.log(weights / weights.sum())
+            padded[:, g] = logs[:, 0] if len(index) == 1 else _log_sum(logs)
         logs = padded[:, self.parts[:, 0]] + padded[:, self.parts[:, 1]]
-        return np.ascontiguousarray(logs + np.log(self.share / self.share.sum()))
+        return np.asarray(logs + np.log(self.share / self.share.sum()))
 
     def log_ratio(self, sums: Floats) -> Floats:
         """Return log p/q (M,) from the sums (M, A) over the steps."""
-        logs = self.components(sums)
-        top = logs.max(axis=1)
-        # Contiguous along the axis of the sum: no row's bits depend on how many there are.
-        return np.asarray(-(top + np.log(np.exp(logs - top[:, None]).sum(axis=1))))
-
-    def sums(self, tapes: Floats) -> Floats:
-        """Return the sums (M, A) over complete tapes (M, steps + 1, noise_size)."""
-        found = np.zeros((len(tapes), self.terms))
-        for step in range(self.shape[0]):
-            active, values = self.evidence(tapes[:, step], step)
-            found[:, active] += values
-        return found
+        return -_log_sum(self.component_logs(sums))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the mixture as JSON data."""
@@ -167,8 +208,11 @@ class TapeMixture:
             "steps": self.shape[0] - 1,
             "noise_size": self.shape[1],
             "atoms": [dict(zip(_FIELDS, row, strict=True)) for row in self.atoms.rows],
+            "groups": [
+                {"atoms": index.tolist(), "shares": weights.tolist()} for index, weights in self.groups
+            ],
             "components": [
-                {"share": share, "atoms": [part for part in parts if part != NO_ATOM]}
+                {"share": share, "groups": [part for part in parts if part != NONE]}
                 for share, parts in zip(self.share.tolist(), self.parts.tolist(), strict=True)
             ],
         }
@@ -182,9 +226,14 @@ class TapeMixture:
         """
         try:
             atoms = Atoms.of([tuple(float(atom[name]) for name in _FIELDS) for atom in content["atoms"]])
-            parts = np.array([[*one["atoms"], NO_ATOM][:2] for one in content["components"]], dtype=np.int64)
+            groups = tuple(
+                (np.array(one["atoms"], dtype=np.int64), np.array(one["shares"], dtype=np.float64))
+                for one in content["groups"]
+            )
+            parts = np.array([[*one["groups"], NONE][:2] for one in content["components"]], dtype=np.int64)
             share = np.array([float(one["share"]) for one in content["components"]])
-            mixture = TapeMixture(atoms, parts, share, (content["steps"] + 1, content["noise_size"]))
+            shape = (int(content["steps"]) + 1, int(content["noise_size"]))
+            mixture = TapeMixture(atoms, groups, parts, share, shape)
             mixture._check()
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise UsageError(
@@ -196,9 +245,15 @@ class TapeMixture:
         a, (rows, channels) = self.atoms, self.shape
         inside = (a.first >= 0) & (a.first <= a.last) & (a.last < rows) & (0 <= a.channel) & (a.channel < channels)
         numbers = np.isfinite([a.shift, a.decay, a.scale]).all() and (a.scale > 0).all() and (a.decay > 0).all()
-        known = (self.parts[:, 0] >= 0).all() and (self.parts < a.size).all() and (self.parts >= NO_ATOM).all()
+        known = all((0 <= i).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups)
+        known &= bool((self.parts[:, 0] >= 0).all() and (self.parts[:, 1] >= NONE).all())
+        known &= bool((self.parts < len(self.groups)).all() and all((w > 0).all() for _, w in self.groups))
         if not (inside.all() and numbers and known and len(self.share) and (self.share > 0).all()):
             raise ValueError("an atom lies outside the tape, or a number is out of range")
+        apart = (set(a.channel[self.groups[g][0]].tolist()) for g in range(len(self.groups)))
+        channels_of = list(apart)
+        if any(k != NONE and channels_of[g] & channels_of[k] for g, k in self.parts.tolist()):
+            raise ValueError("two groups of a component share a channel")
 
 
 _FIELDS = tuple(field.name for field in fields(Atoms))
@@ -206,12 +261,31 @@ _FIELDS = tuple(field.name for field in fields(Atoms))
 
 def blend(mixtures: Sequence[TapeMixture], shares: Sequence[float]) -> TapeMixture:
     """Return the mixture of mixtures."""
-    rows: dict[Row, int] = {}
-    total: dict[tuple[int, int], float] = {}
+    total: dict[Any, float] = {}
     for mixture, weight in zip(mixtures, shares, strict=True):
-        place = np.array([rows.setdefault(row, len(rows)) for row in mixture.atoms.rows] + [NO_ATOM])
-        for parts, share in zip(place[mixture.parts].tolist(), mixture.share, strict=True):
-            key = (parts[0], parts[1])
-            total[key] = total.get(key, 0.0) + weight * float(share)
-    parts = np.array(list(total), dtype=np.int64)
-    return TapeMixture.frozen(Atoms.of(list(rows)), parts, np.array(list(total.values())), mixtures[0].shape)
+        for share, groups in mixture.components:
+            key = tuple(tuple(group.items()) for group in groups)
+            total[key] = total.get(key, 0.0) + weight * share
+    return TapeMixture.frozen(
+        [(share, [dict(group) for group in key]) for key, share in total.items()], mixtures[0].shape
+    )
+
+
+def _rounded(row: Row) -> Row:
+    return (*row[:3], *(round(value, _DIGITS) for value in row[3:]))
+
+
+def _pick(shares: Floats, uniform: Floats) -> tuple[Integers, Floats]:
+    """Return the place of each uniform number among shares, and where it lies inside, uniform again."""
+    ends = np.cumsum(shares) / shares.sum()
+    place = np.minimum(np.searchsorted(ends, uniform, side="right"), len(ends) - 1)
+    begin = ends[place] - shares[place] / shares.sum()
+    return place, np.clip((uniform - begin) / (ends[place] - begin), 0.0, 1.0 - 2.0**-53)
+
+
+def _log_sum(logs: Floats) -> Floats:
+    """Return log of the sum of exponentials (M,) over axis 1."""
+    top = logs.max(axis=1)
+    # Contiguous along the axis of the sum: no row's bits depend on how many there are.
+    grown = np.ascontiguousarray(np.exp(logs - top[:, None]))
+    return np.asarray(top + np.log(grown.sum(axis=1)))

@@ -14,8 +14,9 @@ import numpy as np
 
 from avrare.protocols import Floats, find_noise_names, find_time_step
 from avrare.rollout.problem import Problem
+from avrare_estimators.importance.dictionary import log_ratios
 from avrare_estimators.importance.sampling import Sample, TapeSource
-from avrare_estimators.importance.tape_mixture import NO_ATOM, Row, TapeMixture
+from avrare_estimators.importance.tape_mixture import Atoms, Group, Row, TapeMixture
 from avrare_estimators.weights import resample
 
 _MOST_FAILURES = 500
@@ -50,25 +51,6 @@ class NoiseNames:
         return f"at {low} s" if low == high else f"at {low}-{high} s"
 
 
-@dataclass
-class _Cause:
-    """Failures that one noise, or two, brought about.
-
-    Attributes:
-        channel: Channels of its atoms.
-        wide: Whether each atom widens one step, or shifts a window.
-        share: Share of the failures.
-        rows: Atoms and shares of its components.
-        sizes: Sizes of each atom's noise and their weights.
-    """
-
-    channel: tuple[int, ...]
-    wide: tuple[bool, ...]
-    share: float
-    rows: list[tuple[list[Row], float]]
-    sizes: list[tuple[Floats, Floats]]
-
-
 def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[dict[str, Any]]:
     """Return the causes of the failures, the most frequent first; empty where there are none to tell.
 
@@ -84,10 +66,9 @@ def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[dict
     chosen = failing[resample(weights, min(len(failing), _MOST_FAILURES), 0.5)]
     tapes = sample.tapes(chosen)
     shares, rest = _responsibilities(source.mixture, tapes, sample.share)
-    causes = _causes(source.mixture, tapes, shares)
-    told = [_tell(cause, names) for cause in sorted(causes, key=lambda cause: -cause.share)]
-    told = [entry for entry in told if entry["share"] >= _LEAST_SHARE]
-    rest += sum(cause.share for cause in causes) - sum(entry["share"] for entry in told)
+    causes = sorted(_causes(source.mixture, tapes, shares, names), key=lambda cause: -cause["share"])
+    told = [cause for cause in causes if cause["share"] >= _LEAST_SHARE]
+    rest += sum(cause["share"] for cause in causes[len(told) :])
     if rest >= _LEAST_SHARE:
         text = f"no single cause was found for {rest:.0%} of the failures"
         told.append({"noise": [], "share": round(rest, 4), "text": text})
@@ -96,35 +77,64 @@ def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[dict
 
 def _responsibilities(mixture: TapeMixture, tapes: Floats, target: float) -> tuple[Floats, float]:
     """Return the share (F, J) of each failure in each component, and the mean share of the target."""
-    logs = mixture.components(mixture.sums(tapes)) + np.log1p(-target)
+    logs = mixture.component_logs(log_ratios(mixture.atoms, tapes)) + np.log1p(-target)
     logs = np.concatenate([logs, np.full((len(logs), 1), np.log(max(target, 1e-12)))], axis=1)
     shares = np.exp(logs - np.logaddexp.reduce(logs, axis=1)[:, None])
     return shares[:, :-1], float(shares[:, -1].mean())
 
 
-def _causes(mixture: TapeMixture, tapes: Floats, shares: Floats) -> list[_Cause]:
-    rows = mixture.atoms.rows
-    own = [[rows[a] for a in sorted(p for p in parts if p != NO_ATOM)] for parts in mixture.parts.tolist()]
-    by_place = sorted(range(len(own)), key=lambda j: (_signature(own[j]), own[j][0][2]))
-    causes: list[_Cause] = []
-    last: tuple[Any, float] | None = None
-    for j in by_place:
-        signature, place = _signature(own[j]), own[j][0][2]
-        if last is None or last[0] != signature or (signature[1][0] and place - last[1] > _GAP):
-            causes.append(_Cause(signature[0], signature[1], 0.0, [], []))
-        last = signature, place
-        cause, weight = causes[-1], shares[:, j] / len(tapes)
-        cause.share += float(weight.sum())
-        cause.rows.append((own[j], float(weight.sum())))
-        cause.sizes += [(_size(row, tapes), weight) for row in own[j][:1]] if len(own[j]) == 1 else []
-    return causes
+def _causes(mixture: TapeMixture, tapes: Floats, shares: Floats, names: NoiseNames) -> list[dict[str, Any]]:
+    """Return causes: components of the same channels and directions, close to each other in time."""
+    own = mixture.components
+    order = sorted(range(len(own)), key=lambda j: (_signature(own[j][1]), _place(own[j][1])))
+    bundles: list[list[int]] = []
+    for j in order:
+        near = bundles and _signature(own[bundles[-1][-1]][1]) == _signature(own[j][1])
+        if near and _place(own[j][1]) - _place(own[bundles[-1][-1]][1]) <= _GAP:
+            bundles[-1].append(j)
+        else:
+            bundles.append([j])
+    return [_tell([own[j][1] for j in bundle], shares[:, bundle], tapes, names) for bundle in bundles]
 
 
-def _signature(rows: list[Row]) -> tuple[tuple[int, ...], tuple[bool, ...], tuple[bool, ...]]:
-    return (
-        tuple(int(row[0]) for row in rows), tuple(row[4 + 1] != 1.0 for row in rows),
-        tuple(row[3] > 0 for row in rows),
-    )  # fmt: skip
+def _signature(groups: Sequence[Group]) -> list[tuple[float, float]]:
+    """Return channel and direction (0: both) of each group."""
+    return [(row[0], float(np.sign(row[3]))) for row in (next(iter(group)) for group in groups)]
+
+
+def _place(groups: Sequence[Group]) -> float:
+    """Return the step by which to part causes in time; those of a window or of two noises belong together."""
+    row = next(iter(groups[0]))
+    return row[2] if len(groups) == 1 and row[3] == 0.0 else 0.0
+
+
+def _tell(
+    bundle: Sequence[Sequence[Group]], shares: Floats, tapes: Floats, names: NoiseNames
+) -> dict[str, Any]:  # fmt: skip
+    share = float(shares.sum() / len(tapes))
+    parts, spans = [], []
+    for k, (channel, direction) in enumerate(_signature(bundle[0])):
+        rows: dict[Row, float] = {}
+        sizes, weights = [], []
+        for groups, weight in zip(bundle, shares.T, strict=True):
+            # Each failure belongs to the atom of the group that explains it best.
+            atoms = Atoms.of(list(groups[k]))
+            own = log_ratios(atoms, tapes) + np.log(list(groups[k].values()))
+            best = own.argmax(axis=1)
+            for a, row in enumerate(groups[k]):
+                mine = best == a
+                rows[row] = rows.get(row, 0.0) + float(weight[mine].sum())
+                sizes.append(_size(row, tapes[mine]))
+                weights.append(weight[mine])
+        first, last = _span(rows)
+        size = _how(direction, np.concatenate(sizes), np.concatenate(weights))
+        parts.append(f"{names.noise[int(channel)]} {size} {names.span(first, last)}")
+        spans.append((first, last))
+    return {
+        "noise": [names.noise[int(channel)] for channel, _ in _signature(bundle[0])],
+        "from": [first for first, _ in spans], "to": [last for _, last in spans],
+        "share": round(share, 4), "text": f"{' and '.join(parts)}, in {share:.0%} of the failures",
+    }  # fmt: skip
 
 
 def _size(row: Row, tapes: Floats) -> Floats:
@@ -133,38 +143,22 @@ def _size(row: Row, tapes: Floats) -> Floats:
     return np.asarray(tapes[:, first : last + 1, channel].mean(axis=1))
 
 
-def _tell(cause: _Cause, names: NoiseNames) -> dict[str, Any]:
-    parts, spans = [], []
-    for k, (channel, wide) in enumerate(zip(cause.channel, cause.wide, strict=True)):
-        first, last = _span([(rows[k], share) for rows, share in cause.rows])
-        name, when = names.noise[channel], names.span(first, last)
-        parts.append(f"{name} {_how(cause, wide, cause.rows[0][0][k])} {when}")
-        spans.append((first, last))
-    text = f"{' and '.join(parts)}, in {cause.share:.0%} of the failures"
-    return {
-        "noise": [names.noise[channel] for channel in cause.channel],
-        "from": [first for first, _ in spans], "to": [last for _, last in spans],
-        "share": round(cause.share, 4), "text": text,
-    }  # fmt: skip
-
-
-def _span(rows: list[tuple[Row, float]]) -> tuple[int, int]:
-    """Return the steps between which 80 % of the components' atoms lie."""
-    first, last = (np.array([row[k] for row, _ in rows]) for k in (1, 2))
-    weight = np.array([share for _, share in rows])
+def _span(rows: dict[Row, float]) -> tuple[int, int]:
+    """Return the steps between which 80 % of the atoms' shares lie."""
+    first, last = (np.array([row[k] for row in rows]) for k in (1, 2))
+    weight = np.array(list(rows.values()))
     return int(_quantile(first, weight, 0.1)), int(_quantile(last, weight, 0.9))
 
 
-def _how(cause: _Cause, wide: bool, row: Row) -> str:
-    if not cause.sizes:
-        return "far out" if wide else ("raised" if row[3] > 0 else "lowered")
-    sizes, weights = (np.concatenate(part) for part in zip(*cause.sizes, strict=True))
-    typical = _quantile(np.abs(sizes), weights, 0.25 if wide else 0.5)
-    if not wide:
-        return f"{'raised' if row[3] > 0 else 'lowered'} by {typical:.1f} sigma"
+def _how(direction: float, sizes: Floats, weights: Floats) -> str:
+    if direction:
+        typical = abs(_quantile(sizes, weights, 0.5))
+        return f"{'raised' if direction > 0 else 'lowered'} by {typical:.1f} sigma"
+    typical = np.floor(2.0 * _quantile(np.abs(sizes), weights, 0.25)) / 2.0
     above = float(weights[sizes > 0].sum() / weights.sum())
-    side = "above " if above > _ONE_SIDED else "below -" if above < 1.0 - _ONE_SIDED else "beyond "
-    return f"{side}{np.floor(2.0 * typical) / 2.0:g} sigma"
+    if above > _ONE_SIDED:
+        return f"above {typical:g} sigma"
+    return f"below -{typical:g} sigma" if above < 1.0 - _ONE_SIDED else f"beyond {typical:g} sigma"
 
 
 def _quantile(values: Floats, weights: Floats, share: float) -> float:
