@@ -10,14 +10,13 @@ in which avrare asks for them; a member that is None counts as absent.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.base.errors import UsageError
 from avrare.driving import Action, Observation, Prediction, Scene, Vehicles
 
 Floats = NDArray[np.float64]
@@ -39,8 +38,7 @@ ResultT = TypeVar("ResultT")
 class System(Protocol):
     """Anything whose failure probability can be estimated; the closed loop is one too.
 
-    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``NamesNoise``, ``DrawsUnderLaw`` with
-    ``WeighsRollouts``.
+    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``DrawsUnderLaw`` with ``WeighsRollouts``.
     """
 
     noise_size: int
@@ -59,7 +57,7 @@ class Simulator(Protocol):
     """Simulator: the world without the stack under test.
 
     A driving simulator also has a scene (``HasScene``) and worlds with ``ego`` and ``others`` (``Vehicles``).
-    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``HasLimits``, ``NamesNoise``.
+    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``HasLimits``, ``stack.noise_names.NamesNoise``.
     """
 
     dt: float
@@ -78,8 +76,7 @@ class Simulator(Protocol):
 class PerceptionErrorModel(Protocol):
     """Model of sensors and detector: true world in, erroneous observation out.
 
-    Optional: ``HasDensity``, ``NamesNoise``; ``PersistentPerceptionErrorModel`` for errors that last over
-    steps.
+    Optional: ``HasDensity``, ``NamesNoise``; ``PersistentPerceptionErrorModel`` for errors that last.
     """
 
     noise_size: int
@@ -253,19 +250,6 @@ class HasLimits(Protocol):
     lacks: Mapping[str, str]
 
 
-class NamesNoise(Protocol):
-    """System, simulator or perception error model that says what each of its noise numbers stands for."""
-
-    noise_names: Sequence[str]
-    """Name of each channel, ``noise_size`` of them: "lateral error of cut_in"."""
-
-
-class HasTimeStep(Protocol):
-    """Simulator with a fixed time step."""
-
-    dt: float
-
-
 class HasScene(Protocol):
     """Driving simulator; its road, sizes and names do not change during a rollout."""
 
@@ -414,27 +398,3 @@ def find_notes(system: object) -> Mapping[str, str]:
     """Return the health warnings that a system, or its simulator, puts on every result."""
     noted = find_ability(find_simulator(system), HasNotes)
     return noted.notes if noted is not None else {}
-
-
-def find_noise_names(part: Any, label: str = "noise") -> tuple[str, ...]:
-    """Return the names of a part's noise numbers: those it declares, else ``label`` and a number.
-
-    Raises:
-        UsageError: It declares more or fewer names than numbers.
-    """
-    named = find_ability(part, NamesNoise)
-    if named is None:
-        return tuple(f"{label} {channel}" for channel in range(part.noise_size))
-    names = tuple(map(str, named.noise_names))
-    if len(names) != part.noise_size:
-        raise UsageError(
-            f"{type(part).__name__} has {len(names)} noise_names, but noise_size is {part.noise_size}",
-            "give one name for each noise number, or leave noise_names out",
-        )
-    return names
-
-
-def find_time_step(system: object) -> float | None:
-    """Return the time step of the simulator that a system is built around [s]; None where there is none."""
-    stepping = find_ability(find_simulator(system), HasTimeStep)
-    return float(stepping.dt) if stepping is not None else None

@@ -27,7 +27,6 @@ from scipy.stats import chi2, norm
 
 import avrare
 from avrare import Problem, stl
-from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.testing.problems import reference_problem, reference_problems
 from benchmarks.studies.untuned_problems import untuned_names, untuned_problem
@@ -126,7 +125,8 @@ def measure(name: str, seeds: range, options: dict[str, Any]) -> str:
         name, f"{p:.3g}", str(len(results)), f"{values.mean() / p:.3f} ± {error:.3f}", f"{gained:.1f}",
         str(GOALS.get(name, "")), f"{(1.0 - p) / p:,.0f}", _share(covers), _share(~quiet),
         _share(covers[quiet]), _share(far & quiet), f"{np.median(high / np.maximum(low, 1e-12)):.2f}",
-        f"{cost.mean():,.0f}", f"{pilot:,.0f}", f"{seconds:.1f}", ", ".join(f"{k} {n}" for k, n in names.items()),
+        f"{cost.mean():,.0f}", f"{pilot:,.0f}", f"{seconds:.1f}",
+        ", ".join(f"{name} {count}" for name, count in names.items()),
     ]  # fmt: skip
     return f"| {' | '.join(entries)} |"
 

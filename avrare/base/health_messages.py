@@ -39,8 +39,8 @@ MESSAGES = {
     "uncovered": "{share:.0%} of the failures that learning has met lie where the proposal hardly draws more "
     "than the target does: it misses a kind of failure, and the interval is widened to hold whatever is "
     "missed; use a larger `pilot`, or ams or ess",
-    "stages_disagree": "stages of learning estimate {stages}: one of them misses failures, and the interval is "
-    "widened to hold whatever is missed; use more rollouts, or compare with ams or ess",
+    "stages_disagree": "stages of learning estimate {stages}: one of them misses failures, and the interval "
+    "is widened to hold whatever is missed; use more rollouts, or compare with ams or ess",
     "heuristic_kernel": "{note}",
     "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} "
     "allows, by up to {most:.3g} per unit of length: it is not a bound, and the estimate may be biased; "

@@ -29,6 +29,7 @@ from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import (
     blind_lines,
     check_lines,
+    learnt_lines,
     note_lines,
     result_table,
     verdict_lines,
@@ -123,6 +124,8 @@ def _check_start(scenario: Any, budget: Any) -> None:
 
 def _overrides(args: argparse.Namespace) -> list[str]:
     settings = [*overrides(args), *(["cross_check=true"] if args.cross_check else [])]
+    if args.learned is not None:
+        settings.append(f"estimator.learned={json.dumps(args.learned)}")
     if args.until is None:
         return settings
     key, _, value = args.until.partition("=")
@@ -236,6 +239,7 @@ def _show(
     title = f"{definition.name}  {settings}"
     print_table(console, result_table(title, results))
     print_lines(console, note_lines(results), "yellow")
+    print_lines(console, learnt_lines(results))
     print_lines(console, blind_lines(results))
     print_lines(console, check_lines(results))
     print_lines(console, [f"results in {folder}", *(f"  {path.name}" for path in pictures)])

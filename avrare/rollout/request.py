@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.protocols import Bools, Floats, Verdict
-from avrare.rollout.tape_law import Integers, TapeLaw
+from avrare.rollout.tape_law import TapeLaw
+
+Integers = NDArray[np.int64]
 
 FROM_START = -1
 ARRAYS = ("robustness", "violated", "error", "scores", "log_weight")

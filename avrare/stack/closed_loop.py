@@ -28,8 +28,8 @@ from avrare.protocols import (
     Simulator,
     Tracker,
     find_ability,
-    find_noise_names,
 )
+from avrare.stack.noise_names import find_noise_names
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,15 @@ def blind_lines(results: Sequence[Result]) -> list[str]:
     return _name_specifications(lines, results)
 
 
+def learnt_lines(results: Sequence[Result]) -> list[str]:
+    """Return what the estimator has learnt of the failures; each line once."""
+    lines: dict[str, list[str]] = {}
+    for result in results:
+        for cause in result.diagnostics.get("learnt", ()):
+            lines.setdefault(cause["text"], []).append(result.specification)
+    return _name_specifications(lines, results)
+
+
 def check_lines(results: Sequence[Result]) -> list[str]:
     """Return one line for each cross-check."""
     checks = {result.specification: result.cross_check for result in results if result.cross_check}

@@ -267,8 +267,6 @@ def test_misuse_is_a_clear_error():
         estimate(task, Shift(np.zeros((3, 2))), defensive=0.0)
     with pytest.raises(avrare.UsageError, match="needs a closed loop"):
         estimate(task, NEAR)
-    with pytest.raises(avrare.UsageError, match="proposal"):
-        avrare.estimate(task, "is", rollouts=10)
     with pytest.raises(avrare.UsageError, match="no_such"):
         estimate(task, {"plugin": "no_such"})
     with pytest.raises(avrare.UsageError, match="cannot be stopped by the clock"):

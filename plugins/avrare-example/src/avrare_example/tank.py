@@ -39,6 +39,7 @@ class Tank:
     """
 
     noise_size = 1
+    noise_names = ("surge of the inflow",)
 
     def __init__(self, config: TankConfig) -> None:
         self.config = config

@@ -46,6 +46,7 @@ class GliderSimulator:
     Attributes:
         dt: Step [s].
         noise_size: 2, or 1 where the start is not random.
+        noise_names: What these numbers are.
     """
 
     dt = DT
@@ -53,6 +54,7 @@ class GliderSimulator:
     def __init__(self, config: GliderConfig) -> None:
         self.noise = config.noise
         self.noise_size = 2 if config.noise.x or config.noise.z else 1
+        self.noise_names = ("elevator's rate (at 0 s: start in x)", "start in z")[: self.noise_size]
         flight = nominal()
         found = gains(flight, config.feedback) if config.feedback is not None else 0.0 * flight.states[:-1]
         self._reference = flight.states

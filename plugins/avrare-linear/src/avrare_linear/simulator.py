@@ -29,6 +29,7 @@ class LinearSimulator:
         self.system = from_config(config)
         self.dt = config.dt
         self.noise_size = self.system.noise_size
+        self.noise_names = self.system.noise_names
 
     def reset(self, noise: Floats) -> LinearState:
         """Return the state at t = 0."""

@@ -63,6 +63,7 @@ class LinearSystem:
         reference: (S, n).
         feedforward: (S, m).
         noise_size: n + q.
+        noise_names: Names of the noise numbers.
     """
 
     names: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
@@ -78,6 +79,7 @@ class LinearSystem:
     reference: Floats
     feedforward: Floats
     noise_size: int = field(init=False)
+    noise_names: tuple[str, ...] = field(init=False)
 
     @staticmethod
     def of(
@@ -136,6 +138,10 @@ class LinearSystem:
 
     def __post_init__(self) -> None:
         self.noise_size = len(self.names[0]) + len(self.names[2])
+        self.noise_names = (
+            *(f"process noise of {name}" for name in self.names[0]),
+            *(f"measurement noise of {name}" for name in self.names[2]),
+        )
         self._used = {name: _pattern(getattr(self, name)) for name in _FACTORS}
 
     def initial(self, noise: Floats) -> LinearState:

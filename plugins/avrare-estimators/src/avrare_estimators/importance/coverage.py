@@ -1,6 +1,6 @@
-"""Mode coverage: do all stages of learning agree with the sample that counts, and does the proposal reach all
-failures that they have seen?
+"""Mode coverage: what the stages of learning know against the sample that counts.
 
+They must agree with it, and its proposal must reach the failures that they have met.
 A failure whose p/q is near its bound 1 / a0, with a0 the share of the target, is drawn by the target's rows
 alone: it belongs to a mode that the proposal does not cover. A sample of usual size may hold none of them.
 """
@@ -38,7 +38,7 @@ def find_coverage_doubts(lessons: Lessons, final: Sample) -> dict[str, str]:
     assert isinstance(source, TapeSource)
     if not lessons.samples or source.mixture is None:
         return {}
-    found = {}
+    found: dict[str, str] = {}
     share = _uncovered(lessons, final)
     if share > _MOST_UNCOVERED:
         found |= health.warn("uncovered", share=share)
@@ -52,7 +52,8 @@ def _uncovered(lessons: Lessons, final: Sample) -> float:
     violated = lessons.violated
     if not violated.any():
         return 0.0
-    assert isinstance(final.source, TapeSource) and final.source.mixture is not None
+    assert isinstance(final.source, TapeSource)
+    assert final.source.mixture is not None
     mixture = final.source.mixture
     ratios = np.concatenate([ratios_of(sample, mixture) for sample in lessons.samples])
     weights = lessons.weights[violated]

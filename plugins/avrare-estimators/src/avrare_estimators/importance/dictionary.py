@@ -149,7 +149,7 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
             key = tuple(group.items())
             single[key] = single.get(key, 0.0) + amount
     components: list[tuple[float, list[Group]]] = [(a, [dict(key)]) for key, a in single.items()]
-    # 2. Failures may need two outliers at once: pairs of channels, each with its entries in their proportions.
+    # 2. Failures may need two outliers at once: pairs of channels, each with its entries' proportions.
     groups = _strongest(components)
     pairs = [[i, j] for n, i in enumerate(groups) for j in groups[:n] if _channel(i) != _channel(j)]
     if pairs:
@@ -204,7 +204,7 @@ def _screened(tapes: Floats, weights: Floats) -> tuple[list[Group], Floats, Floa
 
 
 def _posterior(ratios: Floats) -> Floats:
-    return ratios / (1.0 + ratios)
+    return np.asarray(ratios / (1.0 + ratios))
 
 
 def _even(kind: Floats) -> Floats:
@@ -215,11 +215,11 @@ def _even(kind: Floats) -> Floats:
 
 def _shares(ratios: Floats, weights: Floats, defensive: float, start: Floats) -> Floats:
     """Return shares (J,) after some rounds of expectation-maximisation from the first ones."""
-    share = (1.0 - defensive) * start / start.sum()
+    share: Floats = (1.0 - defensive) * start / start.sum()
     alive = np.arange(len(share))
     for turn in range(_ROUNDS):
         share[alive] *= (weights / (defensive + ratios @ share[alive])) @ ratios
-        share *= (1.0 - defensive) / share.sum()
+        share *= (1.0 - defensive) / max(float(share.sum()), 1e-300)
         if turn % 10 == 9:
             kept = share[alive] > 1e-6 * share.max()
             share[np.setdiff1d(np.arange(len(share)), alive[kept])] = 0.0
@@ -254,10 +254,11 @@ def _strongest(components: Sequence[tuple[float, list[Group]]]) -> list[Group]:
     return sorted(found.values(), key=lambda group: -sum(group.values()))[:_MOST_GROUPS]
 
 
-def _channel(group: Group) -> float:
-    return next(iter(group))[0]
+def _channel(group: Group) -> int:
+    return int(next(iter(group))[0])
 
 
 def _component_logs(components: Sequence[list[Group]], tapes: Floats) -> Floats:
     mixture = TapeMixture.frozen([(1.0, groups) for groups in components], (tapes.shape[1], tapes.shape[2]))
-    return mixture.component_logs(log_ratios(mixture.atoms, tapes)) + np.log(len(components))
+    logs = mixture.component_logs(log_ratios(mixture.atoms, tapes))
+    return np.asarray(logs + math.log(len(components)))

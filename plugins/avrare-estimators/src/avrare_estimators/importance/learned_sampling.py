@@ -80,7 +80,12 @@ class LearnedSampling(WeightedSampler):
         }
         mixtures = [mixture for sample in samples if (mixture := mixture_of(sample)) is not None]
         artifacts = {}
-        if mixtures:
+        if not mixtures:
+            told["note"] = (
+                "learning found no proposal that beats Monte Carlo by a factor of two: the rollouts that "
+                "count are drawn from the target"
+            )
+        else:
             frozen = blend(mixtures, [1.0 / len(mixtures)] * len(mixtures))
             told["proposal"] = frozen.digest
             artifacts = {FILE: described(frozen, self.names)}

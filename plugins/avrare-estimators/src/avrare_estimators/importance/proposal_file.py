@@ -57,7 +57,8 @@ class ProposalFile:
         found = self.mixtures[name]
         if found.shape != shape:
             theirs, ours = (f"{rows - 1} steps of {size} numbers" for rows, size in (found.shape, shape))
-            raise UsageError(f"learned: {self.path}: {name} is for {theirs}, but a rollout has {ours}", _AGAIN)
+            text = f"learned: {self.path}: {name} is for {theirs}, but a rollout has {ours}"
+            raise UsageError(text, _AGAIN)
         return found
 
 

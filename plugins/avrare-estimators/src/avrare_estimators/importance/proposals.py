@@ -12,8 +12,8 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 
 _KINDS = (
-    "learned, an object with sample(rng, n) and log_ratio(noise), a perception model with observe and log_prob, "
-    "{gaussian: {mean: ..., std: ...}} or {plugin: NAME, ...}"
+    "learned, an object with sample(rng, n) and log_ratio(noise), a perception model with observe and "
+    "log_prob, {gaussian: {mean: ..., std: ...}} or {plugin: NAME, ...}"
 )
 
 

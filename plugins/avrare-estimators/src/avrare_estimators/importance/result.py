@@ -23,7 +23,8 @@ from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.weights import Quality, quality, stratified_variance
 
 DISTRUST = {
-    "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered", "stages_disagree",
+    "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered",
+    "stages_disagree",
 }  # fmt: skip
 """Warnings under which the interval does not rest on the weights."""
 

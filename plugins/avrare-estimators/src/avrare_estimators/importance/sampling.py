@@ -330,7 +330,8 @@ class Sample:
 
         strata = sorted((s for one in samples for s in one.strata), key=lambda s: not s.from_target)
         names = ("log_ratio", "violated", "error", "robustness", "score")
-        return Sample(samples[0].source, tuple(strata), *map(target_first, names), ())
+        joined = {name: target_first(name) for name in names}
+        return Sample(samples[0].source, tuple(strata), carries=(), **joined)
 
     def without_carries(self) -> Sample:
         """Return the sample without the carries, which only the fit of a proposal needs."""

@@ -1,8 +1,8 @@
 """Mixtures on the noise tape: each component changes one or two small parts of the tape and leaves the rest.
 
-What changes a part is an *atom*: one coordinate at one step that is widened (a normal law of a larger standard deviation,
-which reaches both tails), or a channel whose mean is shifted over a window of steps, evenly or growing
-geometrically towards its end. Its density ratio to the target is a sum over its own steps.
+What changes a part is an *atom*: one coordinate at one step that is widened (a normal law of a larger
+standard deviation, which reaches both tails), or a channel whose mean is shifted over a window of steps,
+evenly or growing geometrically towards its end. Its density ratio to the target is a sum over its own steps.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class TapeMixture:
 
     @staticmethod
     def frozen(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
-        """Return the mixture of components (share, one or two groups) in rounded numbers, the tiny left out."""
+        """Return a mixture of components (share, one or two groups) in rounded numbers, without tiny ones."""
         total = sum(share for share, _ in components)
         most = max(share for share, _ in components)
         rows: dict[Row, int] = {}
@@ -139,7 +139,7 @@ class TapeMixture:
 
     @cached_property
     def _densities(self) -> list[tuple[Any, ...]]:
-        """Coefficients of log g/p at each step: atoms there, their channels, linear, constant, square terms."""
+        """Log g/p at each step: atoms there, channels, linear and constant terms, wide atoms, squares."""
         found = []
         for step in range(self.shape[0]):
             active = np.flatnonzero((self.atoms.first <= step) & (self.atoms.last >= step))
@@ -243,15 +243,15 @@ class TapeMixture:
 
     def _check(self) -> None:
         a, (rows, channels) = self.atoms, self.shape
-        inside = (a.first >= 0) & (a.first <= a.last) & (a.last < rows) & (0 <= a.channel) & (a.channel < channels)
-        numbers = np.isfinite([a.shift, a.decay, a.scale]).all() and (a.scale > 0).all() and (a.decay > 0).all()
-        known = all((0 <= i).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups)
+        inside = (a.first >= 0) & (a.first <= a.last) & (a.last < rows)
+        inside &= (a.channel >= 0) & (a.channel < channels) & (a.scale > 0) & (a.decay > 0)
+        numbers = bool(np.isfinite([a.shift, a.decay, a.scale]).all())
+        known = all((i >= 0).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups)
         known &= bool((self.parts[:, 0] >= 0).all() and (self.parts[:, 1] >= NONE).all())
         known &= bool((self.parts < len(self.groups)).all() and all((w > 0).all() for _, w in self.groups))
         if not (inside.all() and numbers and known and len(self.share) and (self.share > 0).all()):
             raise ValueError("an atom lies outside the tape, or a number is out of range")
-        apart = (set(a.channel[self.groups[g][0]].tolist()) for g in range(len(self.groups)))
-        channels_of = list(apart)
+        channels_of = [set(a.channel[index].tolist()) for index, _ in self.groups]
         if any(k != NONE and channels_of[g] & channels_of[k] for g, k in self.parts.tolist()):
             raise ValueError("two groups of a component share a channel")
 

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from avrare.protocols import Floats, find_noise_names, find_time_step
+from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
+from avrare.stack.noise_names import find_noise_names, find_time_step
 from avrare_estimators.importance.dictionary import log_ratios
 from avrare_estimators.importance.sampling import Sample, TapeSource
 from avrare_estimators.importance.tape_mixture import Atoms, Group, Row, TapeMixture

@@ -14,7 +14,12 @@ from avrare.protocols import Floats
 from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.features import box_of
-from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE, ObservationLaw, normal_log_density
+from avrare_gp_pem.runtime.observation_model import (
+    NOISE_PER_VEHICLE,
+    ObservationLaw,
+    noise_names,
+    normal_log_density,
+)
 from avrare_gp_pem.runtime.persistence import PersistentPem, with_persistence
 from avrare_gp_pem.runtime.store import load, locate
 from avrare_gp_pem.runtime.variant import MAX_EXPONENT, Variant
@@ -34,6 +39,11 @@ class LawPem(ABC):
     def noise_size(self) -> int:
         """Standard normal numbers per particle and step."""
         return NOISE_PER_VEHICLE * len(self.scene.names)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Name of each noise number."""
+        return noise_names(self.scene.names)
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
@@ -146,6 +156,11 @@ class NaivePem:
     def noise_size(self) -> int:
         """Standard normal numbers per particle and step."""
         return NOISE_PER_VEHICLE * len(self.scene.names)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Name of each noise number."""
+        return noise_names(self.scene.names)
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""

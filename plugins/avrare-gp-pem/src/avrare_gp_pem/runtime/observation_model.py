@@ -9,6 +9,7 @@ training data, so an observation is truth minus error.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,12 @@ from avrare_gp_pem.runtime.student_t import student
 
 NOISE_PER_VEHICLE = 4
 """Detection, error along, error across, speed."""
+_NOISE = ("detection", "longitudinal error", "lateral error", "speed error")
+
+
+def noise_names(vehicles: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the noise numbers of an observation of these vehicles."""
+    return tuple(f"{kind} of {vehicle}" for vehicle in vehicles for kind in _NOISE)
 
 
 @dataclass(frozen=True)

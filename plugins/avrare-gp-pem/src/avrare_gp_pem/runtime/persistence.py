@@ -28,6 +28,10 @@ class MemorylessPem(Protocol):
     def noise_size(self) -> int:
         """Standard normal numbers per particle and step."""
 
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Name of each noise number."""
+
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
 
@@ -56,6 +60,11 @@ class PersistentPem:
     def noise_size(self) -> int:
         """Standard normal numbers per particle and step, as without persistence."""
         return self.memoryless.noise_size
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Name of each noise number: what it adds to an error that lasts."""
+        return self.memoryless.noise_names
 
     def start(self, noise: Floats) -> Floats:
         """Return the latent numbers (N, noise_size) at t = 0, in the stationary state."""

@@ -1,0 +1,46 @@
+"""Names of the noise of a system, and the time step that its reports count in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from avrare.base.errors import UsageError
+from avrare.protocols import find_ability, find_simulator
+
+
+class NamesNoise(Protocol):
+    """System, simulator or perception error model that says what each of its noise numbers stands for."""
+
+    noise_names: Sequence[str]
+    """Name of each channel, ``noise_size`` of them: "lateral error of cut_in"."""
+
+
+class HasTimeStep(Protocol):
+    """Simulator with a fixed time step."""
+
+    dt: float
+
+
+def find_noise_names(part: Any, label: str = "noise") -> tuple[str, ...]:
+    """Return the names of a part's noise numbers: those it declares, else ``label`` and a number.
+
+    Raises:
+        UsageError: It declares more or fewer names than numbers.
+    """
+    named = find_ability(part, NamesNoise)
+    if named is None:
+        return tuple(f"{label} {channel}" for channel in range(part.noise_size))
+    names = tuple(map(str, named.noise_names))
+    if len(names) != part.noise_size:
+        raise UsageError(
+            f"{type(part).__name__} has {len(names)} noise_names, but noise_size is {part.noise_size}",
+            "give one name for each noise number, or leave noise_names out",
+        )
+    return names
+
+
+def find_time_step(system: object) -> float | None:
+    """Return the time step of the simulator that a system is built around [s]; None where there is none."""
+    stepping = find_ability(find_simulator(system), HasTimeStep)
+    return float(stepping.dt) if stepping is not None else None

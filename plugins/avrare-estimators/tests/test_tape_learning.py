@@ -1,0 +1,360 @@
+"""Proposals learnt on the noise tape: their density, what they find, what they say, and the same bits."""
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.stats import beta, chi2, norm
+
+import avrare
+from avrare.base.errors import Interrupted, UsageError
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Request
+from avrare.rollout.tape_law import TapeLaw
+from avrare.stack.noise_names import find_noise_names
+from avrare.testing.problems import reference_problem
+from avrare_estimators.importance.dictionary import entries_of_channel, fit, log_ratios
+from avrare_estimators.importance.proposal_file import ProposalFile
+from avrare_estimators.importance.tape_mixture import TapeMixture, blend
+
+STEPS = 8
+
+
+@dataclass(frozen=True)
+class Peaks:
+    first: np.ndarray
+    second: np.ndarray
+    energy: np.ndarray
+
+
+class Outliers:
+    """Remembers the largest noise of two of its three channels, and the sum of all squares."""
+
+    noise_size = 3
+    noise_names = ("gust", "glare", "rattle")
+    dt = 0.5
+
+    def initial(self, noise):
+        zeros = np.zeros(len(noise))
+        return Peaks(zeros, zeros, zeros)
+
+    def step(self, state, noise):
+        first, second = np.abs(noise[:, :2].T)
+        energy = state.energy + (noise * noise).sum(axis=1)
+        return Peaks(np.maximum(state.first, first), np.maximum(state.second, second), energy)
+
+    def signals(self, state):
+        return {
+            "first": state.first, "second": state.second, "energy": state.energy,
+            "both": np.minimum(state.first, state.second),
+        }  # fmt: skip
+
+
+def peak(level, steps=STEPS):
+    return -np.expm1(steps * np.log1p(-2.0 * norm.sf(level)))
+
+
+def outliers(formula, steps=STEPS, chunk=4096):
+    return avrare.Problem(Outliers(), avrare.stl(formula), steps, chunk=chunk)
+
+
+def wide(channel, step, scale=2.5):
+    return (channel, step, step, 0.0, 1.0, scale)
+
+
+GROUP = {wide(1, t): 1.0 / 3.0 for t in (1, 2, 3)}
+PAIRED = TapeMixture.frozen(
+    [
+        (0.3, [{wide(0, 4): 1.0}]),
+        (0.2, [{(2, 1, 4, 0.8, 1.0, 1.0): 1.0}]),
+        (0.1, [{(2, 1, 5, -1.5, 0.5, 1.0): 1.0}]),
+        (0.4, [{wide(0, 2): 0.25, wide(0, 6): 0.75}, GROUP]),
+    ],
+    (STEPS + 1, 3),
+)
+
+
+def written_out(mixture, tapes):
+    """The density ratio q/p, one normal law after the other."""
+    total = np.zeros(len(tapes))
+    for share, groups in mixture.components:
+        factor = np.ones(len(tapes))
+        for group in groups:
+            inside = np.zeros(len(tapes))
+            for (channel, first, last, shift, decay, scale), part in group.items():
+                ratio = np.ones(len(tapes))
+                for t in range(int(first), int(last) + 1):
+                    x = tapes[:, t, int(channel)]
+                    ratio *= norm.pdf(x, shift * decay ** (last - t), scale) / norm.pdf(x)
+                inside += part / sum(group.values()) * ratio
+            factor *= inside
+        total += share / sum(one for one, _ in mixture.components) * factor
+    return total
+
+
+def drawn(mixture, rows, seed=0, chunk=None):
+    """Tapes of the mixture and log p/q, as the engine makes and weighs them."""
+    noise = NoiseSource(seed, 3)
+    index = np.arange(rows)
+    request = Request(0 * index, 0 * index, index, 0 * index - 1, tape_law=TapeLaw(mixture))
+    problem = outliers("always (first < 4)")
+    size = chunk or rows
+    parts = [problem.simulate(noise, request.slice(k, k + size)) for k in range(0, rows, size)]
+    tapes = noise.normals(0, 0, index[:, None], np.arange(STEPS + 1))
+    mixture.transform(tapes, mixture.choose(noise.choices(0, 0, index)), 0)
+    return tapes, np.concatenate([part.log_weight for part in parts]), parts
+
+
+def test_density_is_that_of_the_law_drawn_from():
+    tapes, log_weight, _ = drawn(PAIRED, 4000)
+    assert np.allclose(np.exp(-log_weight), written_out(PAIRED, tapes), rtol=1e-9)
+    # 1. Half of the rows from the target, half from the mixture: bounded weights of mean 1.
+    both = np.concatenate([tapes, np.random.default_rng(1).standard_normal(tapes.shape)])
+    weights = 2.0 / (1.0 + written_out(PAIRED, both))
+    assert abs(weights.mean() - 1.0) < 4.0 * weights.std() / np.sqrt(len(weights))
+    # 2. Its draws hit two channels at once as often as the law says.
+    hit = (np.abs(tapes[:, 6, 0]) > 2.0) & (np.abs(tapes[:, 1:4, 1]).max(axis=1) > 2.5)
+    wide_tail, tail = 2.0 * norm.sf(2.0 / 2.5), 2.0 * norm.sf(2.0)
+    one = 1.0 - (1.0 - 2.0 * norm.sf(2.5)) ** 3
+    grown = 1.0 - (1.0 - 2.0 * norm.sf(1.0)) * (1.0 - 2.0 * norm.sf(2.5)) ** 2
+    exact = 0.4 * (0.75 * wide_tail + 0.25 * tail) * grown + 0.6 * tail * one
+    assert abs(hit.mean() - exact) < 4.0 * np.sqrt(exact / len(hit))
+
+
+def test_no_bit_depends_on_the_chunk():
+    _, whole, parts = drawn(PAIRED, 300)
+    _, pieces, _ = drawn(PAIRED, 300, chunk=7)
+    assert np.array_equal(whole, pieces)
+    assert parts[0].log_weight.shape == (300,)
+
+
+def test_given_tapes_are_weighed_too():
+    tapes, log_weight, _ = drawn(PAIRED, 50)
+    request = Request.replay(tapes)
+    request = replace(request, tape_law=TapeLaw(PAIRED, from_target=True))
+    again = outliers("always (first < 4)").simulate(NoiseSource(0, 3), request)
+    assert np.array_equal(again.log_weight, log_weight)
+
+
+def test_a_law_of_tapes_is_refused_for_branches():
+    request = Request.from_start(np.zeros(2, np.int64), np.arange(2))
+    request = replace(request, start=np.zeros(2, np.int64), tape_law=TapeLaw(PAIRED))
+    with pytest.raises(ValueError, match="start at the beginning"):
+        outliers("always (first < 4)").simulate(NoiseSource(0, 3), request)
+
+
+def test_frozen_mixtures_survive_their_file(tmp_path):
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"specification": PAIRED.to_dict()}))
+    read = ProposalFile.read(path).mixtures["specification"]
+    assert read.digest == PAIRED.digest
+    tapes = np.random.default_rng(0).standard_normal((20, STEPS + 1, 3))
+    sums = log_ratios(PAIRED.atoms, tapes)
+    assert np.array_equal(read.log_ratio(sums), PAIRED.log_ratio(sums))
+    both = blend([PAIRED, read], [0.5, 0.5])
+    assert np.allclose(both.log_ratio(log_ratios(both.atoms, tapes)), PAIRED.log_ratio(sums), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda c: c.pop("atoms"),
+        lambda c: c["atoms"][0].update(channel=3),
+        lambda c: c["atoms"][0].update(scale=-1.0),
+        lambda c: c["components"][0].update(groups=[99]),
+        lambda c: c["components"][0].update(share="much"),
+        lambda c: c["components"][3].update(groups=[0, 0]),
+    ],
+)
+def test_damaged_files_are_told(tmp_path, damage):
+    content = json.loads(json.dumps(PAIRED.to_dict()))
+    damage(content)
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"specification": content}))
+    with pytest.raises(UsageError, match="damaged"):
+        avrare.estimate(outliers("always (first < 4)"), "is", learned=str(path))
+
+
+def test_files_must_fit(tmp_path):
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"other": PAIRED.to_dict()}))
+    with pytest.raises(UsageError, match="no proposal for specification, but for other"):
+        avrare.estimate(outliers("always (first < 4)"), "is", learned=str(path))
+    path.write_text(json.dumps({"specification": PAIRED.to_dict()}))
+    with pytest.raises(UsageError, match="8 steps of 3 numbers, but a rollout has 9 steps"):
+        avrare.estimate(outliers("always (first < 4)", steps=9), "is", learned=str(path))
+    with pytest.raises(UsageError, match="no such file"):
+        avrare.estimate(outliers("always (first < 4)"), "is", learned=str(tmp_path / "none.json"))
+
+
+def test_chance_of_entries_is_that_of_target_rows():
+    table = entries_of_channel(STEPS)
+    tapes = np.random.default_rng(5).standard_normal((3000, STEPS + 1, 2))
+    ratios = table.ratios(tapes, 1)
+    z = (ratios / (1.0 + ratios)).mean(axis=0) - table.mean
+    assert np.abs(z / (table.deviation * np.sqrt(1 / 3000 + 1 / 4000))).max() < 5.0
+
+
+def test_fit_finds_the_channel_and_the_step():
+    tapes = np.random.default_rng(2).standard_normal((100, 21, 6))
+    tapes[:, 7, 4] = 3.5 * np.sign(tapes[:, 7, 4])
+    mixture = fit(tapes, np.ones(100), 0.25)
+    place = {row[:3]: 0.0 for row in mixture.atoms.rows}
+    for share, groups in mixture.components:
+        for row, part in groups[0].items():
+            place[row[:3]] += share * part
+    best = max(place, key=place.get)
+    assert best == (4, 7, 7)
+    assert sum(share for (channel, *_), share in place.items() if channel == 4) > 0.8
+
+
+def estimate(problem, seed=0, **options):
+    return avrare.estimate(problem, "is", seed=seed, **{"rollouts": 6000, "pilot": 900, **options})
+
+
+@pytest.fixture(scope="module")
+def one_outlier():
+    return estimate(outliers("always (first < 4)"))
+
+
+def test_an_outlier_is_found_and_told(one_outlier):
+    exact = peak(4.0)
+    assert one_outlier.interval[0] <= exact <= one_outlier.interval[1]
+    told = one_outlier.diagnostics["learnt"]
+    assert told[0]["noise"] == ["gust"]
+    assert "gust beyond" in told[0]["text"]
+    assert " s, in " in told[0]["text"]
+    assert told[0]["share"] > 0.5
+    spent = one_outlier.diagnostics
+    assert one_outlier.rollouts == spent["pilot_rollouts"] + sum(spent["rows"]) + spent["check_rollouts"]
+    # Monte Carlo would have needed (1 - p) / p over the squared relative error.
+    assert one_outlier.relative_error**2 * one_outlier.rollouts < 0.2 / exact
+
+
+def test_the_file_saves_the_pilot(one_outlier, tmp_path):
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"specification": one_outlier.artifacts["learned.json"]}))
+    again = estimate(outliers("always (first < 4)"), seed=1, learned=str(path), rollouts=3000)
+    assert again.diagnostics["pilot_rollouts"] == 0
+    assert again.diagnostics["proposal"] == one_outlier.diagnostics["proposal"]
+    assert again.interval[0] <= peak(4.0) <= again.interval[1]
+    assert again.relative_error < 0.15
+
+
+def test_failures_replay(one_outlier):
+    problem = outliers("always (first < 4)")
+    assert np.array_equal(problem.robustness(one_outlier.failures.noise), one_outlier.failures.robustness)
+
+
+def test_no_structure_falls_back_to_monte_carlo():
+    level = chi2.isf(2e-3, 3 * STEPS)
+    result = estimate(outliers(f"always (energy < {level})"), stages=3)
+    assert "drawn from the target" in result.diagnostics["note"]
+    assert result.artifacts == {}
+    assert result.health == {}
+    assert result.interval[0] <= 2e-3 <= result.interval[1]
+    rows, failures = result.diagnostics["rows"][0], round(result.probability * result.diagnostics["rows"][0])
+    assert failures > 0
+    assert np.isclose(result.interval[0], beta.ppf(0.025, failures, rows - failures + 1))
+
+
+def test_a_mode_that_the_file_lacks_is_noticed(tmp_path):
+    lacking = TapeMixture.frozen([(1.0, [{wide(0, t): 1.0}]) for t in range(1, STEPS + 1)], (STEPS + 1, 3))
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"specification": lacking.to_dict()}))
+    exact = peak(4.2) + (1.0 - peak(4.2)) * peak(3.6)
+    problem = outliers("always (first < 4.2 and second < 3.6)")
+    results = [estimate(problem, seed, learned=str(path), rollouts=8000) for seed in range(4)]
+    for result in results:
+        assert result.health
+        assert result.interval[0] <= exact <= result.interval[1]
+
+
+def test_options_that_do_not_fit():
+    problem = outliers("always (first < 4)")
+    with pytest.raises(UsageError, match=r"at least 0\.25"):
+        estimate(problem, defensive=0.1)
+    with pytest.raises(UsageError, match="leave runs at 1"):
+        estimate(problem, relative_error=0.1, runs=2)
+    with pytest.raises(UsageError, match="belongs to `proposal: learned`"):
+        avrare.estimate(problem, "is", proposal={"gaussian": {}}, stages=3)
+
+
+def test_noise_names_are_checked():
+    system = Outliers()
+    assert find_noise_names(system) == ("gust", "glare", "rattle")
+    system.noise_names = ("gust",)
+    with pytest.raises(UsageError, match="1 noise_names, but noise_size is 3"):
+        find_noise_names(system)
+    system.noise_names = None
+    assert find_noise_names(system)[2] == "noise 2"
+
+
+def plain(result):
+    content = json.loads(result.to_json())
+    del content["seconds"]
+    return content, result.failures.noise.tobytes(), result.artifacts
+
+
+@pytest.mark.slow
+def test_same_bits_for_workers_chunks_and_after_a_stop(one_outlier, tmp_path):
+    assert plain(estimate(outliers("always (first < 4)", chunk=97))) == plain(one_outlier)
+    assert plain(estimate(outliers("always (first < 4)"), workers=2)) == plain(one_outlier)
+    calls = []
+
+    def dies(system, limit):
+        step = system.step
+
+        def counted(state, noise):
+            calls.append(1)
+            if len(calls) > limit:
+                raise Interrupted("killed")
+            return step(state, noise)
+
+        system.step = counted
+        return system
+
+    problem = outliers("always (first < 4)", chunk=500)
+    whole, steps = plain(estimate(problem)), 0
+    while True:
+        tried = outliers("always (first < 4)", chunk=500)
+        calls.clear()
+        dies(tried.system, 60)
+        try:
+            result = estimate(tried, checkpoint=tmp_path / "kept")
+            break
+        except Interrupted:
+            steps += 1
+    assert steps > 1
+    assert plain(result) == whole
+
+
+@pytest.mark.slow
+def test_unbiased_and_honest_over_seeds():
+    exact = reference_problem("e_ou_L4.0")
+    results = [estimate(exact.problem(), seed, rollouts=8000, pilot=1300) for seed in range(24)]
+    values = np.array([result.probability for result in results]) / exact.probability
+    assert abs(values.mean() - 1.0) < 4.0 * values.std(ddof=1) / np.sqrt(len(values))
+    assert values.std(ddof=1) < 0.2
+    covers = [one.interval[0] <= exact.probability <= one.interval[1] for one in results]
+    assert np.mean(covers) > 0.95 - 4.0 * np.sqrt(0.05 * 0.95 / len(results))
+
+
+@pytest.mark.slow
+def test_stops_at_a_relative_error():
+    exact = reference_problem("d_rw_L3.8")
+    result = estimate(exact.problem(), relative_error=0.2, rollouts=40_000)
+    assert result.relative_error <= 0.2
+    assert result.diagnostics["goal_reached"]
+    assert result.rollouts < 20_000
+    assert result.interval[0] <= exact.probability <= result.interval[1]
+
+
+@pytest.mark.slow
+def test_two_outliers_at_once():
+    exact = peak(3.0) ** 2
+    result = estimate(outliers("always (both < 3)"), rollouts=20_000)
+    assert result.interval[0] <= exact <= result.interval[1]
+    assert any(sorted(cause["noise"]) == ["glare", "gust"] for cause in result.diagnostics["learnt"])
+    assert result.relative_error < 0.1
