@@ -320,7 +320,7 @@ def test_same_bits_for_workers_chunks_and_after_a_stop(one_outlier, tmp_path):
     while True:
         tried = outliers("always (first < 4)", chunk=500)
         calls.clear()
-        dies(tried.system, 60)
+        dies(tried.system, 150 + 100 * steps)
         try:
             result = estimate(tried, checkpoint=tmp_path / "kept")
             break
