@@ -15,14 +15,14 @@ import stat
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeVar
 
 from avrare.base.errors import UsageError
 
-Arrays = dict[str, NDArray[Any]]
+if TYPE_CHECKING:  # rules and formulas are read without arrays
+    from numpy.typing import NDArray
+
+Arrays: TypeAlias = "dict[str, NDArray[Any]]"
 _Content = TypeVar("_Content")
 CHECKSUM = "checksum"
 """Key of the checksum of a JSON object."""
@@ -139,6 +139,8 @@ def _parse_int(text: str) -> int:
 
 def parse_arrays(content: bytes) -> Arrays:
     """Return the arrays of an npz file: of numbers, truth values and texts."""
+    import numpy as np
+
     if not zipfile.is_zipfile(io.BytesIO(content)):
         raise ValueError("it holds something else than arrays, or is cut short")
     try:

@@ -1,6 +1,6 @@
 """Short part of the attack (``make attack`` is the long one): the same seeds each time, in this process.
 
-Whatever the long one finds is mended by its cause, with a test beside the code; its seed is kept here.
+Whatever the long one finds is mended by its cause, with a test beside the code.
 """
 
 import pytest
@@ -17,8 +17,6 @@ MANY = {
     "baselines": 100, "stored failures": 250, "failures as text": 200, "history databases": 300,
     "models, policies and flows": 150, "command lines": 250,
 }  # fmt: skip
-FOUND = {"recorded drives (CommonRoad)": [54]}
-"""Seeds of inputs that once ended in a traceback, a hang or a wrong exit code."""
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +41,6 @@ def test_no_input_ends_in_a_traceback_a_hang_or_a_wrong_exit_code(name, home):
 @pytest.mark.parametrize("name", MANY)
 def test_no_input_does_and_there_are_many(name, home):
     strike(name, range(QUICK.get(name, 0), MANY[name]), home)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name, seeds in FOUND.items() for seed in seeds])
-def test_what_was_found_stays_mended(name, seed, home):
-    strike(name, [seed], home)
 
 
 def test_every_kind_is_tried():

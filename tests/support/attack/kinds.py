@@ -17,7 +17,6 @@ from attack import command_lines, formulas
 from attack.attempts import BITS, OUTPUT, Outcome, call, trouble
 from attack.material import ESTIMATORS, MODELS, ROOT, RULES_DRIVE, copy_material, material, result
 from attack.mutation import WORDS, mutate_table, mutate_text, mutate_tree, pick, places
-from avrare.base.stored_files import CHECKSUM, seal
 from avrare.scenario.extends import read
 from avrare.scenario.yaml import dump
 
@@ -212,20 +211,8 @@ def _strike_commonroad(random) -> Words:
     ]
 
 
-def _damage_json(content, random) -> bytes:
-    """Damage a JSON file; often a stranger seals it again."""
-    changed = damage.damage_json(content, random)
-    if random.random() < 0.6:
-        with contextlib.suppress(ValueError, RecursionError):
-            tree = json.loads(changed)
-            if isinstance(tree, dict):
-                tree.pop(CHECKSUM, None)
-                return json.dumps(seal(tree)).encode()
-    return changed
-
-
 _RUN_FILES = {
-    "result.json": _damage_json, "provenance.json": _damage_json,
+    "result.json": damage.damage_json, "provenance.json": damage.damage_json,
     "failures.npz": damage.damage_arrays, "rollouts.npz": damage.damage_arrays,
     "scenario.yaml": lambda content, random: _text(mutate_tree(yaml.safe_load(content), random)),
 }  # fmt: skip
@@ -264,7 +251,7 @@ def _strike_checkpoint(random) -> Words:
     what, path = random.integers(10), pick(random, chunks)
     if what == 0:
         path = folder / "checkpoint" / "checkpoint.json"
-        path.write_bytes(_damage_json(path.read_bytes(), random))
+        path.write_bytes(damage.damage_json(path.read_bytes(), random))
     elif what == 1:
         path = next(folder.rglob("scenario.yaml"))
         path.write_bytes(_text(mutate_tree(yaml.safe_load(path.read_bytes()), random)))
@@ -295,7 +282,7 @@ def _strike_baseline(random) -> Words:
             path.with_name(pick(random, ["0009.json", "x.json", "99999999999999999999.json", "0001"]))
         )
     else:
-        path.write_bytes(_damage_json(path.read_bytes(), random))
+        path.write_bytes(damage.damage_json(path.read_bytes(), random))
     plan = pick(
         random, [["--plan"], ["--plan"], ["--markdown", "m.md"], ["--save"], ["--json"], ["--accept-changes"]]
     )
