@@ -6,12 +6,14 @@ MkDocs calls the hooks when it builds the site; ``python docs/generate.py DIR`` 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+_NOTEBOOKS = Path(__file__).parent / "notebooks"
 _PLUGIN_LINK = re.compile(r"\[([^\]]*)\]\(\.\./plugins/[^)]*\)")
 """A link out of the documentation, into the source: plain words on the site."""
 
@@ -23,6 +25,7 @@ def pages() -> dict[str, str]:
         "reference/scenario.md": _scenario(),
         "reference/components.md": _components(),
         "reference/python.md": _python(),
+        **{f"notebooks/{path.stem}.md": _notebook(path) for path in sorted(_NOTEBOOKS.glob("*.ipynb"))},
     }
 
 
@@ -129,6 +132,25 @@ def _python() -> str:
         if not name.startswith("_"):
             parts.append(f"::: {avrare._HOMES[name]}.{name}")
     parts.append("::: avrare.report.session.trace.Trace")
+    return _page(parts)
+
+
+def _notebook(path: Path) -> str:
+    """A notebook with its stored outputs as a page."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            if "image/png" in data:
+                parts.append(f'<img alt="plot" src="data:image/png;base64,{data["image/png"]}">')
+            elif "text/html" in data:
+                parts.append("".join(data["text/html"]))
+            else:
+                text = "".join(output.get("text") or data["text/plain"])
+                parts.append(f"```text\n{text}\n```")
+    parts.insert(1, f"[Download this notebook]({path.name})")
     return _page(parts)
 
 

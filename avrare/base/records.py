@@ -21,6 +21,10 @@ class Records(list[dict[str, Any]]):
     def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
         super().__init__(dict(row) for row in rows)
 
+    def head(self, rows: int = 5) -> Records:
+        """Return the first rows."""
+        return Records(self[:rows])
+
     def frame(self) -> Any:
         """Return a ``pandas.DataFrame``.
 
