@@ -39,6 +39,32 @@ def test_truncated_density_integrates_to_one_and_ends():
     assert student(2.3).truncated_log_density(np.array(3.001), np.array(3.0)) == -np.inf
 
 
+@pytest.mark.parametrize("power", [0.6, 1.0, 1.4])
+def test_powers_of_tails(power):
+    stats = pytest.importorskip("scipy.stats")
+    table, bound = student(3.0), 30.0
+    t = np.linspace(-bound, bound, 400_001)
+    density = np.exp(table.truncated_log_density(t, np.full_like(t, bound), np.full_like(t, power)))
+    assert np.trapezoid(density, t) == pytest.approx(1.0, abs=1e-6)
+    size = np.geomspace(0.01, 20, 50)
+    exact = stats.t.sf(np.sinh(np.arcsinh(power * size) / power), 3.0)
+    np.testing.assert_allclose(table.upper_tail(size, power), exact, rtol=1e-7)
+    noise = np.linspace(-5, 5, 201)
+    drawn = table.truncated(noise, np.full_like(noise, bound), np.full_like(noise, power))
+    assert (np.diff(drawn) > 0).all()
+    below = np.interp(drawn, t, np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(t))))
+    np.testing.assert_allclose(below, [0.5 * math.erfc(-z / math.sqrt(2)) for z in noise], atol=1e-5)
+    far = np.array([50.0, 100.0])
+    index = -np.diff(np.log(table.upper_tail(far, power))) / np.diff(np.log(far))
+    assert index == pytest.approx(3.0 / power, rel=0.03)
+
+
+def test_a_power_of_one_changes_no_bit_of_a_draw():
+    noise, bound = np.random.default_rng(0).standard_normal(1000), np.full(1000, 7.0)
+    plain, same = (student(2.4).truncated(noise, bound, power) for power in (1.0, np.ones(1000)))
+    assert plain.tobytes() == same.tobytes() == student(2.4).truncated(noise, bound).tobytes()
+
+
 def law(detect=0.7, speed_sd=0.3, n=1):
     shape = (n, 1)
     return ObservationLaw(

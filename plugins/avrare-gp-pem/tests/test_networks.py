@@ -1,5 +1,6 @@
 """Networks at run time: what they compute, row by row, and their file."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ from avrare_gp_pem.runtime.features import AXES, COLUMNS, COMMON, Box, features
 from avrare_gp_pem.runtime.models import build_gp
 from avrare_gp_pem.runtime.networks import networks
 from avrare_gp_pem.runtime.store import FittedPem, load, save
-from avrare_gp_pem.runtime.variant import Variant, YawErrors
+from avrare_gp_pem.runtime.variant import MeasuredPersistence, Variant, YawErrors
 
 INPUTS = ("range", "cos_aspect", "sin_aspect", "length", "reach_50")
 
@@ -95,6 +96,20 @@ def test_the_law_is_its_formula(make):
     np.testing.assert_allclose(law.scale[0, 0], base * np.exp(latent[3:]) * [1.1, 0.9])
 
 
+def test_nearby_vehicles_have_a_calibration_of_their_own():
+    tail = np.array([[0.2, -0.5], [0.0, 0.3]])
+    variant, one = random_variant(), np.array([[1.0]])
+    near = replace(variant, near=np.array(1.5), tail=tail)
+    for distance, nearness in ((5.0, 0.75), (20.0, 0.0), (60.0, 0.0)):
+        box = Box(0 * one, distance * one, 1.2 * one, 4.5 * one, 1.8 * one, 1.7 * one, 4 * one)
+        plain, law = variant.law(box, 0.3), near.law(box, 0.3)
+        logit = np.log(law.detect / law.miss) - np.log(plain.detect / plain.miss)
+        assert logit == pytest.approx(1.5 * nearness, abs=1e-9)
+        np.testing.assert_allclose(law.power[0, 0], np.exp(tail[:, 0] + tail[:, 1] * nearness))
+        np.testing.assert_array_equal(law.scale, plain.scale)
+    assert variant.law(box, 0.3).power is None
+
+
 def test_nothing_is_extrapolated():
     variant, one = random_variant(), np.array([[1.0]])
     boxes = [
@@ -120,13 +135,18 @@ def test_columns_have_the_names_that_models_list():
 
 def test_file_survives_a_round_trip(tmp_path, make):
     yaw = YawErrors(np.array([-3.0, 0.02]), np.array([0.01, 0.001]), np.array(2.0))
-    model = FittedPem(random_variant(), random_variant("ego", seed=4), {"licence": "none"}, yaw)
+    clean = replace(random_variant(), near=np.array(0.7), tail=np.array([[0.1, 0.2], [0.3, -0.4]]))
+    lasting = MeasuredPersistence(np.array([0.4, 0.3]), np.array([0.6, 0.1]))
+    model = FittedPem(clean, random_variant("ego", seed=4), {"licence": "none"}, yaw, lasting)
     save(tmp_path / "a.npz", model)
     again = load(tmp_path / "a.npz")
     save(tmp_path / "b.npz", again)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     assert again.provenance == {"licence": "none"}
     assert again.yaw.dof == 2.0
+    np.testing.assert_array_equal(again.clean.tail, clean.tail)
+    assert again.clean.near == 0.7
+    np.testing.assert_array_equal(again.persistence.position, [0.6, 0.1])
     world = make.random(20, 3)
     noise = np.random.default_rng(0).normal(size=(20, 12))
     for artefact, variant in ((False, model.clean), (True, model.delivered)):
@@ -145,7 +165,7 @@ def test_an_artefact_that_is_not_there_is_a_usage_error(tmp_path, make):
         build_gp(GpPemConfig(model=str(tmp_path / "a.npz"), artefact=True), make.scene(1))
 
 
-@pytest.mark.parametrize("change", [{"clean_inputs": np.array(["range", "moon"])}, {"format": np.array(3)}])
+@pytest.mark.parametrize("change", [{"clean_inputs": np.array(["range", "moon"])}, {"format": np.array(4)}])
 def test_files_of_other_versions_are_refused(tmp_path, change):
     save(tmp_path / "a.npz", FittedPem(random_variant(), None, {}))
     with np.load(tmp_path / "a.npz") as file:

@@ -1,5 +1,6 @@
 """Errors that last: each observation keeps its law, rows stay apart, and misses come in longer runs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,17 +8,20 @@ import pytest
 from pydantic import ValidationError
 
 from avrare.base.batch import take
-from avrare.base.errors import ScenarioError
+from avrare.base.errors import ScenarioError, UsageError
 from avrare.protocols import PersistentPerceptionErrorModel
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.load import load
-from avrare_gp_pem.config import NaivePemConfig, Persistence
+from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, Persistence
 from avrare_gp_pem.runtime import store
-from avrare_gp_pem.runtime.models import build_naive
+from avrare_gp_pem.runtime.models import build_gp, build_naive
+from avrare_gp_pem.runtime.persistence import PersistentPem
+from avrare_gp_pem.runtime.variant import MeasuredPersistence
 
 FIELDS = ("detected", "x", "y", "speed_x")
 LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"
 ALL = {"detection": 0.3, "position": 0.5, "speed": 0.1}
+LASTING = {"detection": 0.3, "detection_lasting": 0.4, "position": 0.5, "position_lasting": 0.2}
 
 
 def naive(scene, **persistence):
@@ -29,12 +33,12 @@ def course(model, world, steps, seed=0):
     noise = np.random.default_rng(seed).standard_normal((steps + 1, len(world.step), model.noise_size))
     memory, seen, latents = model.start(noise[0]), [], []
     for row in noise[1:]:
-        before = memory.copy()
+        before = [leaf.tobytes() for leaf in vars(memory).values()]
         observation, after = model.follow(world, row, memory)
-        assert memory.tobytes() == before.tobytes()
+        assert [leaf.tobytes() for leaf in vars(memory).values()] == before
         memory = after
         seen.append(observation)
-        latents.append(memory)
+        latents.append(model.latent(memory))
     return noise, seen, np.stack(latents)
 
 
@@ -73,13 +77,14 @@ def test_a_channel_that_is_off_keeps_its_bits(build, make):
 
 
 @pytest.mark.parametrize("index", [slice(0, 1), slice(3, 60), [77], [5, 5, 98]])
-def test_rows_do_not_depend_on_their_neighbours(build, make, index):
-    model, world = build(make.scene(3), persistence=ALL), make.random(100, 3)
+@pytest.mark.parametrize("persistence", [ALL, LASTING])
+def test_rows_do_not_depend_on_their_neighbours(build, make, index, persistence):
+    model, world = build(make.scene(3), persistence=persistence), make.random(100, 3)
     noise, seen, latents = course(model, world, 4)
     memory = model.start(noise[0][index])
     for step, whole in enumerate(seen):
         part, memory = model.follow(take(world, index), noise[step + 1][index], memory)
-        assert memory.tobytes() == latents[step][index].tobytes()
+        assert model.latent(memory).tobytes() == latents[step][index].tobytes()
         for name in FIELDS:
             assert getattr(part, name).tobytes() == getattr(whole, name)[index].tobytes()
 
@@ -143,10 +148,54 @@ def test_an_infinite_time_constant_keeps_the_first_numbers(make):
     np.testing.assert_allclose(latents[-1][:, 1:3], noise[0][:, 1:3], rtol=1e-12)
 
 
+def test_a_lasting_part_stays_and_every_number_is_standard_normal(make):
+    stats = pytest.importorskip("scipy.stats")
+    n, dt = 40_000, 0.1
+    model = naive(make.scene(1), **LASTING)
+    _, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=n), 21)
+    seconds, lasting = np.array([0.3, 0.5, 0.5]), np.array([0.4, 0.2, 0.2])
+    for first, lag in ((0, 1), (0, 5), (0, 20), (8, 12)):
+        found = (latents[first] * latents[first + lag]).mean(axis=0)
+        expected = lasting + (1 - lasting) * np.exp(-lag * dt / seconds)
+        np.testing.assert_allclose(found, [*expected, 0.0], atol=5 / np.sqrt(n))
+    for step in (0, 1, 20):
+        for channel in range(4):
+            assert stats.kstest(latents[step, ::8, channel], "norm").pvalue > 1e-3
+
+
+def test_without_a_lasting_part_the_sequence_begins_with_the_first_numbers(make):
+    model = naive(make.scene(1), position=0.5)
+    noise, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=5), 1)
+    rho = np.exp(-0.1 / 0.5)
+    expected = rho * noise[0][:, 1] + np.sqrt(1 - rho**2) * noise[1][:, 1]
+    np.testing.assert_allclose(latents[0][:, 1], expected, rtol=1e-12)
+
+
+def test_measured_persistence_is_that_of_the_model_file(tmp_path, make):
+    fitted = store.load(store.locate("best"))
+    with pytest.raises(UsageError, match="no measured persistence"):
+        build_gp(GpPemConfig(model="best", persistence="measured"), make.scene(2))
+    measured = MeasuredPersistence(np.array([0.9, 0.3]), np.array([0.6, 0.1]))
+    store.save(tmp_path / "a.npz", replace(fitted, persistence=measured))
+    given = {"detection": 0.9, "detection_lasting": 0.3, "position": 0.6, "position_lasting": 0.1}
+    one, other = (
+        build_gp(GpPemConfig(model=str(tmp_path / "a.npz"), persistence=option), make.scene(2))
+        for option in ("measured", given)
+    )
+    assert isinstance(one, PersistentPem)
+    for name in ("correlation", "innovation", "lasting"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert not isinstance(
+        build_gp(GpPemConfig(model=str(tmp_path / "a.npz")), make.scene(2)), PersistentPem
+    )  # only when asked
+
+
 @pytest.mark.parametrize("value", [-0.1, float("inf"), float("nan")])
 def test_time_constants_are_checked(value):
     with pytest.raises(ValidationError):
         Persistence(detection=value)
+    with pytest.raises(ValidationError):
+        Persistence(detection_lasting=value)
 
 
 def test_a_scenario_sets_persistence_and_mistakes_have_a_place():

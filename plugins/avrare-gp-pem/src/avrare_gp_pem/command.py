@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 
 _DATA = (
     "CSV of annotated vehicles in the order of recording: right, forward, yaw, length, width, height, "
-    "visibility, detected, error_right, error_forward, error_yaw [m, rad]; see docs/perception.md"
+    "visibility, detected, error_right, error_forward, error_yaw, track, time [m, rad, s]; see "
+    "docs/perception.md"
 )
 _MODELS = ("gp", "mlp", "student", "logistic")
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
@@ -45,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     convert.add_argument("inputs", type=Path, metavar="INPUTS", help="annotated vehicles, one a line")
     convert.add_argument("labels", type=Path, metavar="LABELS", help="their detections, line by line")
     convert.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
+    convert.add_argument(
+        "--period",
+        type=_period,
+        metavar="SECONDS",
+        help="time between frames: adds track and time, taking boxes of exactly one size for one vehicle",
+    )
     score = commands.add_parser("score", help="score a model on the last fifth of a CSV", allow_abbrev=False)
     score.add_argument("model", metavar="MODEL", help="name of a shipped model, or path of an .npz file")
     _add_data(score)
@@ -55,6 +63,16 @@ def _seed(text: str) -> int:
     if not text.isdecimal() or len(text) > _MAX_DIGITS:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 0 to 999999999")
     return int(text)
+
+
+def _period(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time [s]")
+    return seconds
 
 
 def _add_data(parser: argparse.ArgumentParser) -> None:
@@ -76,8 +94,11 @@ def execute(args: argparse.Namespace) -> int:
 def _convert(args: argparse.Namespace) -> None:
     from avrare_gp_pem.training.table import write_table
     from avrare_gp_pem.training.text_tables import convert
+    from avrare_gp_pem.training.tracks import link_by_size
 
     rows = convert(args.inputs, args.labels)
+    if args.period is not None:
+        rows = link_by_size(rows, args.period)
     _make_folder(args.out.parent)
     write_table(args.out, rows)
     print(f"{args.out}: {len(rows)} rows, {int(rows.detected.sum())} detected")

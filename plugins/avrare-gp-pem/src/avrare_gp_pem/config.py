@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 _Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Persistence(BaseModel):
-    """Time constants of the errors' correlation; 0: drawn anew at every step."""
+    """Correlation of the errors over time: lasting + (1 - lasting) exp(-seconds / time constant)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -20,6 +21,12 @@ class Persistence(BaseModel):
     )
     position: _Seconds = Field(default=0.0, description="time constant of both position errors [s]")
     speed: _Seconds = Field(default=0.0, description="time constant of the speed error [s]")
+    detection_lasting: _Share = Field(
+        default=0.0, description="share of detection's variance that stays for the whole rollout [-]"
+    )
+    position_lasting: _Share = Field(
+        default=0.0, description="share of both position errors' variance that stays likewise [-]"
+    )
 
 
 class _AnyPemConfig(BaseModel):
@@ -44,9 +51,15 @@ class _PemConfig(_AnyPemConfig):
 class GpPemConfig(_PemConfig):
     """Model fitted to a real detector."""
 
+    persistence: Persistence | Literal["measured"] = Field(  # type: ignore[assignment]
+        Persistence(),
+        description="time constants of the errors, your assumption; or `measured`: those that the model has "
+        "from its data (of the shipped ones, `measured` has)",
+    )
+
     model: str = Field(
         "pointpillars",
-        description="a shipped model (best, paper, pointpillars), or the path of an .npz file",
+        description="a shipped model (measured, best, paper, pointpillars), or the path of an .npz file",
         json_schema_extra={"file": True},
     )
     artefact: bool = Field(

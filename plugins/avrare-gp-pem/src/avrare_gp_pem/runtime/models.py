@@ -11,7 +11,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene, World
 from avrare.protocols import Floats
-from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig
+from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig, Persistence
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.features import box_of
 from avrare_gp_pem.runtime.observation_model import (
@@ -22,7 +22,7 @@ from avrare_gp_pem.runtime.observation_model import (
 )
 from avrare_gp_pem.runtime.persistence import PersistentPem, with_persistence
 from avrare_gp_pem.runtime.store import load, locate
-from avrare_gp_pem.runtime.variant import MAX_EXPONENT, Variant
+from avrare_gp_pem.runtime.variant import MAX_EXPONENT, FittedPem, Variant
 from avrare_gp_pem.runtime.visibility import category, relative, visibility
 
 
@@ -79,15 +79,33 @@ def build_gp(config: GpPemConfig, scene: Scene) -> GpPem | PersistentPem:
     """Build the fitted model for a scene.
 
     Raises:
-        UsageError: The model is unknown, its file cannot be read, or ``artefact`` is asked of a model that
-            was fitted to labels without one.
+        UsageError: The model is unknown, its file cannot be read, or lacks what is asked of it: the artefact,
+            or the persistence of its data.
     """
     fitted = load(locate(config.model))
     variant = fitted.delivered if config.artefact else fitted.clean
     if variant is None:
         message = f"perception model {config.model!r} has no artefact of label matching"
         raise UsageError(message, "remove artefact: true")
-    return with_persistence(GpPem(config, scene, variant), config.persistence, scene)
+    return with_persistence(GpPem(config, scene, variant), _persistence(config, fitted), scene)
+
+
+def _persistence(config: GpPemConfig, fitted: FittedPem) -> Persistence:
+    if isinstance(config.persistence, Persistence):
+        return config.persistence
+    if fitted.persistence is None:
+        message = f"perception model {config.model!r} has no measured persistence"
+        raise UsageError(message, "fit it to data with `track` and `time`, or give time constants")
+    (detection, detection_lasting), (position, position_lasting) = (
+        fitted.persistence.detection.tolist(),
+        fitted.persistence.position.tolist(),
+    )
+    return Persistence(
+        detection=detection,
+        position=position,
+        detection_lasting=detection_lasting,
+        position_lasting=position_lasting,
+    )
 
 
 @dataclass(frozen=True)

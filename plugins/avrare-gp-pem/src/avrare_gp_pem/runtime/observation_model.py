@@ -43,6 +43,7 @@ class ObservationLaw:
         speed_sd: Standard deviation of the observed speed [m/s].
         in_ego_frame: The two errors are to the right of the ego and forward, not along and across the
             vehicle.
+        power: (N, V, 2) powers of the tails, see ``student_t``; None: all 1, plain Student-t.
     """
 
     detect: Floats
@@ -53,6 +54,7 @@ class ObservationLaw:
     limit: float
     speed_sd: float
     in_ego_frame: bool = False
+    power: Floats | None = None
 
     def draw(self, world: World, noise: Floats) -> Observation:
         """Map standard normal noise (N, 4 V) to an observation.
@@ -100,13 +102,15 @@ class ObservationLaw:
 
     def _error(self, axis: int, noise: Floats) -> Floats:
         scale = self.scale[..., axis]
-        standard = student(self.dof[axis]).truncated(noise, self.limit / scale)
+        power = 1.0 if self.power is None else self.power[..., axis]
+        standard = student(self.dof[axis]).truncated(noise, self.limit / scale, power)
         return self.location[..., axis] + scale * standard
 
     def _error_log_density(self, axis: int, error: Floats) -> Floats:
         scale = self.scale[..., axis]
         standard = (error - self.location[..., axis]) / scale
-        density = student(self.dof[axis]).truncated_log_density(standard, self.limit / scale)
+        power = None if self.power is None else self.power[..., axis]
+        density = student(self.dof[axis]).truncated_log_density(standard, self.limit / scale, power)
         return density - np.log(scale)
 
 

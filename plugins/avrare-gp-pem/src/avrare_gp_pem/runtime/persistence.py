@@ -7,6 +7,10 @@ Each noise coordinate of a vehicle becomes a Gaussian autoregressive sequence of
 of the independent standard normal numbers xi of the particle's noise. Every z(t) is standard normal, so the
 distribution of a single observation, given the world, is unchanged. Two numbers s seconds apart have the
 correlation exp(-s / tau).
+
+Where a share c of the variance lasts, the number is sqrt(c) u + sqrt(1 - c) y(t) with one u for the whole
+rollout, and the correlation is c + (1 - c) exp(-s / tau). Nothing is observed at t = 0, so u is the number
+xi(0), and the sequence y begins with y(1) = xi(1).
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from avrare.driving import Observation, Scene, World
-from avrare.protocols import Floats
+from avrare.protocols import Bools, Floats
 from avrare_gp_pem.config import Persistence
 
 
@@ -40,6 +44,21 @@ Model = TypeVar("Model", bound=MemorylessPem)
 
 
 @dataclass(frozen=True)
+class Memory:
+    """Latent numbers of N particles.
+
+    Attributes:
+        lasting: (N, noise_size) u; 0 where nothing lasts.
+        fading: (N, noise_size) y at the newest step.
+        begun: (N,) False before the first observation.
+    """
+
+    lasting: Floats
+    fading: Floats
+    begun: Bools
+
+
+@dataclass(frozen=True)
 class PersistentPem:
     """Model with persistent errors (an ``avrare.protocols.PersistentPerceptionErrorModel``).
 
@@ -48,13 +67,15 @@ class PersistentPem:
 
     Attributes:
         memoryless: The model of one observation.
-        correlation: (noise_size,) rho of each latent number over one step.
+        correlation: (noise_size,) rho of each fading number over one step.
         innovation: (noise_size,) sqrt(1 - rho^2), the factor of the new noise.
+        lasting: (noise_size,) c, the share of variance that lasts.
     """
 
     memoryless: MemorylessPem
     correlation: Floats
     innovation: Floats
+    lasting: Floats
 
     @property
     def noise_size(self) -> int:
@@ -66,26 +87,34 @@ class PersistentPem:
         """Name of each noise number: what it adds to an error that lasts."""
         return self.memoryless.noise_names
 
-    def start(self, noise: Floats) -> Floats:
-        """Return the latent numbers (N, noise_size) at t = 0, in the stationary state."""
-        return noise.copy()
+    def start(self, noise: Floats) -> Memory:
+        """Return the latent numbers at t = 0, in the stationary state, from noise (N, noise_size)."""
+        lasts = self.lasting > 0
+        return Memory(np.where(lasts, noise, 0.0), np.where(lasts, 0.0, noise), np.zeros(len(noise), bool))
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation without a past, from noise (N, noise_size)."""
         return self.memoryless.observe(world, noise)
 
-    def follow(self, world: World, noise: Floats, memory: Floats) -> tuple[Observation, Floats]:
+    def follow(self, world: World, noise: Floats, memory: Memory) -> tuple[Observation, Memory]:
         """Return the observation of the next step and its latent numbers, from noise (N, noise_size)."""
-        latent = self.correlation * memory + self.innovation * noise
-        return self.memoryless.observe(world, latent), latent
+        fresh = (self.lasting > 0) & ~memory.begun[:, None]  # its y(0) was never drawn
+        fading = np.where(fresh, noise, self.correlation * memory.fading + self.innovation * noise)
+        later = Memory(memory.lasting, fading, np.ones_like(memory.begun))
+        return self.memoryless.observe(world, self.latent(later)), later
+
+    def latent(self, memory: Memory) -> Floats:
+        """Return the standard normal numbers (N, noise_size) that decide the newest observation."""
+        return np.sqrt(self.lasting) * memory.lasting + np.sqrt(1.0 - self.lasting) * memory.fading
 
 
 def with_persistence(model: Model, persistence: Persistence, scene: Scene) -> Model | PersistentPem:
-    """Return ``model`` with persistent errors; ``model`` itself where all time constants are 0."""
+    """Return ``model`` with persistent errors; ``model`` itself where all of them are drawn anew."""
     channels = (persistence.detection, persistence.position, persistence.position, persistence.speed)
-    if not any(channels):
+    shares = (persistence.detection_lasting, persistence.position_lasting, persistence.position_lasting, 0.0)
+    if not any((*channels, *shares)):
         return model
-    seconds = np.tile(np.array(channels), len(scene.names))
+    seconds, lasting = (np.tile(np.array(part), len(scene.names)) for part in (channels, shares))
     with np.errstate(divide="ignore"):  # a time constant of 0 gives a correlation of 0
         steps = scene.dt / seconds
-    return PersistentPem(model, np.exp(-steps), np.sqrt(-np.expm1(-2.0 * steps)))
+    return PersistentPem(model, np.exp(-steps), np.sqrt(-np.expm1(-2.0 * steps)), lasting)

@@ -12,18 +12,21 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.stored_files import parse_arrays, read_regular
+from avrare.protocols import Floats
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
 from avrare_gp_pem.runtime.networks import Networks, networks
-from avrare_gp_pem.runtime.variant import FittedPem, Variant, YawErrors
+from avrare_gp_pem.runtime.variant import FittedPem, MeasuredPersistence, Variant, YawErrors
 
 Arrays = Mapping[str, NDArray[Any]]
-FORMAT = 2
+FORMAT = 3
 FOLDER = Path(__file__).parents[1] / "models"
 _GP_ARRAYS = ("inducing", "lengthscale", "variance", "location", "factor", "prior", "jitter")
 _NUMBERS = ("input_mean", "input_sd", "base_scale", "dof", "limit")
 _CALIBRATION = ("bounds", "line", "stretch")
+_TAILS = ("near", "tail")  # since format 3
 _YAW_ARRAYS = ("flip", "scale", "dof")
+_PERSISTENCE = ("detection", "position")
 _CAR = Box(*(np.array([[value]]) for value in (2.0, 20.0, 1.5, 4.5, 1.8, 1.6, 4.0)))
 _UNREADABLE = (
     ValueError,
@@ -55,7 +58,7 @@ def locate(model: str) -> Path:
 
 
 def load(path: Path) -> FittedPem:
-    """Read a fitted model of format 1 or 2.
+    """Read a fitted model of format 1, 2 or 3.
 
     Raises:
         UsageError: The file was not written by ``save``.
@@ -63,9 +66,9 @@ def load(path: Path) -> FittedPem:
     try:
         arrays = parse_arrays(read_regular(path))
         version = int(arrays["format"])
-        if version not in (1, FORMAT):
-            raise UsageError(f"{path}: model format {version}, this version reads 1 and {FORMAT}")
-        return _from_format_1(arrays) if version == 1 else _from_format_2(arrays)
+        if version not in (1, 2, FORMAT):
+            raise UsageError(f"{path}: model format {version}, this version reads 1 to {FORMAT}")
+        return _from_format_1(arrays) if version == 1 else _from_format_3(arrays)
     except KeyError as error:
         raise UsageError(f"{path}: not a perception model: {error.args[0]!r} is missing") from None
     except _UNREADABLE as error:
@@ -81,13 +84,15 @@ def save(path: Path, model: FittedPem) -> None:
             arrays |= {f"{name}_{key}": value for key, value in _variant_arrays(variant).items()}
     if model.yaw is not None:
         arrays |= {f"yaw_{name}": getattr(model.yaw, name) for name in _YAW_ARRAYS}
+    if model.persistence is not None:
+        arrays |= {f"persistence_{name}": getattr(model.persistence, name) for name in _PERSISTENCE}
     arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
     arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
 
 def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
-    arrays = {name: np.asarray(getattr(variant, name)) for name in (*_NUMBERS, *_CALIBRATION)}
+    arrays = {name: np.asarray(getattr(variant, name)) for name in (*_NUMBERS, *_CALIBRATION, *_TAILS)}
     arrays["inputs"] = np.array(variant.inputs, dtype=np.str_)
     arrays |= {name: np.array(getattr(variant, name)) for name in ("link", "frame")}
     latents = variant.latents
@@ -102,14 +107,24 @@ def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _from_format_2(arrays: Arrays) -> FittedPem:
+def _from_format_3(arrays: Arrays) -> FittedPem:
     parts: dict[str, Variant] = {}
     for name in ("clean", "delivered"):
         own = {key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")}
         if own:
             parts[name] = _variant(own)
     yaw = YawErrors(*(arrays[f"yaw_{name}"] for name in _YAW_ARRAYS)) if "yaw_flip" in arrays else None
-    return FittedPem(parts["clean"], parts.get("delivered"), _provenance(arrays), yaw)
+    lasting = None
+    if "persistence_detection" in arrays:
+        lasting = MeasuredPersistence(*(_pair(arrays[f"persistence_{name}"]) for name in _PERSISTENCE))
+    return FittedPem(parts["clean"], parts.get("delivered"), _provenance(arrays), yaw, lasting)
+
+
+def _pair(values: NDArray[Any]) -> Floats:
+    seconds, share = np.asarray(values, float)
+    if not (0 <= seconds < np.inf and 0 <= share <= 1):
+        raise ValueError("its persistence is no time constant and share")
+    return np.array([seconds, share])
 
 
 def _from_format_1(arrays: Arrays) -> FittedPem:  # two processes, ten inputs, no artefact or calibration
@@ -131,13 +146,15 @@ def _variant(arrays: Arrays) -> Variant:
         link=str(arrays["link"]),
         frame=str(arrays["frame"]),
         **{name: np.asarray(arrays[name], float) for name in (*_NUMBERS, *_CALIBRATION)},
+        **{name: np.asarray(arrays[name], float) for name in _TAILS if name in arrays},  # format 2 has none
     )
     return _checked(variant)
 
 
 def _checked(variant: Variant) -> Variant:
     law = variant.law(_CAR, speed_sd=0.0)
-    if not all(np.isfinite(part).all() for part in (law.detect, law.location, law.scale, law.limit, law.dof)):
+    parts = (law.detect, law.location, law.scale, law.limit, law.dof, 1.0 if law.power is None else law.power)
+    if not all(np.isfinite(part).all() for part in parts):
         raise ValueError("its predictions are not finite")
     return variant
 

@@ -15,6 +15,8 @@ from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 
 MAX_EXPONENT = 700.0  # exp of this is still finite
+NEAR = 20.0
+"""Range below which the calibration may differ, by the share 1 - range / NEAR [m]."""
 _LOGISTIC = np.pi / 8  # the logistic function is close to Phi(sqrt(pi / 8) x)
 
 
@@ -43,6 +45,9 @@ class Variant:
         bounds: (2, D) columns are clipped to [0] and [1], the range of the training rows: no extrapolation.
         line: (2,) calibration: [0] x latent + [1] is the argument of the link.
         stretch: (2,) calibration: factors on the scales of the errors.
+        near: () calibration: added to the argument of the link, times nearness.
+        tail: (2, 2) calibration, row i: log power of the tails of error i is [0] + [1] x nearness. Nearness
+            falls from 1 at range 0 to 0 at ``NEAR``.
     """
 
     latents: Latents
@@ -57,6 +62,8 @@ class Variant:
     bounds: Floats = field(default_factory=lambda: np.array([[-np.inf], [np.inf]]))
     line: Floats = field(default_factory=lambda: np.array([1.0, 0.0]))
     stretch: Floats = field(default_factory=lambda: np.ones(2))
+    near: Floats = field(default_factory=lambda: np.zeros(()))
+    tail: Floats = field(default_factory=lambda: np.zeros((2, 2)))
 
     def law(self, box: Box, speed_sd: float) -> ObservationLaw:
         """Return the distribution of the observation of ``box`` (fields (N, V))."""
@@ -80,13 +87,16 @@ class Variant:
         """Return the same from the moments of the latents (..., 5), with their uncertainty integrated out.
 
         Detection: if f ~ N(m, v) then E Phi(f) = Phi(m / sqrt(1 + v)), and nearly so for the logistic. A
-        Student-t tail is proportional to scale^dof, whose mean over a log scale ~ N(m, v) is that of the
-        scale exp(m + dof v / 2); the variance of the location is added to the square of the scale.
+        tail is proportional to scale^(dof / power), whose mean over a log scale ~ N(m, v) is that of the
+        scale exp(m + dof / power v / 2); the variance of the location is added to the square of the scale.
         """
-        detect, miss = self._detection(mean[..., 0], variance[..., 0])
+        nearness = _nearness(distance)
+        detect, miss = self._detection(mean[..., 0], variance[..., 0], nearness)
         means, variances = (part[..., 1:].reshape(*distance.shape, 2, 2) for part in (mean, variance))
         base = self.base_scale[:, 0] + self.base_scale[:, 1] * distance[..., None]
-        widened = np.exp(2 * means[..., 1, :] + self.dof * variances[..., 1, :]) + variances[..., 0, :]
+        power = self.tail_power(distance) if self.tail.any() else None
+        index = self.dof if power is None else self.dof / power
+        widened = np.exp(2 * means[..., 1, :] + index * variances[..., 1, :]) + variances[..., 0, :]
         return ObservationLaw(
             detect=detect,
             miss=miss,
@@ -95,11 +105,17 @@ class Variant:
             dof=(float(self.dof[0]), float(self.dof[1])),
             limit=float(self.limit),
             speed_sd=speed_sd,
+            power=power,
             in_ego_frame=self.frame == "ego",
         )
 
-    def _detection(self, mean: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    def tail_power(self, distance: Floats) -> Floats:
+        """Return (..., 2) the powers of the errors' tails at ranges (...)."""
+        return np.asarray(np.exp(self.tail[:, 0] + self.tail[:, 1] * _nearness(distance)[..., None]))
+
+    def _detection(self, mean: Floats, variance: Floats, nearness: Floats) -> tuple[Floats, Floats]:
         slope, offset = self.line
+        offset = offset + self.near * nearness
         spread = slope * slope * variance
         if self.link == "probit":
             argument = (slope * mean + offset) / np.sqrt(1 + spread)
@@ -107,6 +123,10 @@ class Variant:
         argument = (slope * mean + offset) / np.sqrt(1 + _LOGISTIC * spread)
         argument = np.clip(argument, -MAX_EXPONENT, MAX_EXPONENT)
         return 1 / (1 + np.exp(-argument)), 1 / (1 + np.exp(argument))
+
+
+def _nearness(distance: Floats) -> Floats:
+    return np.asarray(np.maximum(0.0, 1.0 - distance / NEAR))
 
 
 @dataclass(frozen=True)
@@ -148,6 +168,19 @@ def split_flips(error: Floats) -> tuple[Bools, Floats]:
 
 
 @dataclass(frozen=True)
+class MeasuredPersistence:
+    """Persistence of the errors in the data: correlation lasting + (1 - lasting) exp(-seconds / constant).
+
+    Attributes:
+        detection: (2,) time constant [s] and lasting share of detection.
+        position: (2,) time constant [s] and lasting share of both position errors.
+    """
+
+    detection: Floats
+    position: Floats
+
+
+@dataclass(frozen=True)
 class FittedPem:
     """Fitted perception error model, as stored in a file.
 
@@ -156,9 +189,11 @@ class FittedPem:
         delivered: The labels as they are, artefact included; None where the file has no such part.
         provenance: Origin and licence, by keyword.
         yaw: Yaw errors; None where the data had none.
+        persistence: None where the data had no tracks.
     """
 
     clean: Variant
     delivered: Variant | None
     provenance: Mapping[str, str]
     yaw: YawErrors | None = None
+    persistence: MeasuredPersistence | None = None

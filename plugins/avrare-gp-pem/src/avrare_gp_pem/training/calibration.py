@@ -1,30 +1,41 @@
 """Calibration on rows that were not used by the fit.
 
-Six numbers per fit: slope and offset of the detection's argument, and for each error a factor on its scale
-and its degrees of freedom. An overconfident model gets a slope below 1, a factor above 1 or a heavier tail.
+Of detection: slope and offset of its argument, and an offset for vehicles nearby. Of each error: a factor on
+its scale, its degrees of freedom, and the power of its tails, the same at all ranges or another nearby. An
+overconfident model gets a slope below 1, a factor above 1 or heavier tails.
+
+The likelihood of an error depends mostly on the many small ones, and rare events on the few large ones. So
+the form of the tails is chosen by prediction: each block of rows is left out in turn, and among the forms
+that predict the errors left out nearly as well as the best one does, that one counts which predicts the large
+ones best.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.stats import t as student_t
 
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.variant import Variant
-from avrare_gp_pem.training.scores import error_fits
 
 MIN_DOF, MAX_DOF = 1.05, 30.0  # range of the tables of ``student_t``
 _PRIOR = 5.0  # weight of the prior that nothing needs to change [rows]
+_NEAR_SD = 2.0  # prior standard deviation of detection's offset nearby
 _TINY = 1e-12
 _MAX_LOG_STRETCH = 5.0
+_MAX_LOG_POWER = 1.0
 _TOLERANCE = 2e-3  # loss of likelihood allowed for better tails [nats per error]
-_CHANGES = np.linspace(-0.6, 0.6, 13)  # of the logarithm of dof - MIN_DOF
-_LARGE = 4.0
+_LARGE = 4.0  # an error beyond so many of the scales that were fitted is large
+_BLOCKS = 5
+_FORMS = (0, 1, 2)
+"""Free numbers of the tails' power: none (Student-t), one for all ranges, one more for nearby vehicles."""
 
 
 @dataclass(frozen=True)
@@ -45,77 +56,113 @@ class UnseenRows:
     detected: Bools
     errors: Floats
 
-    def take(self, index: Bools) -> UnseenRows:
+    def take(self, index: Bools | NDArray[np.intp]) -> UnseenRows:
         """Select rows."""
         return UnseenRows(**{one.name: getattr(self, one.name)[index] for one in fields(self)})
 
+    def law(self, variant: Variant) -> ObservationLaw:
+        """Return the variant's predictions for these rows."""
+        return variant.law_from_latents(self.mean, self.variance, self.distance, 0.0)
+
 
 def calibrate(variant: Variant, unseen: UnseenRows) -> Variant:
-    """Return the variant with its calibration fitted to ``unseen``, by likelihood and tails of errors."""
+    """Return the variant with its calibration fitted to ``unseen``, rows in the order of recording."""
     count = len(unseen.detected)
 
     def detection_loss(parameters: Floats) -> float:
-        log_slope, offset = parameters
-        trial = replace(variant, line=np.array([np.exp(log_slope), offset]))
-        law = trial.law_from_latents(unseen.mean, unseen.variance, unseen.distance, 0.0)
+        log_slope, offset, near = parameters
+        trial = replace(variant, line=np.array([np.exp(log_slope), offset]), near=np.array(near))
+        law = unseen.law(trial)
         outcome = np.where(unseen.detected, law.detect, law.miss)
-        prior = _PRIOR * (log_slope**2 + offset**2) / count
-        return float(-np.log(np.maximum(outcome, _TINY)).mean() + prior)
+        prior = _PRIOR * (log_slope**2 + offset**2) + 0.5 * (near / _NEAR_SD) ** 2
+        return float(-np.log(np.maximum(outcome, _TINY)).mean() + prior / count)
 
-    log_slope, offset = _minimise(detection_loss, [0.0, 0.0])
-    variant = replace(variant, line=np.array([np.exp(log_slope), offset]))
+    log_slope, offset, near = _minimise(detection_loss, [0.0, 0.0, 0.0])
+    variant = replace(variant, line=np.array([np.exp(log_slope), offset]), near=np.array(near))
     seen = unseen.take(unseen.detected)
-    stretch, dof = zip(*(_calibrate_error(variant, seen, axis) for axis in (0, 1)), strict=True)
-    return replace(variant, stretch=np.array(stretch), dof=np.array(dof))
+    for axis in (0, 1):
+        variant = _with_error(variant, axis, _calibrate_error(variant, seen, axis))
+    return variant
 
 
-def _calibrate_error(variant: Variant, seen: UnseenRows, axis: int) -> tuple[float, float]:
-    # The most likely degrees of freedom are dominated by the many small errors. Among all that predict nearly
-    # as well, choose those whose shares of large errors are nearest to the observed ones: rare events depend
-    # on them.
-    likeliest = _minimise(lambda p: _error_loss(variant, seen, axis, p[0], p[1]), [0.0, np.log(2.0)])
-    allowed = _error_loss(variant, seen, axis, *likeliest) + _TOLERANCE
-    best, smallest_gap = likeliest, np.inf
-    for freedom in likeliest[1] + _CHANGES:
-        found = minimize_scalar(
-            lambda p, freedom=freedom: _error_loss(variant, seen, axis, p, freedom),
-            bounds=(likeliest[0] - 1.0, likeliest[0] + 1.0),
-            options={"xatol": 1e-3},
-        )
-        gap = _tail_gap(variant, seen, axis, found.x, freedom) if found.fun <= allowed else np.inf
-        if gap < smallest_gap:
-            best, smallest_gap = np.array([found.x, freedom]), gap
-    return _stretch(best[0]), _degrees(best[1])
+def _calibrate_error(variant: Variant, seen: UnseenRows, axis: int) -> Floats:
+    every_row = np.arange(len(seen.detected))
+    losses = np.zeros((len(_FORMS), 2))  # all errors, large errors
+    for block in np.array_split(every_row, _BLOCKS):
+        rest = _ErrorsUnderLaws(variant, seen.take(np.setdiff1d(every_row, block)), axis)
+        left_out = _ErrorsUnderLaws(variant, seen.take(block), axis)
+        for form in _FORMS:
+            losses[form] += left_out.losses(_fit_error(rest, form))
+    likely, large = losses.T / len(every_row)
+    allowed = likely <= likely.min() + _TOLERANCE
+    return _fit_error(_ErrorsUnderLaws(variant, seen, axis), int(np.argmin(np.where(allowed, large, np.inf))))
 
 
-def _error_loss(variant: Variant, seen: UnseenRows, axis: int, log_stretch: float, freedom: float) -> float:
-    law = _law(variant, seen, log_stretch, freedom)
-    scale = law.scale[:, axis]
-    z = (seen.errors[:, axis] - law.location[:, axis]) / scale
-    density = student_t.logpdf(z, _degrees(freedom)) - np.log(scale)
-    prior = _PRIOR * (log_stretch**2 + (freedom - np.log(2.0)) ** 2) / len(scale)
-    return float(-density.mean() + prior)
+def _fit_error(errors: _ErrorsUnderLaws, form: int) -> Floats:
+    """Return log stretch, log (dof - MIN_DOF) and two log powers of the tails, free as the form says."""
+    centre = np.array([0.0, np.log(2.0), 0.0, 0.0])
+    free = 2 + form
+
+    def loss(parameters: Floats) -> float:
+        every = np.append(parameters, centre[free:])
+        shift = every - centre
+        return float(errors.loss(every).mean() + _PRIOR * (shift @ shift) / len(errors.seen.detected))
+
+    found = minimize(loss, centre[:free], method="L-BFGS-B", options={"ftol": 1e-7})
+    return np.append(found.x, centre[free:])
 
 
-def _tail_gap(variant: Variant, seen: UnseenRows, axis: int, log_stretch: float, freedom: float) -> float:
-    fit = error_fits(_law(variant, seen, log_stretch, freedom), seen.detected, seen.errors)[axis]
-    few = _PRIOR / len(fit.z)
-    pairs = (fit.beyond(_LARGE), fit.beyond_sd(_LARGE))
-    return sum(float(np.log((share + few) / (own + few)) ** 2) for share, own in pairs)
+class _ErrorsUnderLaws:
+    """One error of m detections, under laws of any parameters; their truncation, far out, is left aside."""
+
+    def __init__(self, variant: Variant, seen: UnseenRows, axis: int) -> None:
+        self.variant, self.seen, self.axis = variant, seen, axis
+        self.given = seen.law(variant)
+        self._scale_depends_on_tails = bool(seen.variance.any())
+
+    def loss(self, parameters: Floats) -> Floats:
+        """Return (m,) negative log densities of the errors."""
+        return self._loss(*self._standard(parameters))
+
+    def losses(self, parameters: Floats) -> Floats:
+        """Return two sums of the same: exact, and with errors below ``_LARGE`` given scales only as small."""
+        z, scale, power, dof = self._standard(parameters)
+        every = self._loss(z, scale, power, dof)
+        size = _LARGE * self.given.scale[:, self.axis] / scale
+        beyond = 2 * student_t.sf(np.sinh(np.arcsinh(power * size) / power), dof)
+        large = np.where(np.abs(z) > size, every, -np.log1p(-np.minimum(beyond, 1 - _TINY)))
+        return np.array([every.sum(), large.sum()])
+
+    def _standard(self, parameters: Floats) -> tuple[Floats, Floats, Floats, float]:
+        """Return standardised errors, scales [m], powers of the tails and degrees of freedom."""
+        trial, axis = _with_error(self.variant, self.axis, parameters), self.axis
+        power = np.ones(len(self.seen.distance))
+        if trial.tail[axis].any():
+            power = trial.tail_power(self.seen.distance)[:, axis]
+        if self._scale_depends_on_tails:
+            scale = self.seen.law(trial).scale[:, axis]
+        else:
+            scale = self.given.scale[:, axis] * (trial.stretch[axis] / self.variant.stretch[axis])
+        z = (self.seen.errors[:, axis] - self.given.location[:, axis]) / scale
+        return z, scale, power, float(trial.dof[axis])
+
+    @staticmethod
+    def _loss(z: Floats, scale: Floats, power: Floats, dof: float) -> Floats:
+        root = np.arcsinh(power * z) / power
+        constant = math.lgamma(dof / 2) - math.lgamma((dof + 1) / 2) + 0.5 * math.log(dof * math.pi)
+        student = constant + (dof + 1) / 2 * np.log1p(np.sinh(root) ** 2 / dof)
+        jacobian = np.log(np.cosh(root)) - 0.5 * np.log1p((power * z) ** 2)
+        return np.asarray(student - jacobian + np.log(scale))
 
 
-def _law(variant: Variant, rows: UnseenRows, log_stretch: float, freedom: float) -> ObservationLaw:
-    trial = replace(variant, stretch=np.full(2, _stretch(log_stretch)), dof=np.full(2, _degrees(freedom)))
-    return trial.law_from_latents(rows.mean, rows.variance, rows.distance, 0.0)
-
-
-def _stretch(log_stretch: float) -> float:
+def _with_error(variant: Variant, axis: int, parameters: Floats) -> Variant:
+    log_stretch, freedom, *log_powers = parameters
+    stretch, dof, tail = variant.stretch.copy(), variant.dof.copy(), variant.tail.copy()
     # clipped, because errors that are all zero would shrink the scale to nothing
-    return float(np.exp(np.clip(log_stretch, -_MAX_LOG_STRETCH, _MAX_LOG_STRETCH)))
-
-
-def _degrees(freedom: float) -> float:
-    return float(min(MIN_DOF + np.exp(freedom), MAX_DOF))
+    stretch[axis] = np.exp(np.clip(log_stretch, -_MAX_LOG_STRETCH, _MAX_LOG_STRETCH))
+    dof[axis] = min(MIN_DOF + np.exp(freedom), MAX_DOF)
+    tail[axis] = np.clip(log_powers, -_MAX_LOG_POWER, _MAX_LOG_POWER)
+    return replace(variant, stretch=stretch, dof=dof, tail=tail)
 
 
 def _minimise(loss: Callable[[Floats], float], start: list[float]) -> Floats:

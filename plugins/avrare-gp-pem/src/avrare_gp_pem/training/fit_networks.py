@@ -32,8 +32,9 @@ class Recipe:
         hidden: Widths of the hidden layers; empty: a generalised linear model.
         varying: True if location and scale of the errors depend on the inputs beyond a scale linear in range.
         members: Number of networks.
-        epochs: Passes over the rows.
-        least_steps: Minimum number of steps, where rows are few.
+        epochs: Passes over the rows of the first, shortest schedule.
+        least_steps: Minimum number of its steps, where rows are few.
+        least_gain: The schedule is doubled, from new weights, until blocks left out gain less [nats per row].
         batch: Rows per step.
         rate: Initial learning rate of AdamW, falling to zero along a cosine.
         decay: Weight decay of AdamW.
@@ -45,6 +46,7 @@ class Recipe:
     members: int = 5
     epochs: int = 25
     least_steps: int = 600
+    least_gain: float = 0.005
     batch: int = 512
     rate: float = 3e-3
     decay: float = 1e-2
@@ -83,22 +85,36 @@ def fit_networks(
     blocks = np.array_split(np.arange(len(sample.x)), recipe.members)
     threads = torch.get_num_threads()
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
         torch.set_num_threads(1)
         try:
-            trainer = _Trainer(sample, recipe, blocks)
-            trainer.run(np.random.default_rng(seed))
+            trainer = _train(sample, recipe, blocks, seed)
         finally:
             torch.set_num_threads(threads)
     steps = ", ".join(map(str, trainer.best_step))
-    report(f"loss {np.mean(trainer.best_loss):.4f} on blocks left out; kept steps {steps} of {trainer.steps}")
+    report(f"loss {trainer.loss:.4f} on blocks left out; kept steps {steps} of {trainer.steps}")
     return trainer.best(), trainer.left_out()
+
+
+def _train(sample: Sample, recipe: Recipe, blocks: list[NDArray[np.intp]], seed: int) -> _Trainer:
+    best, doubled = None, 1
+    while True:
+        torch.manual_seed(seed)
+        trainer = _Trainer(sample, recipe, blocks, doubled)
+        trainer.run(np.random.default_rng(seed))
+        gain = math.inf if best is None else best.loss - trainer.loss
+        if best is None or gain > 0:
+            best = trainer
+        if gain < recipe.least_gain or math.isinf(recipe.least_gain):
+            return best
+        doubled *= 2
 
 
 class _Trainer:
     """Trainer of all networks at once: parameters have a leading axis K."""
 
-    def __init__(self, sample: Sample, recipe: Recipe, blocks: list[NDArray[np.intp]]) -> None:
+    def __init__(
+        self, sample: Sample, recipe: Recipe, blocks: list[NDArray[np.intp]], doubled: int = 1
+    ) -> None:
         self.recipe, self.blocks = recipe, blocks
         self.x = torch.as_tensor(sample.x, dtype=torch.float32)
         self.detected = torch.as_tensor(sample.detected, dtype=torch.float32)
@@ -113,10 +129,15 @@ class _Trainer:
         self.freedom = torch.full((k, 1, 2), math.log(2.0), requires_grad=True)
         self._output_mask = torch.ones(OUTPUTS) if recipe.varying else torch.eye(OUTPUTS)[0]
         self.per_epoch = max(1, min(map(len, self.train_rows)) // self._batch)
-        self.steps = max(recipe.epochs * self.per_epoch, recipe.least_steps)
+        self.steps = doubled * max(recipe.epochs * self.per_epoch, recipe.least_steps)
         self.best_loss = [math.inf] * k
         self.best_step = [0] * k
         self._best_parameters: list[list[Tensor]] = [[] for _ in range(k)]
+
+    @property
+    def loss(self) -> float:
+        """Mean loss of the networks on their blocks [nats per row]."""
+        return float(np.mean(self.best_loss))
 
     @property
     def _batch(self) -> int:

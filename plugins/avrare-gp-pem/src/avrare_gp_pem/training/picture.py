@@ -102,9 +102,8 @@ def _sample_errors(one: ScoredRows, axis: int) -> Floats:
     detected = one.rows.detected
     scale, location = one.law.scale[detected, axis], one.law.location[detected, axis]
     ranks = np.random.default_rng(0).standard_normal((len(scale), 20))
-    drawn = student(one.law.dof[axis]).truncated(
-        ranks, (one.law.limit / scale)[:, None] * np.ones_like(ranks)
-    )
+    power = np.ones(1) if one.law.power is None else one.law.power[detected, axis]
+    drawn = student(one.law.dof[axis]).truncated(ranks, (one.law.limit / scale)[:, None], power[:, None])
     return location[:, None] + scale[:, None] * drawn  # type: ignore[no-any-return]
 
 

@@ -17,6 +17,7 @@ from avrare_gp_pem.runtime.variant import FittedPem, Latents, Variant, YawErrors
 from avrare_gp_pem.training.calibration import MAX_DOF, MIN_DOF, UnseenRows, calibrate
 from avrare_gp_pem.training.cleaning import CleanedData
 from avrare_gp_pem.training.fit_networks import Recipe, Sample, fit_networks
+from avrare_gp_pem.training.persistence import describe_persistence, fit_persistence
 from avrare_gp_pem.training.table import DetectionTable, errors_in
 
 if TYPE_CHECKING:
@@ -67,7 +68,9 @@ def fit_model(data: CleanedData, plan: FitPlan, provenance: Mapping[str, str], r
     delivered = None
     if data.has_artefact:
         delivered = _fit_variant(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
-    return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique))
+    lasting = fit_persistence(clean, oblique)
+    report(describe_persistence(lasting))
+    return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting)
 
 
 def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report) -> Variant:
@@ -98,10 +101,12 @@ def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report
         bounds=np.stack([columns.min(axis=0), columns.max(axis=0)]),
     )
     variant = calibrate(variant, unseen)
+    powers = ", ".join(f"{far:.2f} ({far * near:.2f} at range 0)" for far, near in np.exp(variant.tail))
     report(
-        f"calibrated: slope {variant.line[0]:.3f}, offset {variant.line[1]:.3f}, "
+        f"calibrated: slope {variant.line[0]:.3f}, offset {variant.line[1]:.3f} "
+        f"({variant.line[1] + float(variant.near):.3f} at range 0), "
         f"scales x {variant.stretch[0]:.2f} and {variant.stretch[1]:.2f}, "
-        f"{variant.dof[0]:.2f} and {variant.dof[1]:.2f} degrees of freedom"
+        f"{variant.dof[0]:.2f} and {variant.dof[1]:.2f} degrees of freedom, tails to the power of {powers}"
     )
     return variant
 

@@ -23,6 +23,7 @@ AXIS_NAMES = {"vehicle": ("along", "across"), "ego": ("right", "forward")}
 TAILS = (2.0, 4.0, 8.0)
 """Sizes of z whose shares are compared."""
 _GRID = 4001
+_POWERS = 9
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,14 @@ class ErrorFit:
         log_density: (m,) of the errors [log 1/m].
         bound: (m,) end of the distribution, in units of its scale.
         dof: Degrees of freedom of the distribution.
+        power: (m,) powers of its tails.
     """
 
     z: Floats
     log_density: Floats
     bound: Floats
     dof: float
+    power: Floats
 
     def beyond(self, size: float) -> tuple[float, float]:
         """Return the share of |z| > ``size``: observed, and according to the model."""
@@ -48,11 +51,12 @@ class ErrorFit:
 
     def beyond_sd(self, count: float) -> tuple[float, float]:
         """Return the same beyond ``count`` of the model's standard deviations."""
-        size = count * _truncated_sd(self.dof, self.bound)
+        size = count * _truncated_sd(self.dof, self.bound, self.power)
         return float((np.abs(self.z) > size).mean()), float(self._tail(size).mean())
 
     def _tail(self, size: Floats) -> Floats:
-        tail, end = (student(self.dof).upper_tail(x) for x in (np.minimum(self.bound, size), self.bound))
+        table, cut = student(self.dof), np.minimum(self.bound, size)
+        tail, end = (table.upper_tail(x, self.power) for x in (cut, self.bound))
         return 2 * (tail - end) / (1 - 2 * end)
 
 
@@ -160,8 +164,9 @@ def error_fits(law: ObservationLaw, detected: Bools, errors: Floats) -> list[Err
         scale = law.scale[detected, axis]
         z = (errors[detected, axis] - law.location[detected, axis]) / scale
         bound = law.limit / scale
-        density = student(dof).truncated_log_density(z, bound) - np.log(scale)
-        fits.append(ErrorFit(z, density, bound, dof))
+        power = np.ones_like(z) if law.power is None else law.power[detected, axis]
+        density = student(dof).truncated_log_density(z, bound, power) - np.log(scale)
+        fits.append(ErrorFit(z, density, bound, dof, power))
     return fits
 
 
@@ -189,11 +194,22 @@ def _score_rows(title: str, variant: Variant, rows: DetectionTable, train: Detec
     return ScoredRows(title, law, rows, errors, variant.frame, scores)
 
 
-def _truncated_sd(dof: float, bound: Floats) -> Floats:
-    x = np.linspace(0.0, np.arcsinh(float(bound.max())), _GRID)
+def _truncated_sd(dof: float, bound: Floats, power: Floats) -> Floats:
+    """Return (m,) standard deviations; between powers of a grid they are interpolated."""
+    grid = np.unique(np.linspace(power.min(), power.max(), _POWERS))
+    at_grid = np.stack([_sd_at_power(dof, bound, one) for one in grid])
+    place = np.clip(np.searchsorted(grid, power) - 1, 0, max(len(grid) - 2, 0))
+    above, rows = np.minimum(place + 1, len(grid) - 1), np.arange(len(power))
+    share = (power - grid[place]) / np.where(above > place, grid[above] - grid[place], 1.0)
+    return np.asarray(at_grid[place, rows] * (1 - share) + at_grid[above, rows] * share)
+
+
+def _sd_at_power(dof: float, bound: Floats, power: float) -> Floats:
+    ends = np.arcsinh(power * bound) / power
+    x = np.linspace(0.0, float(ends.max()), _GRID)
     t = np.sinh(x)
     density = np.exp(student(dof).log_density(t)) * np.cosh(x)
+    square = (np.sinh(power * x) / power) ** 2
     steps = np.diff(x) / 2
-    mass, second = (np.append(0.0, np.cumsum((f[1:] + f[:-1]) * steps)) for f in (density, density * t * t))
-    at = np.arcsinh(bound)
-    return np.asarray(np.sqrt(np.interp(at, x, second) / np.interp(at, x, mass)))
+    mass, second = (np.append(0.0, np.cumsum((f[1:] + f[:-1]) * steps)) for f in (density, density * square))
+    return np.asarray(np.sqrt(np.interp(ends, x, second) / np.interp(ends, x, mass)))

@@ -8,7 +8,8 @@ One line per annotated vehicle and frame, in the order of recording, with a head
 * ``visibility``, if known: 1 (below 40 % in view), 2 (40-60), 3 (60-80), 4 (80-100), 4 where empty;
 * ``detected``: 0 or 1;
 * ``error_right, error_forward`` [m] and if known ``error_yaw`` [rad]: truth minus detection, empty where
-  missed; or, instead, the detected box itself: ``detected_right, detected_forward, detected_yaw``.
+  missed; or, instead, the detected box itself: ``detected_right, detected_forward, detected_yaw``;
+* if known, ``track``, a number for each vehicle, and ``time`` [s]: they tell how long errors last.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ ERRORS = ("error_right", "error_forward", "error_yaw")
 _DETECTED_BOX = ("detected_right", "detected_forward", "detected_yaw")
 _REQUIRED = ("right", "forward", "yaw", "length", "width", "detected")
 _DEFAULTS = {"height": 1.7, "visibility": 4.0}
-_OPTIONAL_VALUES = (*_DEFAULTS, "error_yaw")
+_TRACK = ("track", "time")
+_OPTIONAL_VALUES = (*_DEFAULTS, "error_yaw", *_TRACK)
 _LIMITS = {  # lowest, highest, and the guess at a value beyond them
     "right": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
     "forward": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
@@ -45,6 +47,8 @@ _LIMITS = {  # lowest, highest, and the guess at a value beyond them
     "error_right": (-100.0, 100.0, "metres? leave it empty where the vehicle was missed"),
     "error_forward": (-100.0, 100.0, "metres? leave it empty where the vehicle was missed"),
     "error_yaw": (-13.0, 13.0, "radians, not degrees?"),
+    "track": (0.0, 1e15, "a number for each vehicle, 0 or more?"),
+    "time": (-1e11, 1e11, "seconds?"),
 }
 
 
@@ -57,12 +61,16 @@ class DetectionTable(Box):
         error_right: Truth minus detection [m]; NaN where missed.
         error_forward: Truth minus detection [m]; NaN where missed.
         error_yaw: Truth minus detection [rad]; NaN where missed or unknown.
+        track: Number of the vehicle; NaN where unknown.
+        time: Time of the frame [s], comparable within a track; NaN where unknown.
     """
 
     detected: Bools
     error_right: Floats
     error_forward: Floats
     error_yaw: Floats
+    track: Floats
+    time: Floats
 
     def __len__(self) -> int:
         return len(self.right)
@@ -88,10 +96,10 @@ def make_table(columns: dict[str, Floats]) -> DetectionTable:
     full = {name: np.full(count, value) for name, value in _DEFAULTS.items()} | columns
     for name, value in _DEFAULTS.items():
         full[name] = np.where(np.isnan(full[name]), value, full[name])
-    for name in ERRORS:
-        values = full.get(name, np.full(count, np.nan))
-        full[name] = np.where(detected, values, np.nan)
-    return DetectionTable(detected=detected, **{name: full[name] for name in (*BOX, *ERRORS)})
+    unknown = np.full(count, np.nan)
+    errors = {name: np.where(detected, full.get(name, unknown), np.nan) for name in ERRORS}
+    tracks = {name: full.get(name, unknown) for name in _TRACK}
+    return DetectionTable(detected=detected, **{name: full[name] for name in BOX}, **errors, **tracks)
 
 
 def read_table(path: Path) -> DetectionTable:
@@ -109,7 +117,7 @@ def read_table(path: Path) -> DetectionTable:
     names = [name.lower() for name in content.names]
     _check_header(names, content.header)
     content.check_rows()
-    known = {*BOX, *ERRORS, *_DETECTED_BOX, "detected"}
+    known = {*BOX, *ERRORS, *_DETECTED_BOX, *_TRACK, "detected"}
     columns = {
         name: content.parse_column(given)
         for name, given in zip(names, content.names, strict=True)
@@ -126,11 +134,12 @@ def write_table(path: Path, table: DetectionTable) -> None:
     Raises:
         UsageError: The file cannot be written.
     """
-    arrays = [getattr(table, name) for name in (*BOX, "detected", *ERRORS)]
+    names = [*BOX, "detected", *ERRORS, *([] if np.isnan(table.track).all() else _TRACK)]
+    arrays = [getattr(table, name) for name in names]
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*BOX, "detected", *ERRORS])
+            writer.writerow(names)
             for row in zip(*(array.tolist() for array in arrays), strict=True):
                 writer.writerow([_text(value) for value in row])
     except OSError as error:
