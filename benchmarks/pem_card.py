@@ -1,10 +1,11 @@
 """The figures of docs/perception.md, from the shipped models themselves.
 
-    avrare pem convert nuscenes_inputs.txt nuscenes_labels.txt --out data.csv
+    avrare pem convert nuscenes_inputs.txt nuscenes_labels.txt --period 0.5 --out data.csv
     OMP_NUM_THREADS=1 python benchmarks/pem_card.py data.csv
 
-Prints each model's scores on the held-out fifth, what it says of a car straight ahead in full view, and how
-long 250 worlds of 3 vehicles take. Needs the training extra of avrare-gp-pem (scipy), but trains nothing.
+Prints each model's scores on the held-out fifth, its counts of large errors, misses and misses after a miss
+beside those of the data, what it says of a car straight ahead in full view, and how long 250 worlds of 3
+vehicles take. Needs the training extra of avrare-gp-pem (scipy), but trains nothing.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE
 from avrare_gp_pem.runtime.store import load, locate
 from avrare_gp_pem.runtime.visibility import relative, visibility
 from avrare_gp_pem.training.cleaning import CleanedData, clean
+from avrare_gp_pem.training.counts import count_events, misses_after_misses
+from avrare_gp_pem.training.persistence import describe_persistence
 from avrare_gp_pem.training.report import summary
 from avrare_gp_pem.training.scores import evaluate
 from avrare_gp_pem.training.table import read_table
 
-MODELS = ("best", "paper", "pointpillars")
+MODELS = ("measured", "best", "paper", "pointpillars")
 RANGES = (5.0, 10.0, 20.0, 30.0, 40.0, 45.0, 50.0, 55.0, 60.0)
 SAMPLES = 100_000
 WORLDS, VEHICLES, REPEATS = 250, 3, 1000
@@ -39,6 +42,22 @@ def held_out(model: str, data: CleanedData) -> None:
     """Scores on the rows that training leaves out."""
     for line in summary({name: one.scores for name, one in evaluate(load(locate(model)), data).items()}):
         print(line)
+
+
+def counts(model: str, data: CleanedData) -> None:
+    """Large errors and misses by range, in training and held-out rows, and misses after misses."""
+    fitted = load(locate(model))
+    parts = [data.train.take(data.oblique), data.test.take(data.test_oblique)]
+    for pair in zip(*(count_events(fitted, rows) for rows in parts), strict=True):
+        cells = "; ".join(f"{one.rows} rows, {one.seen} seen, {one.own:.1f} expected" for one in pair)
+        print(f"{pair[0].what}: {cells}")
+    for name, rows in zip(("training", "held out"), parts, strict=True):
+        for one in misses_after_misses(fitted, rows):
+            print(
+                f"{name}, {one.seconds:g} s after a miss, {one.pairs} pairs: missed {one.seen:.3f}, "
+                f"drawn anew {one.anew:.3f}, with persistence {one.lasting:.3f}"
+            )
+    print(describe_persistence(fitted.persistence))
 
 
 def straight_ahead(model: str) -> None:
@@ -114,6 +133,7 @@ def main() -> None:
     for model in options.model or MODELS:
         print(f"\n{model}")
         held_out(model, data)
+        counts(model, data)
         straight_ahead(model)
         timing(model)
 

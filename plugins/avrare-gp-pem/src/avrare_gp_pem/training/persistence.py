@@ -24,6 +24,8 @@ from avrare_gp_pem.training.table import DetectionTable, errors_in
 
 LONGEST = 4.5
 """Frames of a track that are farther apart are no pair [s]."""
+NEARBY = 40.0
+"""Vehicles farther than this do not count [m]."""
 _LEAST_PAIRS = 200
 _MOST_PAIRS = 40_000
 _EXTREME = 4.0  # normal scores beyond are cut off
@@ -73,8 +75,10 @@ def fit_persistence(variant: Variant, rows: DetectionTable) -> MeasuredPersisten
     """Fit the persistence of detection and of position; None where there are too few pairs.
 
     The predictions are those of the model itself, though it was fitted to these rows: a network that has left
-    them out is a worse model, and what it misses of a vehicle would count as lasting.
+    them out is a worse model, and what it misses of a vehicle would count as lasting. For the same reason
+    only vehicles within ``NEARBY`` count: the law is least certain at the edge of the detector's view.
     """
+    rows = rows.take(rows.range < NEARBY)
     law, pairs = variant.law(rows, 0.0), track_pairs(rows)
     pairs = pairs.take(np.arange(0, len(pairs.first), 1 + len(pairs.first) // _MOST_PAIRS))
     both = pairs.take(np.flatnonzero(rows.detected[pairs.first] & rows.detected[pairs.second]))

@@ -14,6 +14,8 @@ from avrare_gp_pem.runtime.features import AXES
 from avrare_gp_pem.runtime.store import save
 from avrare_gp_pem.runtime.variant import FittedPem
 from avrare_gp_pem.training.cleaning import OBLIQUE, CleanedData
+from avrare_gp_pem.training.counts import count_events, misses_after_misses
+from avrare_gp_pem.training.persistence import NEARBY, describe_persistence
 from avrare_gp_pem.training.picture import draw
 from avrare_gp_pem.training.scores import AXIS_NAMES, TAILS, evaluate, yaw_scores
 
@@ -107,6 +109,7 @@ def _render_card(
         f"The last fifth of the rows, as a block ({len(data.test):,} rows), which the fit has not seen.\n",
         _detection(scores),
         _errors(model, scores),
+        _counts(model, data),
         *([_yaw(yaw)] if yaw else []),
         "## Limits\n",
         _limits(model, data),
@@ -149,6 +152,31 @@ def _errors(model: FittedPem, scores: Scores) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _counts(model: FittedPem, data: CleanedData) -> str:
+    parts = [data.train.take(data.oblique), data.test.take(data.test_oblique)]
+    events = zip(*(count_events(model, rows) for rows in parts), strict=True)
+    lines = [
+        "Large errors and misses of the detector, counted in clean rows: seen / expected by the law.\n",
+        "| | training rows | | held-out rows | |",
+        "|---|---|---|---|---|",
+    ]
+    for pair in events:
+        cells = " | ".join(f"{one.rows:,} | **{one.seen}** / {one.own:.1f}" for one in pair)
+        lines.append(f"| {pair[0].what} | {cells} |")
+    after = misses_after_misses(model, parts[1])
+    if after:
+        lines += [
+            f"\nHeld-out clean rows within {NEARBY:g} m, share missed some time after a miss:\n",
+            "| | pairs | seen | errors drawn anew | measured persistence |",
+            "|---|---|---|---|---|",
+        ]
+    lines += [
+        f"| {one.seconds:g} s | {one.pairs} | **{one.seen:.2f}** | {one.anew:.2f} | {one.lasting:.2f} |"
+        for one in after
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _yaw(yaw: Mapping[str, float]) -> str:
     rows, seen, own = yaw["yaw_rows"], 100 * yaw["yaw_flips"], 100 * yaw["yaw_flips_own"]
     return (
@@ -164,11 +192,21 @@ def _limits(model: FittedPem, data: CleanedData) -> str:
     lines = [
         _artefact(data),
         f"It has seen {seen} m; beyond, inputs are cut to these: it extrapolates nothing.",
-        "Errors are drawn anew at every step: runs of misses are probably too short.",
+        _persistence(model),
         "No false positives and no swapped identities; errors of size are not modelled.",
         "The data has no speeds: their error is an option of the scenario, not of this model.",
     ]
     return "".join(f"* {line}\n" for line in lines)
+
+
+def _persistence(model: FittedPem) -> str:
+    if model.persistence is None:
+        return "Errors are drawn anew at every step: runs of misses are probably too short."
+    found = describe_persistence(model.persistence).removeprefix("persistence: ")
+    return (
+        f"Errors last as in the training rows ({found}) only with `persistence: measured`; over times "
+        "shorter than between two frames this is extrapolated."
+    )
 
 
 def _artefact(data: CleanedData) -> str:
