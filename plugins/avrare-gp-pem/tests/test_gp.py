@@ -130,7 +130,7 @@ def test_file_survives_a_round_trip(pointpillars, tmp_path):
     assert (tmp_path / "twice.npz").read_bytes() == (tmp_path / "copy.npz").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["pointpillars", "paper", "best"])
+@pytest.mark.parametrize("name", ["pointpillars", "paper", "best", "measured"])
 def test_shipped_file_is_small_and_has_its_provenance(name):
     model = load(locate(name))
     assert (FOLDER / f"{name}.npz").stat().st_size < 1_000_000
