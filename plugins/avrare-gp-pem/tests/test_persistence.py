@@ -19,7 +19,7 @@ from avrare_gp_pem.runtime.persistence import PersistentPem
 from avrare_gp_pem.runtime.variant import MeasuredPersistence
 
 FIELDS = ("detected", "x", "y", "speed_x")
-LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"
+LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change_published.yaml"
 ALL = {"detection": 0.3, "position": 0.5, "speed": 0.1}
 LASTING = {"detection": 0.3, "detection_lasting": 0.4, "position": 0.5, "position_lasting": 0.2}
 
