@@ -23,6 +23,7 @@ CHANGES = {
 }  # fmt: skip
 TORN = (0, 1, 100, 511, 4096, 9000)
 """Sizes of a file beyond which a write kills the process: what is written is cut there."""
+_ORDERS = [range(-len(TORN), 0), *(range(first, 10_000, 8) for first in (0, 4, 2, 6, 1, 5, 3, 7))]
 _PATIENCE = 120.0
 
 
@@ -36,7 +37,7 @@ class Task:
         again: Words of the command after a crash, as the messages or the documentation advise.
         left: What must be equal to that of an undisturbed command.
         codes: Exit codes of a command that succeeds.
-        every: Which calls are tried: each, or every third, ... where processes are slow to start.
+        orders: How many of ``_ORDERS`` are tried: all calls, or fewer where processes are slow to start.
     """
 
     words: list[str]
@@ -44,14 +45,18 @@ class Task:
     needs: tuple[str, ...] = ()
     again: list[str] | None = None
     codes: tuple[int, ...] = (0,)
-    every: int = 1
+    orders: int = 9
 
 
 def _run(estimator, workers) -> Task:
     words = ["run", f"{estimator}.yaml", "--no-pictures", "--quiet", "--workers", str(workers)]
     again = ["run", "--resume", "out", "--no-pictures", "--quiet"]
     return Task(
-        [*words, "--out", "out"], lambda: result("out"), (f"{estimator}.yaml",), again, every=4 * workers - 3
+        [*words, "--out", "out"],
+        lambda: result("out"),
+        (f"{estimator}.yaml",),
+        again,
+        orders=9 if workers == 1 else 3,
     )
 
 
@@ -126,20 +131,25 @@ def undisturbed(task, home):
         return task.left()
 
 
-def points(task, home):
-    """Yield (point, trouble, told) of each point at which the command could be killed."""
+def points(task, home, begin=(0, 0)):
+    """Yield (point, trouble, told, where to go on) of each point at which the command could be killed.
+
+    Every eighth call comes first, then those between, so that a short attack sees all of the command.
+    """
     wanted = undisturbed(task, home)
-    for point in [*range(-len(TORN), 0), *range(0, 10_000, task.every)]:
-        killed, found, told = crash(task, point, home)
-        if not killed:
-            if point >= 0:
-                return
-            continue
-        if found is None:
-            with contextlib.chdir(home / "work"):
-                found = BITS if task.left() != wanted else None
-                told = f"avrare {' '.join(task.words)}, killed at point {point}" if found else ""
-        yield point, found, told
+    for i, order in enumerate(_ORDERS[: task.orders]):
+        for j, point in enumerate(order):
+            if (i, j) < tuple(begin):
+                continue
+            killed, found, told = crash(task, point, home)
+            if not killed and point >= 0:
+                break
+            if killed and found is None:
+                with contextlib.chdir(home / "work"):
+                    found = BITS if task.left() != wanted else None
+                    told = f"avrare {' '.join(task.words)}, killed at point {point}" if found else ""
+            if killed:
+                yield point, found, told, (i, j + 1)
 
 
 def _fresh(task, home):

@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import select
-import shutil
 import signal
 import time
 from collections import Counter
@@ -15,7 +14,7 @@ from attack.attempts import HANG, LONGEST, TRACEBACK, TROUBLES, limit_memory
 from attack.kinds import KINDS, attempt
 from avrare.base.atomic_files import write_text
 
-_BATCH, _KILLED, _CRASHED = 100, 5, 20
+_BATCH, _KILLED, _CRASHED = 100, 5, 8
 """Inputs of a kind, runs that are killed, and crash points of a turn."""
 _SILENCE = 8 * LONGEST
 """Seconds without an answer after which a child is ended; before that its own watch ends what it does."""
@@ -72,13 +71,14 @@ def run(folder: Path, inputs: int, many_kills: int, only, seconds: float) -> Pro
     end = time.monotonic() + seconds
     progress = Progress(folder / "progress.json")
     with material.inside(folder):
-        for name in KINDS:  # so that no child has to import what all of them need
-            attempt(name, 0, folder)
+        for name in only or KINDS:  # so that no child has to import what all of them need
+            if name in KINDS:
+                attempt(name, 0, folder)
         turns = [*_inputs(progress, folder, inputs, only)]
         if not only or "kills" in only:
             turns.append(_kills(progress, folder / "kills", many_kills))
         if not only or "crash points" in only:
-            turns.append(_crash_points(progress, folder))
+            turns += [_crash_points(progress, folder, name) for name in crash_points.TASKS]
         while turns and time.monotonic() < end:  # in turn, so that a short run tries some of everything
             turns = [turn for turn in turns if time.monotonic() < end and next(turn, None)]
             progress.save()
@@ -150,17 +150,16 @@ def _kills(progress, folder, most):
             yield True
 
 
-def _crash_points(progress, folder):
-    for name, task in crash_points.TASKS.items():
-        entry = progress.entry("crash points", name)
-        if entry.get("complete"):
-            continue
-        entry.update({"next": 0, "tried": 0, **dict.fromkeys(TROUBLES, 0)})
-        home = folder / "crashes"
-        home.mkdir(exist_ok=True)
-        for count, (point, trouble, told) in enumerate(crash_points.points(task, home)):
-            progress.add("crash points", name, point, trouble, told)
-            if count % _CRASHED == _CRASHED - 1:
-                yield True
-        entry["complete"] = True
-        shutil.rmtree(home / "work", ignore_errors=True)
+def _crash_points(progress, folder, name):
+    entry = progress.entry("crash points", name)
+    if entry.get("complete"):
+        return
+    home, task = folder / "crashes", crash_points.TASKS[name]
+    home.mkdir(exist_ok=True)
+    begin = entry["next"] or (0, 0)
+    for count, (point, trouble, told, following) in enumerate(crash_points.points(task, home, begin)):
+        progress.add("crash points", name, point, trouble, told, following)
+        if count % _CRASHED == _CRASHED - 1:
+            yield True
+    entry["complete"] = True
+    yield True
