@@ -18,13 +18,14 @@ from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
-from avrare.cli.output import print_warnings, refuse_overwrite, write_file, write_files
+from avrare.cli.output import print_warnings, refuse_overwrite, say, write_file, write_files
 from avrare.estimation.budget import Budget
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
+from avrare.results.callbacks import call_back
 from avrare.rollout.executors.interruption import Stopping
 from avrare.scenario.safe_mode import refuse_outside
 
@@ -137,3 +138,4 @@ def _write(args: argparse.Namespace, subjects: Sequence[Any], outcome: Any) -> N
         results = outcome.results[one.definition.name]
         folder = rundir.choose(args.out, one.definition.name, len(subjects) > 1)
         rundir.write(folder, one.definition, rundir.document(one.definition, results), results)
+        say(*call_back(folder), error=args.json)

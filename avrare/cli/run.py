@@ -35,6 +35,7 @@ from avrare.report.terminal.result_table import (
     verdict_lines,
 )
 from avrare.results import run_folder as rundir
+from avrare.results.callbacks import call_back
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
@@ -177,6 +178,7 @@ def _run_scenario(
     pictures = draw_run(scenario, results, folder) if draws else []
     if not args.json:
         _show(definition, results, folder, pictures, display(args))
+    say(*call_back(folder), error=args.json)
     return content
 
 

@@ -19,6 +19,7 @@ from avrare.estimation.result import Origin, Result, Results, with_verdict, wors
 from avrare.report.html.page import render_report
 from avrare.report.session.live_progress import show_progress
 from avrare.results import run_folder
+from avrare.results.callbacks import call_back
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
@@ -31,11 +32,12 @@ class ScenarioRun(Results):
 
     Attributes:
         folder: Run folder, as ``avrare run --out`` writes it.
+        notes: Lines of the installed result callbacks.
     """
 
-    def __init__(self, results: Sequence[Result], folder: Path) -> None:
+    def __init__(self, results: Sequence[Result], folder: Path, notes: tuple[str, ...] = ()) -> None:
         super().__init__(results)
-        self.folder = folder
+        self.folder, self.notes = folder, notes
 
     @property
     def verdict(self) -> str | None:
@@ -101,7 +103,7 @@ def run(
         results = [_finished(scenario, one) for one in found]
         run_folder.write(folder, definition, run_folder.document(definition, results), results, paid)
         checkpoint.remove()
-    return ScenarioRun(results, folder)
+    return ScenarioRun(results, folder, tuple(call_back(folder)))
 
 
 def _watch(scenario: LoadedScenario, progress: Progress | bool) -> Any:

@@ -1,0 +1,39 @@
+"""Callbacks of installed distributions, called with each run folder that has been written."""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from avrare.plugin.registry import VARIABLE
+from avrare.results.reader import read_run_folder
+
+GROUP = "avrare.results"
+"""Entry points whose value is a function ``on_result(run: RunFolder) -> str | None``."""
+
+
+def call_back(folder: Path) -> list[str]:
+    """Call the callbacks of all installed distributions with a run folder.
+
+    A callback never changes a result or an exit code: what it raises becomes a line.
+
+    Returns:
+        Lines to show: what the callbacks returned, and which of them failed.
+    """
+    lines = []
+    for point in _allowed():
+        try:
+            said = point.load()(read_run_folder(folder))
+        except (Exception, SystemExit) as error:
+            lines.append(f"callback {point.name} failed: {type(error).__name__}: {error}")
+        else:
+            lines += [str(said)] if said else []
+    return lines
+
+
+def _allowed() -> list[EntryPoint]:
+    names = os.environ.get(VARIABLE)
+    allowed = None if names is None else {name.strip() for name in names.split(",")}
+    points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
+    return [point for point in points if allowed is None or point.name in allowed]
