@@ -27,7 +27,9 @@ def quick(model):
         schedule = Schedule(inducing=15, steps=200, batch=128, checks=1, weight=1.0, diagonal=True)
         return FitPlan("gp", schedule=schedule)
     recipe = RECIPES[model][0]
-    return FitPlan(model, recipe=replace(recipe, members=3, epochs=8, least_steps=250, batch=256))
+    return FitPlan(
+        model, recipe=replace(recipe, members=3, epochs=8, least_steps=250, least_gain=np.inf, batch=256)
+    )
 
 
 def cars(distance, yaw=None):
@@ -85,6 +87,43 @@ def test_the_artefact_is_modelled_separately(drive):
     yaw = yaw_scores(fitted, data)
     assert yaw["yaw_flips_own"] == pytest.approx(0.1, abs=0.03)
     assert yaw["yaw_flips"] == pytest.approx(yaw["yaw_flips_own"], abs=0.03)
+
+
+@pytest.mark.parametrize(("least_gain", "steps"), [(np.inf, 20), (1e-2, 320), (0.2, 80)])
+def test_the_schedule_doubles_while_blocks_left_out_gain(least_gain, steps, monkeypatch):
+    from avrare_gp_pem.training import fit_networks as module
+
+    losses = {20: 3.0, 40: 2.7, 80: 2.6, 160: 2.5, 320: 2.499, 640: 2.6}
+    run = []
+
+    class Trainer:
+        def __init__(self, sample, recipe, blocks, doubled):
+            self.steps = 20 * doubled
+            self.loss = losses[self.steps]
+
+        def run(self, rng):
+            run.append((self.steps, rng.random()))
+
+    monkeypatch.setattr(module, "_Trainer", Trainer)
+    found = module._train(None, module.Recipe(least_gain=least_gain), [], seed=3)
+    assert found.steps == steps
+    assert [count for count, _ in run] == [20 * 2**i for i in range(len(run))]
+    assert run[-1][0] == steps  # the last one gained, though too little
+    assert len({number for _, number in run}) == 1  # every schedule begins anew, with the same seed
+
+
+def test_a_longer_schedule_that_is_worse_is_not_kept(monkeypatch):
+    from avrare_gp_pem.training import fit_networks as module
+
+    class Trainer:
+        def __init__(self, sample, recipe, blocks, doubled):
+            self.doubled, self.loss = doubled, {1: 3.0, 2: 2.5, 4: 2.6}[doubled]
+
+        def run(self, rng):
+            pass
+
+    monkeypatch.setattr(module, "_Trainer", Trainer)
+    assert module._train(None, module.Recipe(), [], seed=0).doubled == 2
 
 
 def test_tails_of_the_law_are_those_of_draws(drive):
