@@ -10,7 +10,7 @@ import pytest
 from avrare.base.stored_files import CHECKSUM, seal
 from avrare.cli.main import main
 
-LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
+LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change_published.yaml")
 PLANE = """\
 name: plane
 description: A point that is pushed about

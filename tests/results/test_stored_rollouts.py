@@ -14,7 +14,7 @@ from avrare.results.run_folder import write_failures
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
-LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
+LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change_published.yaml")
 WORDS = ["--set", "steps=8", "--set", "estimator.rollouts=10", "--no-pictures", "--json"]
 WORDS += ["--set", "simulator.vehicles=[{name: parked, x: 40.0, y: 1.75}]"]
 SPECIFICATIONS = (

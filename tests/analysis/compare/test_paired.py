@@ -18,7 +18,7 @@ from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 
-LANE_CHANGE = str(Path(__file__).parents[3] / "scenarios" / "lane_change.yaml")
+LANE_CHANGE = str(Path(__file__).parents[3] / "scenarios" / "lane_change_published.yaml")
 
 
 @dataclass

@@ -10,7 +10,7 @@ import avrare
 ROOT = Path(__file__).parents[3]
 LINEAR = str(ROOT / "scenarios" / "double_integrator.yaml")
 SHORT = ["steps=20", "specifications={near: {stl: 'always (y < 0.2)'}}"]
-DRIVE = str(ROOT / "scenarios" / "lane_change.yaml")
+DRIVE = str(ROOT / "scenarios" / "lane_change_published.yaml")
 PARKED = [
     "steps=8",
     "simulator.vehicles=[{name: parked, x: 40.0, y: 1.75}]",
