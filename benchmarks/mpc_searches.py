@@ -64,7 +64,7 @@ class BestOf:
         best = self.first.solve(start, x, y, rows, guesses)
         others = [solver.solve(start, x, y, rows, guesses) for solver in self.roughs]
         if len(rows) == len(start):  # not the first step, which tries the drives anyway
-            drives = self.search._drives(start)[rows]
+            drives = self.search._initial_guesses(start)[rows]
             others += [self.from_drive.solve(start, x, y, rows, drives[:, number]) for number in self.drives]
         for other in others:
             promising = ~best.found | (other.cost < (1.0 - 1e-3) * best.cost)

@@ -127,6 +127,20 @@ def test_rows_are_the_same_bits_in_any_batch(lane_change, programmes, both):
             assert np.array_equal(getattr(part, name), getattr(both[0], name)[index])
 
 
+def test_of_several_guesses_the_best_counts(lane_change, programmes, both):
+    """Each alone, one after another, finds nothing that is cheaper."""
+    *given, rows, guesses = programmes
+    solver, index = RiccatiSolver(MpcConfig(), lane_change.scene), np.arange(0, len(rows), 5)
+    turns = guesses[rows[index]] + np.array([[0.0, 0.3], [0.0, -0.3], [-3.0, 0.0]])[:, None, None]
+    together, apart = (solver.solve(*given, rows, guesses) for _ in range(2))
+    solver.improve(together, index, *given, rows[index], np.stack(list(turns), axis=1))
+    for turn in turns:
+        solver.improve(apart, index, *given, rows[index], turn[:, None])
+    assert (together.cost < both[0].cost).any()
+    assert (together.cost <= apart.cost * (1.0 + BETTER)).all()
+    assert together.found.all()
+
+
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 40])
 def test_neighbours_and_order_change_no_bit(lane_change, programmes, both, count):
     """Not even neighbours that overflow, or that never end."""

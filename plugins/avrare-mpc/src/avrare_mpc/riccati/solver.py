@@ -75,6 +75,7 @@ class RiccatiSolver:
         near: Tuning | None = NEAR,
     ) -> None:  # fmt: skip
         self.programme = programme(config, scene)
+        self._addressed = addressed(self.programme)
         self._tunings, self._near = (quick, patient), near
         hard = 2 if config.lateral_acceleration_max is None else 3
         self._bounds = Bounds(hard, soft=1), Bounds(hard, soft=3)
@@ -104,7 +105,7 @@ class RiccatiSolver:
         """
         problems, rows, guesses = _contiguous(start, other_x, other_y, rows, guesses)
         found = self._minima(problems, rows, guesses, self._tunings)
-        if self._near is not None:
+        if self._near is not None and len(rows):
             self._improve(found, np.arange(len(rows)), self._near, problems, rows, guesses)
         return found
 
@@ -116,26 +117,34 @@ class RiccatiSolver:
 
         Args:
             found: Result of ``solve``, changed in place.
-            index: (G,) entries to improve.
+            index: (G,) entries to improve; only the best of an entry's rough plans is completed.
             start: (N, 4) states as in ``solve``.
             other_x: (N, V, H + 1) predicted positions [m].
             other_y: (N, V, H + 1) predicted positions [m].
             rows: (G,) indices of the programmes.
-            guesses: (G, H, 2) inputs, far from the minimum.
+            guesses: (G, C, H, 2) inputs, far from the minimum.
         """
-        self._improve(found, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, rows, guesses))
+        if not len(index):
+            return
+        every = np.repeat(rows, guesses.shape[1]), guesses.reshape(-1, *guesses.shape[2:])
+        self._improve(found, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *every))
 
     def _improve(
         self, found: Solutions, index: Integers, rough: Tuning, problems: Problems, rows: Integers,
         guesses: Floats,
     ) -> None:  # fmt: skip
         first = self._run(self._bounds[0], rough, problems, rows, guesses)
-        found.iterations[index] += first.iterations
-        with np.errstate(invalid="ignore"):
-            promising = ~found.found[index] | (first.cost < (1.0 - BETTER) * found.cost[index])
-        finish = np.flatnonzero(promising & np.isfinite(first.inputs).all(axis=(1, 2)))
+        several = len(index), -1
+        found.iterations[index] += first.iterations.reshape(several).sum(axis=1)
+        cost = np.where(np.isfinite(first.inputs).all(axis=(1, 2)), first.cost, np.inf).reshape(several)
+        cost[np.isnan(cost)] = np.inf
+        best = cost.argmin(axis=1)
+        least = cost.min(axis=1)
+        promising = (~found.found[index] & (least < np.inf)) | (least < (1.0 - BETTER) * found.cost[index])
+        finish = np.flatnonzero(promising)
         if len(finish):
-            other = self._minima(problems, rows[finish], first.inputs[finish], (FROM_NEAR, self._tunings[1]))
+            best = best[finish] + cost.shape[1] * finish
+            other = self._minima(problems, rows[best], first.inputs[best], (FROM_NEAR, self._tunings[1]))
             _take_better(found, index[finish], other)
 
     def _minima(
@@ -165,7 +174,7 @@ class RiccatiSolver:
     ) -> Answer:
         part = _blank(*guesses.shape[:2])
         given = (*problems, rows.astype(np.float64), guesses)
-        p = addressed(self.programme)
+        p = self._addressed
         _, path, trial, work = kept = new_memory(p.steps, p.vehicles)
         jobs, answer = Jobs(*map(memory, given)), Answer(*map(memory, part))
         with np.errstate(all="ignore"):  # in plain Python a search that overflows would warn
@@ -285,8 +294,7 @@ class RiccatiSearch:
     ) -> Integers:
         index = np.flatnonzero(solved[rows] & self._everywhere)
         initial = self._initial_guesses(start[rows[index]])
-        for number in range(initial.shape[1] if len(index) else 0):
-            self._solver.improve(solution, index, start, *others, rows[index], initial[:, number])
+        self._solver.improve(solution, index, start, *others, rows[index], initial)
         return np.repeat(rows[index], initial.shape[1])
 
     def _initial_guesses(self, start: Floats) -> Floats:

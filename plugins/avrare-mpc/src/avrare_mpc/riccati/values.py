@@ -9,6 +9,7 @@ A ``Memory`` holds rows of lanes (``avrare_mpc.riccati.lanes``): row k * columns
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -169,7 +170,12 @@ def new_memory(steps: int, vehicles: int) -> tuple[Floats, Path, Path, Workspace
     whole = np.zeros((sum(sizes) + 1) * WIDTH)
     skip = -whole.ctypes.data % 64 // whole.itemsize
     rows = whole[skip : skip + sum(sizes) * WIDTH].reshape(-1, WIDTH)
-    parts = [memory(part) for part in np.split(rows, np.cumsum(sizes)[:-1])]
+    ends = list(accumulate(sizes))
+    if COMPILED:  # not by memory(): a search of few particles would spend its time there
+        begin = memory(rows)
+        parts = [begin + (end - size) * rows.strides[0] for end, size in zip(ends, sizes, strict=True)]
+    else:
+        parts = [rows[end - size : end] for end, size in zip(ends, sizes, strict=True)]
     count = len(path)
     return rows, Path(*parts[:count]), Path(*parts[count : 2 * count]), Workspace(*parts[2 * count :])
 
