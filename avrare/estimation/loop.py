@@ -69,10 +69,8 @@ def run(
     seconds = loop.seconds
     # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
     replayed = problem is given and not _stops_early(estimator)
-    results = [
-        examined(problem, result, column, warnings, replay=replayed, suppress=settings.suppress)
-        for column, result in enumerate(estimator.estimate(state))
-    ]
+    found = estimator.estimate(state)
+    results = examined(problem, found, warnings, replay=replayed, suppress=settings.suppress)
     return [replace(result, seconds=seconds) for result in results]
 
 

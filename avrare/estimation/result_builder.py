@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -47,24 +47,26 @@ def missing_worst(plan: Plan) -> Worst:
 
 
 def examined(
-    problem: Problem, result: Result, column: int, warnings: Mapping[str, str], *, replay: bool,
+    problem: Problem, results: Sequence[Result], warnings: Mapping[str, str], *, replay: bool,
     suppress: Collection[str],
-) -> Result:  # fmt: skip
-    """Add the warnings that need the problem to the result of specification number ``column``.
+) -> list[Result]:  # fmt: skip
+    """Add the warnings that need the problem to the results of its specifications.
 
     Among them are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``: run the
-    least robust rollout again and compare, unless the system is known not to be deterministic.
+    least robust rollouts again and compare, unless the system is known not to be deterministic.
     """
-    found = {
-        **result.health,
-        **warnings,
-        **find_notes(problem.system),
-        **_horizon(problem, column),
-        **_solver(result.counts),
-    }
-    if replay and "not_deterministic" not in found:
-        found |= _reproduction(problem, result, column, rounds="rounding" in found)
-    return replace(result, health={name: text for name, text in found.items() if name not in suppress})
+    notes = {**warnings, **find_notes(problem.system)}
+    again: Sequence[float] = ()
+    if replay and "not_deterministic" not in notes:
+        again = _replayed(problem, [result.worst.noise for result in results])
+    complete = []
+    for column, result in enumerate(results):
+        found = {**result.health, **notes, **_horizon(problem, column), **_solver(result.counts)}
+        if again and "not_deterministic" not in found:
+            found |= _reproduction(problem, result, column, again[column], rounds="rounding" in found)
+        kept = {name: text for name, text in found.items() if name not in suppress}
+        complete.append(replace(result, health=kept))
+    return complete
 
 
 def _horizon(problem: Problem, column: int) -> dict[str, str]:
@@ -82,21 +84,37 @@ def _solver(counts: Mapping[str, int]) -> dict[str, str]:
     return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
 
 
-def _reproduction(problem: Problem, result: Result, column: int, *, rounds: bool) -> dict[str, str]:
+def _reproduction(
+    problem: Problem, result: Result, column: int, again: float, *, rounds: bool
+) -> dict[str, str]:
     first: float = result.worst.robustness
-    if math.isnan(first):
-        return {}
-    again = _replayed(problem, result, column)
-    if np.array_equal(first, again):
+    if math.isnan(first) or np.array_equal(first, again):
         return {}
     # Rounding depends on the batch and on nothing else: by itself the rollout repeats.
+    again, repeated = (_replayed_alone(problem, result, column) for _ in range(2))
+    if first == again == repeated:
+        return {}
     spread = float(np.nanstd(result.robustness)) if np.isfinite(result.robustness).any() else 0.0
     small = rounds or abs(first - again) <= _ROUNDING * max(abs(first), spread)
-    name = "rounding" if small and again == _replayed(problem, result, column) else "not_deterministic"
+    name = "rounding" if small and again == repeated else "not_deterministic"
     reason = f"a rollout of robustness {first:.6g}, replayed, differs by {abs(again - first):.2g}"
     return health.warn(name, reason=reason)
 
 
-def _replayed(problem: Problem, result: Result, column: int) -> float:
+def _replayed_alone(problem: Problem, result: Result, column: int) -> float:
     outcome = problem.replay(result.worst.noise[None])
     return math.nan if outcome.error[0] else float(outcome.robustness[0, column])
+
+
+def _replayed(problem: Problem, tapes: Sequence[Floats]) -> list[float]:
+    # Robustness of specification k on tape k; specifications often share their worst rollout.
+    rows: dict[bytes, int] = {}
+    place = [rows.setdefault(tape.tobytes(), len(rows)) for tape in tapes]
+    distinct = [tapes[place.index(row)] for row in range(len(rows))]
+    robustness = [
+        np.where(outcome.error[:, None], np.nan, outcome.robustness)
+        for begin in range(0, len(distinct), problem.chunk)
+        for outcome in [problem.replay(np.stack(distinct[begin : begin + problem.chunk]))]
+    ]
+    table = np.concatenate(robustness)
+    return [float(table[row, column]) for column, row in enumerate(place)]

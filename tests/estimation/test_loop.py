@@ -41,7 +41,8 @@ def test_all_specifications_share_one_pass():
     formulas = {"low": avrare.stl("always (x < 0.3)"), "high": avrare.stl("always (x < 0.9)")}
     system = systems.Counting(systems.Walk())
     low, high = monte_carlo(avrare.Problem(system, formulas, steps=20), rollouts=500)
-    assert system.rows == 500 * 20 + odd_systems.rows_of_checks(systems.Walk(), 20) + 20
+    # their least robust rollout is the same, and is replayed once
+    assert system.rows == 500 * 20 + odd_systems.rows_of_checks(systems.Walk(), 20)
     assert (low.specification, high.specification) == ("low", "high")
     assert low.probability > high.probability > 0.0
     for name, result in (("low", low), ("high", high)):
