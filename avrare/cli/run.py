@@ -21,6 +21,7 @@ from avrare.estimation.checkpoint import SaveError
 from avrare.estimation.cross_check import without_check
 from avrare.estimation.estimate_problem import estimate_specifications
 from avrare.estimation.loop import Settings, check_system, planned
+from avrare.estimation.memory import forecast
 from avrare.estimation.result import with_verdict
 from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run
@@ -118,6 +119,7 @@ def _check_start(scenario: Any, budget: Any) -> None:
     try:
         problem, plan = planned(problem, estimator, settings)
         check_system(problem, estimator)
+        forecast(problem, estimator, plan)
         estimator.init(plan)
     except UsageError as error:
         raise UsageError(f"{definition.name}: {error.message}", error.hint) from None

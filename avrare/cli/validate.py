@@ -17,23 +17,24 @@ def execute(args: argparse.Namespace) -> int:
     return min(failed, default=int(ExitCode.PASS))
 
 
-def _build(scenario: Scenario) -> None:
+def _build(scenario: Scenario) -> str:
+    """Build the stack, run a few steps and return the memory of a run in words."""
     from avrare.estimation.estimate_problem import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.stack.builder import try_stack
 
     built = LoadedScenario(scenario)
     print_warnings(try_stack(scenario, built.stack, steps=3))
-    found = check_scenario(built)
+    found, memory = check_scenario(built)
     print_warnings((f"{scenario.path}: {name}: {text}", None) for name, text in found.items())
+    return memory.describe()
 
 
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
         scenario = load(path, args.set, args.estimator)
         print_warnings(scenario.warnings)
-        if args.build:
-            _build(scenario)
+        memory = _build(scenario) if args.build else ""
     except AvrareError as error:
         say("\n".join(error.lines()), error=True)
         return int(error.exit_code)
@@ -46,4 +47,6 @@ def _check(path: str, args: argparse.Namespace) -> int:
         *(["built and run for 3 steps"] if args.build else []),
     ]
     say(f"{path}: ok  {', '.join(parts)}")
+    if memory:
+        say(f"  {memory}")
     return int(ExitCode.PASS)

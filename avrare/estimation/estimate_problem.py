@@ -19,7 +19,8 @@ from avrare.base.late_import import late_import
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.cross_check import cross_checked, parse_cross_check, without_check
-from avrare.estimation.loop import Progress, Settings, check_system, prepare_problem, run
+from avrare.estimation.loop import Progress, Settings, check_system, planned, run
+from avrare.estimation.memory import Forecast, forecast
 from avrare.estimation.plan import Estimator, Journal
 from avrare.estimation.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
@@ -222,11 +223,16 @@ Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 """Called with a label and a problem as each estimate begins; gives its progress display."""
 
 
-def check_scenario(scenario: LoadedScenario) -> dict[str, str]:
-    """Return the health warnings on a scenario's system, found by a few steps; see ``check_system``."""
+def check_scenario(scenario: LoadedScenario) -> tuple[dict[str, str], Forecast]:
+    """Return the health warnings on a scenario's system, found by a few steps, and the memory of a run.
+
+    Raises:
+        UsageError: The scenario cannot be estimated; see ``check_system`` and ``forecast``.
+    """
     definition, estimator = scenario.definition, scenario.estimator()
     problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
-    return check_system(prepare_problem(estimator, problem), estimator)
+    problem, plan = planned(problem, estimator, Settings(definition.seed, definition.confidence))
+    return check_system(problem, estimator), forecast(problem, estimator, plan)
 
 
 def estimate_specifications(

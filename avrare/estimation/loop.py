@@ -12,8 +12,9 @@ from typing import Any, cast
 from avrare.base.errors import Interrupted, UsageError
 from avrare.base.health_messages import MESSAGES, check_names
 from avrare.estimation.budget import Budget
+from avrare.estimation.memory import forecast
 from avrare.estimation.pace import Pace
-from avrare.estimation.plan import Estimator, Info, Journal, Plan
+from avrare.estimation.plan import Estimator, Info, Journal, Plan, UsesFinalScores
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import examined
 from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
@@ -61,6 +62,7 @@ def run(
     given = problem
     problem, plan = planned(given, estimator, settings)
     warnings = check_system(problem, estimator)
+    forecast(problem, estimator, plan)
     work = Work(problem, plan.noise, scored=estimator.single)
     loop = _Loop(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
     executor.open(work)
@@ -141,15 +143,24 @@ class _Loop:
         while not self._out_of_time(info) and (request := self.estimator.ask(state)) is not None:
             parts, so_far = [], info
             for part in self._outcomes(stage, request):
-                parts.append(part)
+                parts.append(self._needed(part))
                 so_far = so_far.plus(part)
                 self.progress(so_far)
             if not parts:  # the time left pays for no more
                 break
-            state, info = self.estimator.tell(state, Rollouts.join(parts))
+            joined = Rollouts.join(parts)
+            parts.clear()  # its memory is for the estimator now
+            state, info = self.estimator.tell(state, joined)
+            del joined
             self.progress(info)
             stage += 1
         return state
+
+    def _needed(self, part: Rollouts) -> Rollouts:
+        final = find_ability(self.estimator, UsesFinalScores)
+        if final is None or not final.final_scores:
+            return part
+        return replace(part, scores=part.scores[:, -1:].copy())
 
     def _outcomes(self, stage: int, request: Request) -> Iterator[Rollouts]:
         journal = self.journal if self._can_store(request) else None

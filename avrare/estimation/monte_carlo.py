@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,9 +12,11 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.estimation import health, intervals
+from avrare.estimation.memory import Demand
 from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.monte_carlo_counts import MOST_ROBUSTNESS, Counts
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import FAILURE_LIMIT, Failures, Result, Worst
+from avrare.estimation.result import Failures, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.estimation.stopping_rules import AtFailures, AtThreshold, Stopping
 from avrare.protocols import Bools, Floats
@@ -41,8 +44,8 @@ class McState:
     plan: Plan
     total: int  # rollouts to run, over all runs
     per_run: int  # rollouts of one run
-    parts: tuple[Rollouts, ...]  # outcomes of the stages so far, in order
-    info: Info  # totals of the parts
+    counts: Counts  # outcomes of the stages so far
+    info: Info  # their totals
 
 
 class MonteCarlo:
@@ -72,7 +75,17 @@ class MonteCarlo:
         open_ended = per_run == _UNLIMITED or self.config.sequential
         goal = None if open_ended else per_run * self.config.runs
         info = Info(goal=goal)
-        return McState(plan, per_run * self.config.runs, per_run, (), info), info
+        counts = Counts(per_run, plan.kept_failures, ordered=self.config.sequential)
+        return McState(plan, per_run * self.config.runs, per_run, counts, info), info
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of the verdicts, the kept failures and one stage."""
+        state, specs = self.init(plan)[0], len(plan.names)
+        rows = 0 if state.info.goal is None and not self.config.sequential else state.total
+        kept = 16 * min(rows or MOST_ROBUSTNESS, MOST_ROBUSTNESS) * specs
+        stage = 2 * _STAGE_CHUNKS * plan.chunk * (9 * specs + 9)
+        verdicts = 2 * rows * (specs + 1) if self.config.sequential else 0
+        return Demand(kept + stage + verdicts, self.config.memory, "rollouts")
 
     def ask(self, state: McState) -> Request | None:
         """Return the next stage of independent rollouts, None when done."""
@@ -90,40 +103,63 @@ class MonteCarlo:
     def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
         """Append the outcome of a stage."""
         info = state.info.plus(rollouts)
-        return McState(state.plan, state.total, state.per_run, (*state.parts, rollouts), info), info
+        return replace(state, counts=state.counts.plus(rollouts), info=info), info
 
     def estimate(self, state: McState) -> list[Result]:
         """Return one result per specification, all from the same rollouts."""
-        outcome = Rollouts.join(list(state.parts))
-        return [self._result(state, outcome, column) for column in range(len(state.plan.names))]
+        stopping = self._stopping(state.plan)
+        if stopping is None:
+            return [self._fixed(state, column) for column in range(len(state.plan.names))]
+        violated, error = state.counts.joined_verdicts()
+        return [
+            self._stopped(state, column, stopping, violated[:, column], error)
+            for column in range(len(state.plan.names))
+        ]
 
-    def _result(self, state: McState, outcome: Rollouts, column: int) -> Result:
-        plan = state.plan
-        stopping = self._stopping(plan)
-        stop = stopping.at(outcome.violated[:, column], outcome.error) if stopping else 0
-        used = slice(0, stop or len(outcome.error))
-        violated, error = outcome.violated[used, column], outcome.error[used]
-        trials, failures, errors = len(error), int(violated.sum()), int(error.sum())
-        values = self._run_probabilities(state, violated)
-        if stopping:
-            values = np.array([stopping.value(violated, stop)])
-        probability = float(values.mean())
-        robustness = np.where(error, np.nan, outcome.robustness[used, column])
-        warnings = health.check_errors(errors, trials, plan.max_error_rate, outcome.messages)
+    def _fixed(self, state: McState, column: int) -> Result:
+        counts = state.counts
+        assert counts.failures is not None
+        failures = int(counts.failures[:, column].sum())
+        values = counts.probabilities(column)
+        return self._result(
+            state, column, values, counts.trials, failures, counts.errors, intervals.clopper_pearson
+        )
+
+    def _stopped(
+        self, state: McState, column: int, stopping: Stopping, violated: Bools, error: Bools
+    ) -> Result:
+        stop = stopping.at(violated, error)
+        trials = stop or len(error)
+        violated, errors = violated[:trials], int(error[:trials].sum())
+        values = np.array([stopping.value(violated, stop)])
+        return self._result(
+            state, column, values, trials, int(violated.sum()), errors, stopping.interval(stop),
+            {"used_rollouts": trials, "goal_reached": bool(stop)},
+        )  # fmt: skip
+
+    def _result(
+        self, state: McState, column: int, values: Floats, trials: int, failures: int, errors: int,
+        interval: Callable[..., intervals.Interval], diagnostics: dict[str, Any] | None = None,
+    ) -> Result:  # fmt: skip
+        plan, counts, probability = state.plan, state.counts, float(values.mean())
+        warnings = health.check_errors(errors, trials, plan.max_error_rate, counts.messages)
         if failures == trials:
             warnings |= health.warn("all_failed")
-        interval = stopping.interval(stop) if stopping else intervals.clopper_pearson
+        kept, least = counts.failing[column].before(trials), counts.records[column].before(trials)
+        worst = missing_worst(plan)
+        if len(least.index):
+            worst = Worst(self._tapes(state, least.index[-1:])[0], float(least.robustness[-1]))
         known = probability > 0.0
         return build_result(
             plan, self.name, replace(state.info, errors=errors), values,
             interval_at=partial(interval, failures, trials, errors=errors),
             relative_error=math.sqrt((1 - probability) / (probability * trials)) if known else math.nan,
             health=warnings,
-            failures=self._failures(state, violated, robustness),
-            worst=self._worst(state, robustness),
-            robustness=robustness,
+            failures=Failures(self._tapes(state, kept.index), kept.robustness, failures),
+            worst=worst,
+            robustness=counts.joined_robustness(column, trials),
             column=column,
-            diagnostics={"used_rollouts": trials, "goal_reached": bool(stop)} if stopping else {},
+            diagnostics=diagnostics or {},
         )  # fmt: skip
 
     def _stopping(self, plan: Plan) -> Stopping | None:
@@ -135,26 +171,10 @@ class MonteCarlo:
 
     def _all_stopped(self, state: McState) -> bool:
         stopping = self._stopping(state.plan)
-        if not (stopping and state.parts):
+        if not (stopping and state.counts.trials):
             return False
-        error = np.concatenate([part.error for part in state.parts])
-        violated = np.concatenate([part.violated for part in state.parts])
+        violated, error = state.counts.joined_verdicts()
         return all(stopping.at(column, error) for column in violated.T)
-
-    def _run_probabilities(self, state: McState, violated: Bools) -> Floats:
-        runs = np.arange(len(violated)) // state.per_run
-        return np.asarray(np.bincount(runs, weights=violated) / np.bincount(runs))
-
-    def _failures(self, state: McState, violated: Any, robustness: Any) -> Failures:
-        index = np.flatnonzero(violated)
-        kept = index[:FAILURE_LIMIT]
-        return Failures(self._tapes(state, kept), robustness[kept], len(index))
-
-    def _worst(self, state: McState, robustness: Any) -> Worst:
-        if np.isnan(robustness).all():
-            return missing_worst(state.plan)
-        index = int(np.nanargmin(robustness))
-        return Worst(self._tapes(state, np.array([index]))[0], float(robustness[index]))
 
     def _tapes(self, state: McState, index: Any) -> Any:
         run, particle = np.divmod(index[:, None], state.per_run)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from avrare.base.memory import MEMORY_OPTION
+
 MAX_SEQUENTIAL_ROLLOUTS = 10**6
 """Upper bound for a run with a stopping rule: a specification that never fails must end too."""
 
@@ -32,6 +34,8 @@ class McConfig(BaseModel):
         default=None, gt=0.0, lt=1.0,
         description="stop as soon as it is known on which side of this the probability lies",
     )  # fmt: skip
+
+    memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
 
     @model_validator(mode="after")
     def _one_sequence(self) -> McConfig:

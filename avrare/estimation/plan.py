@@ -14,6 +14,10 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 
 _MAX_MESSAGES = 5
+FAILURE_LIMIT = 100
+"""Failing tapes that a result keeps at most."""
+_FAILURE_BYTES = 2**28
+"""Bytes of all failing tapes that the results of an estimate keep, but for one each."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,17 @@ class Plan:
     confidence: float
     budget: Budget | None
     max_error_rate: float
+
+    @property
+    def tape_bytes(self) -> int:
+        """Bytes of a noise tape."""
+        return 8 * (self.steps + 1) * max(self.noise.noise_size, 1)
+
+    @property
+    def kept_failures(self) -> int:
+        """Number of failing tapes that a result keeps at most: fewer where they are long."""
+        room = _FAILURE_BYTES // (self.tape_bytes * len(self.names))
+        return max(1, min(FAILURE_LIMIT, room))
 
 
 @dataclass(frozen=True)
@@ -89,6 +104,12 @@ class Info:
 
 Estimator = protocols.Estimator[Plan, Request, Rollouts, Info, Result]
 """An estimator of failure probabilities."""
+
+
+class UsesFinalScores(Protocol):
+    """Estimator that reads of the scores only those of complete rollouts, the last column."""
+
+    final_scores: bool
 
 
 class Journal(Protocol):

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Interval = tuple[float, float]
 _WORST_FIRST = ("fail", "inconclusive", "pass")
-FAILURE_LIMIT = 100
-"""Largest number of failing tapes that a result keeps."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,8 @@ class Result:
         health: Health warnings, name to message; empty when there are none.
         failures: Failing tapes.
         worst: Least robust rollout.
-        robustness: Robustness of each complete rollout of the first stage, NaN for errors.
+        robustness: Robustness of each complete rollout of the first stage, NaN for errors; of Monte Carlo, of
+            the first 100,000 rollouts.
         counts: Counters of the system, summed over all rollouts.
         diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
         artifacts: What the estimator leaves in the run folder: JSON data by the name of the file.

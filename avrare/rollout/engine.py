@@ -234,7 +234,7 @@ class _Simulation:
         # Apply ``function`` and drop rows that break down; bisect to find those that raise.
         try:
             sample = function(state, noise)
-        except AvrareError:
+        except (AvrareError, MemoryError):  # the machine's fault, not a rollout's
             raise
         except Exception as error:
             if len(noise) == 1:

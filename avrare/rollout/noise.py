@@ -7,6 +7,7 @@ channel. Any number of any tape can therefore be drawn on its own, in any order,
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -20,6 +21,8 @@ Words = NDArray[np.uint64]
 _MULTIPLIER_0, _MULTIPLIER_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 _LOW, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
+_BLOCK = 2**17
+"""Upper bound on the numbers drawn at once, but for a single tape: drawing takes ten times their memory."""
 _CHOICE_STEP = 0xFFFFFFFF
 """Value of "step" in the address of an estimator's own choices, beyond that of any tape."""
 
@@ -71,6 +74,18 @@ class NoiseSource:
 
     def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
         """Return standard normals (*S, noise_size) of addresses that broadcast to the shape S."""
+        shape = np.broadcast_shapes(*map(np.shape, (run, stage, particle, step)))
+        rows = _BLOCK // max(math.prod(shape[1:]) * self.noise_size, 1)
+        if not shape or shape[0] <= max(rows, 1):
+            return self._block(run, stage, particle, step)
+        address = [np.broadcast_to(part, shape) for part in (run, stage, particle, step)]
+        numbers = np.empty((*shape, self.noise_size))
+        for begin in range(0, shape[0], max(rows, 1)):
+            part = slice(begin, begin + max(rows, 1))
+            numbers[part] = self._block(*(axis[part] for axis in address))
+        return numbers
+
+    def _block(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
         count = (self.noise_size + 1) // 2
         first, second = self._uniforms(run, stage, particle, step, count)
         radius = np.sqrt(-2.0 * np.log(first))

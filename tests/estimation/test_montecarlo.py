@@ -102,7 +102,8 @@ def test_scores_over_time_are_not_kept():
 
     run(walk(), Spy(McConfig(rollouts=500)), SerialExecutor(), Settings())
     (state, _), *_ = states
-    assert sum(part.scores.nbytes for part in state.parts) == 0
+    assert sum(part.nbytes for part in state.counts.robustness) == 8 * state.counts.trials
+    assert not state.counts.verdicts
 
 
 @pytest.mark.parametrize("how", ["nan", "fault", "raise"])

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from avrare.base.errors import AvrareError
+from avrare.base.memory import MEMORY_OPTION
 from avrare_estimators.importance.proposals import validate_proposal
 
 LEAST_RUNS_OF_LOOK = 5
@@ -22,13 +23,15 @@ KernelName = Literal["pcn", "shrink", "lipschitz", "surrogate", "lipschitz_growi
 class _Config(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
+
 
 class _RunsConfig(_Config):
     """Options of estimates by independent runs of a size that a pilot may raise."""
 
     size: ClassVar[str]
     """Name of the option that sets the size of a run."""
-    runs: int = Field(default=10, ge=1, description="independent repetitions behind one interval")
+    runs: int = Field(default=10, ge=1, le=10**6, description="independent repetitions behind one interval")
     relative_error: float | None = Field(
         default=None, ge=1e-3, lt=1.0,
         description="stop at the first look at which the runs' standard error is at most this share of their "
@@ -69,7 +72,7 @@ class AmsConfig(_RunsConfig):
     """Adaptive multilevel splitting (stl-ams, Algorithm 2, in its unbiased form)."""
 
     size = "particles"
-    particles: int = Field(default=250, ge=2, description="N, particles of a run")
+    particles: int = Field(default=250, ge=2, le=10**9, description="N, particles of a run")
     discard: int = Field(default=25, ge=1, description="K, particles discarded at each level (more on ties)")
     variant: Literal["unbiased", "published"] = Field(
         default="unbiased",
@@ -79,11 +82,6 @@ class AmsConfig(_RunsConfig):
     floor: float = Field(
         default=1e-18, gt=0.0, lt=1.0, description="a run ends, as extinct, once its weight falls below this"
     )
-    memory: float = Field(
-        default=1024.0, gt=0.0,
-        description="MiB for the carries that branches start from; where they do not suffice, only those of "
-        "every second, fourth, ... step are stored and the steps in between are simulated again",
-    )  # fmt: skip
 
     @property
     def _may_grow(self) -> bool:
@@ -159,7 +157,7 @@ class EssConfig(_RunsConfig):
 
 
 class _WeightedConfig(_Config):
-    runs: int = Field(default=1, ge=1, description="independent repetitions behind one interval")
+    runs: int = Field(default=1, ge=1, le=10**6, description="independent repetitions behind one interval")
     defensive: float = Field(
         default=0.2, ge=0.0, lt=1.0, description="share of a sample's rollouts drawn from the target itself"
     )
@@ -173,7 +171,7 @@ class IsConfig(_WeightedConfig):
     """Importance sampling from a proposal that is learnt on the noise tape, or given."""
 
     rollouts: int = Field(
-        default=30_000, ge=2,
+        default=30_000, ge=2, le=10**12,
         description="rollouts of each run, its learning and cross-check included; with relative_error, the "
         "most (default 300,000 then)",
     )  # fmt: skip
@@ -243,7 +241,7 @@ class IsConfig(_WeightedConfig):
 class CeConfig(_WeightedConfig):
     """The cross-entropy method: learn a proposal from the rollouts nearest to failure, then sample afresh."""
 
-    rollouts: int = Field(default=5000, ge=20, description="rollouts of each stage")
+    rollouts: int = Field(default=5000, ge=20, le=10**9, description="rollouts of each stage")
     stages: int = Field(default=10, ge=1, le=1000, description="largest number of learning stages")
     elite: float = Field(default=0.1, gt=0.0, le=0.5, description="share of a stage's rollouts to learn from")
     family: Literal["gaussian", "network"] = Field(

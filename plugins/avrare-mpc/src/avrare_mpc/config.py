@@ -6,6 +6,7 @@ Weights multiply squared quantities in SI units and are summed over the nodes of
 from __future__ import annotations
 
 import importlib.util
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -83,7 +84,9 @@ class PlannerConfig(BaseModel):
 class MpcConfig(PlannerConfig):
     """Options of the lane-change controller ``mpc``."""
 
-    horizon: int = Field(default=20, ge=2, description="Number of planned steps H; the plan has H + 1 nodes.")
+    horizon: int = Field(
+        default=20, ge=2, le=1000, description="Number of planned steps H; the plan has H + 1 nodes."
+    )
     y_margin: Weight = Field(
         default=0.4, description="Room between the ego's side and the edge of its outermost lanes [m]."
     )
@@ -142,8 +145,10 @@ class TrajectoryPlan(PlannerConfig):
     """Plan of a scripted vehicle over all its steps; it ignores other vehicles."""
 
     steps: int = Field(
-        default=80, ge=3, description="Number of samples of the trajectory, the start included."
-    )
+        default=80, ge=3, le=2000,
+        description="Number of samples of the trajectory, the start included; then the vehicle keeps its "
+        "velocity.",
+    )  # fmt: skip
     schedule: tuple[LaneSchedule, ...] = Field(
         default=(), description="Stretches with a fixed lane; at other steps every lane of `lanes` attracts."
     )
@@ -154,16 +159,12 @@ class TrajectoryPlan(PlannerConfig):
     def _consistent(self) -> Self:
         if self.y_min >= self.y_max:
             raise ValueError("y_min must be below y_max")
-        fixed: set[int] = set()
-        for part in self.schedule:
-            steps = set(range(part.from_step, part.to_step + 1))
-            if part.to_step >= self.steps:
-                raise ValueError(
-                    f"the schedule reaches step {part.to_step}, the last one is {self.steps - 1}"
-                )
-            if steps & fixed:
-                raise ValueError("the stretches of the schedule overlap")
-            fixed |= steps
+        parts = sorted(self.schedule, key=lambda part: part.from_step)
+        last = max((part.to_step for part in parts), default=0)
+        if last >= self.steps:
+            raise ValueError(f"the schedule reaches step {last}, the last one is {self.steps - 1}")
+        if any(later.from_step <= earlier.to_step for earlier, later in pairwise(parts)):
+            raise ValueError("the stretches of the schedule overlap")
         return self
 
     def fixed_lanes(self) -> dict[int, int]:

@@ -96,7 +96,9 @@ class SingleTrackConfig(_Options):
     dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
     road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")
     ego: EgoConfig = Field(description="the vehicle under test")
-    vehicles: tuple[VehicleConfig, ...] = Field(default=(), description="the other vehicles")
+    vehicles: tuple[VehicleConfig, ...] = Field(
+        default=(), max_length=1000, description="the other vehicles; leave out those that stay far away"
+    )
 
     @model_validator(mode="after")
     def _distinct_names(self) -> Self:

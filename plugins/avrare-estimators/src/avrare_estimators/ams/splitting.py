@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from avrare.base.memory import allowance
+from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import FAILURE_LIMIT, Result
+from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
-from avrare_estimators.ams.state import AmsState, Branches
+from avrare_estimators.ams.state import AmsState, Branches, run_bytes
 from avrare_estimators.ams.summary import summarise
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.cost import affordable_runs
@@ -106,9 +108,9 @@ class Splitting:
         if state.looks is None:
             return self._after_pilot(state)
         more = state.looks.missing(
-            state.runs, lambda: summarise(self.name, self.config, state).relative_error
+            state.done, lambda: summarise(self.name, self.config, state).relative_error
         )
-        return state.extended(more) if more else state
+        return state.next_batch(min(more, self._batch(state.plan, state.particles))) if more else state
 
     def _after_pilot(self, state: AmsState) -> AmsState:
         found, plan = summarise(self.name, self.config, state), state.plan
@@ -116,10 +118,14 @@ class Splitting:
         pilot = Pilot(state.tally.rollouts, roots, found.relative_error**2)
         # With a budget, larger runs are fewer.
         growth = pilot.wanted_growth
-        while growth > 1 and self._most_runs(plan, pilots=1, growth=growth) < LEAST_RUNS:
+        while growth > 1 and not self._affords(plan, growth):
             growth -= 1
         counting = self._begin_counting(plan, replace(pilot, growth=growth))
         return replace(counting, tally=state.tally)
+
+    def _affords(self, plan: Plan, growth: int) -> bool:
+        fits = run_bytes(plan, self.config.particles * growth) <= self._room()
+        return fits and self._most_runs(plan, pilots=1, growth=growth) >= LEAST_RUNS
 
     def _begin_counting(self, plan: Plan, pilot: Pilot | None = None) -> AmsState:
         growth = pilot.growth if pilot else 1
@@ -128,9 +134,27 @@ class Splitting:
         if pilot and goal:
             first = pilot.first_look(goal, first, most)
         looks = Looks.until(goal, first, most)
-        return AmsState.begin(
-            plan, looks.runs[0], self.config.particles * growth, growth=growth, looks=looks, pilot=pilot
-        )
+        particles = self.config.particles * growth
+        runs = min(looks.runs[0], self._batch(plan, particles))
+        return AmsState.begin(plan, runs, particles, growth=growth, looks=looks, pilot=pilot)
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of the runs that advance together, and of as many carries as fit beside them.
+
+        Runs that a pilot lets grow take more, as far as it is there.
+        """
+        runs, particles = self.config.most, self.config.particles
+        runs = min(runs if plan.budget is None else self._most_runs(plan), self._batch(plan, particles))
+        tables = runs * run_bytes(plan, particles)
+        carries = 2 * runs * particles * carry * (plan.steps + 1)
+        return Demand(tables + max(0, min(carries, self._room() - tables)), self.config.memory, "particles")
+
+    def _batch(self, plan: Plan, particles: int) -> int:
+        """Return the number of runs that may advance together: their tables take half of the memory."""
+        return max(1, self._room() // (2 * run_bytes(plan, particles)))
+
+    def _room(self) -> int:
+        return allowance(self.config.memory)
 
     def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1) -> int:
         """Return the largest number of runs, where some of the budget went into ``pilots`` of growth 1."""
@@ -168,10 +192,11 @@ class Splitting:
 
     def _retire(self, state: AmsState, failures: Bools) -> None:
         state.retired[:] += state.weight * failures.mean(axis=1)
-        room = FAILURE_LIMIT - sum(len(tapes.run) for tapes in state.discarded_failures)
+        room = state.plan.kept_failures - sum(len(tapes.run) for tapes in state.discarded_failures)
         slots = np.flatnonzero(failures)[:room]
         if len(slots):
-            state.discarded_failures.append(state.population.addresses(slots, state.particles))
+            tapes = state.population.addresses(slots, state.particles, state.first_run)
+            state.discarded_failures.append(tapes)
 
     def _reweight(self, state: AmsState, discarded: Integers, level: Floats) -> None:
         particles = state.particles
@@ -207,4 +232,6 @@ class Splitting:
         )
 
     def _bytes_per_slot(self, state: AmsState) -> int:
-        return max(1, int(self.config.memory * 2**20) // len(state.pending.slots))
+        # Carries are there twice: as they come in, and in the history.
+        tables = state.runs * run_bytes(state.plan, state.particles)
+        return max(1, (self._room() - tables) // (2 * len(state.pending.slots)))

@@ -5,7 +5,7 @@ The arrays belong to the estimator and are written in place: a stage touches onl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,10 @@ from avrare_estimators.fresh import FreshRows
 from avrare_estimators.looks import Looks, Pilot
 
 _NEVER = np.iinfo(np.int64).max
+_BLOCK = 2**18
+"""Scores that are written at once."""
+_SLOT, _ENTRY = 200, 34
+"""Bytes of a slot at the peak, and of each of its steps: tables, and the scores of a first stage twice."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +89,19 @@ class Population:
         """(R N,) score of the complete rollout."""
         return self.scores[:, -1]
 
-    def addresses(self, slots: Integers, particles: int) -> TapeAddresses:
+    def addresses(self, slots: Integers, particles: int, first_run: int) -> TapeAddresses:
         """Return the addresses of the tapes of ``slots``."""
-        run = slots[:, None] // particles
+        run = slots[:, None] // particles + first_run
         return TapeAddresses(run, self.stage[slots], self.particle[slots], self.robustness[slots])
 
     def store(self, slots: Integers, start: Integers, outcome: Rollouts) -> None:
         """Write the rollouts of ``slots``, which branched at ``start`` (-1: at the beginning)."""
-        fresh = np.arange(self.scores.shape[1]) > start[:, None]
-        self.scores[slots] = np.where(fresh, outcome.scores, self.scores[slots])
+        steps = np.arange(self.scores.shape[1])
+        size = max(1, _BLOCK // len(steps))
+        for begin in range(0, len(slots), size):
+            part = slice(begin, begin + size)
+            old = self.scores[slots[part]]
+            self.scores[slots[part]] = np.where(steps > start[part, None], outcome.scores[part], old)
         self.violated[slots] = outcome.violated[:, 0]
         self.error[slots] = outcome.error
         self.robustness[slots] = outcome.robustness[:, 0]
@@ -122,14 +130,6 @@ class Population:
         for t in np.unique(origin[handed]):
             here = handed & (origin == t)
             self.store_carry(int(t), children[here], batch.take(self.history[int(t)], parents[here]))
-
-    def joined(self, other: Population) -> Population:
-        """Return these slots and then those of ``other``; no carries are kept."""
-        both = [
-            replace(one, history={}, since=np.full(len(one.root), _NEVER), root=one.root + shift)
-            for one, shift in ((self, 0), (other, len(self.root)))
-        ]
-        return batch.concatenate(both)
 
     def branch(self, parents: Integers, start: Integers, every: int = 1) -> tuple[tuple[int, Carry], ...]:
         """Return the stored carries of ``parents`` at their steps ``start``, which ascend."""
@@ -198,6 +198,67 @@ class Branches:
 
 
 @dataclass(frozen=True)
+class EndedRuns:
+    """What a result needs of R runs that have ended; their tables are gone.
+
+    Attributes:
+        weight: (R,), and the next three, as in ``AmsState``.
+        pairs: (R,).
+        retired: (R,).
+        error_weight: (R,).
+        levels: As in ``AmsState``.
+        violated: (R, N) the rollout violates the specification.
+        error: (R, N) the rollout broke down.
+        root: (R, N) first ancestor.
+        failing: Tapes of failures that were alive at the end, the first few.
+        retired_failures: Tapes of discarded failures, the first few.
+        worst: Tape of the least robust rollout; none where all broke down.
+    """
+
+    weight: Floats
+    pairs: Floats
+    retired: Floats
+    error_weight: Floats
+    levels: tuple[list[tuple[float, int]], ...]
+    violated: Bools
+    error: Bools
+    root: Integers
+    failing: TapeAddresses
+    retired_failures: TapeAddresses
+    worst: TapeAddresses
+
+    def joined(self, other: EndedRuns, most: int) -> EndedRuns:
+        """Return these runs and then those of ``other``, with at most so many tapes of each kind."""
+        names = ("weight", "pairs", "retired", "error_weight", "violated", "error", "root")
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names
+        }
+        failing, retired, worst = (
+            batch.concatenate([getattr(self, name), getattr(other, name)])
+            for name in ("failing", "retired_failures", "worst")
+        )
+        return EndedRuns(
+            **arrays, levels=self.levels + other.levels, failing=batch.take(failing, slice(0, most)),
+            retired_failures=batch.take(retired, slice(0, most)), worst=_least_robust(worst),
+        )  # fmt: skip
+
+    @property
+    def runs(self) -> int:
+        """R."""
+        return len(self.weight)
+
+    @property
+    def probabilities(self) -> Floats:
+        """(R,) unbiased at every stage: discarded failures count too, with the weight that they had."""
+        return np.asarray(self.retired + self.weight * self.violated.mean(axis=1))
+
+
+def _least_robust(tapes: TapeAddresses) -> TapeAddresses:
+    least = np.argsort(tapes.robustness, kind="stable")[:1]
+    return batch.take(tapes, least)
+
+
+@dataclass(frozen=True)
 class AmsState:
     """State of R runs; the population and the per-run arrays are written in place.
 
@@ -218,10 +279,11 @@ class AmsState:
         fresh: Their counts.
         tally: Cost so far.
         every: Number of steps from one stored carry to the next.
-        first_run: Address of the noise of run 0.
+        first_run: Address of the noise of the first of these runs.
         growth: Factor of the particles and discards over those of the options.
         looks: When to stop; None: this is the pilot.
         pilot: What the pilot has found, if there was one.
+        ended: Runs before these, which come in batches that fit into memory.
     """
 
     plan: Plan
@@ -244,6 +306,7 @@ class AmsState:
     growth: int = 1
     looks: Looks | None = None
     pilot: Pilot | None = None
+    ended: EndedRuns | None = None
 
     @staticmethod
     def begin(plan: Plan, runs: int, particles: int, **fields: Any) -> AmsState:
@@ -257,26 +320,50 @@ class AmsState:
             levels=tuple([] for _ in range(runs)), **fields,
         )  # fmt: skip
 
-    def extended(self, runs: int) -> AmsState:
-        """Begin further runs beside those that have ended."""
-        fresh = AmsState.begin(self.plan, runs, self.particles)
-        slots = fresh.pending.slots + len(self.population.root)
-        names = ("weight", "pairs", "retired", "error_weight", "active")
-        joined: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), getattr(fresh, name)]) for name in names
-        }
-        return replace(
-            self, **joined, runs=self.runs + runs, population=self.population.joined(fresh.population),
-            pending=Branches(slots, slots, fresh.pending.start), levels=self.levels + fresh.levels, stage=0,
+    def next_batch(self, runs: int) -> AmsState:
+        """Begin further runs; what these have found stays."""
+        ended = self.finished()
+        return AmsState.begin(
+            self.plan, runs, self.particles, first=self.first, fresh=self.fresh, tally=self.tally,
+            first_run=ended.runs, growth=self.growth, looks=self.looks, pilot=self.pilot, ended=ended,
         )  # fmt: skip
+
+    @property
+    def probabilities(self) -> Floats:
+        """Estimates of all runs so far; unbiased at every stage."""
+        share = self.population.violated.reshape(self.runs, -1).mean(axis=1)
+        own = np.asarray(self.retired + self.weight * share)
+        return own if self.ended is None else np.concatenate([self.ended.probabilities, own])
+
+    def finished(self) -> EndedRuns:
+        """Return all runs so far, these included, as they would be if they ended now."""
+        population, most, shape = self.population, self.plan.kept_failures, (self.runs, self.particles)
+        none = population.addresses(np.zeros(0, dtype=np.int64), self.particles, 0)
+        retired = batch.concatenate([none, *self.discarded_failures])
+        alive = np.flatnonzero(~population.error)
+        best = alive[np.argsort(population.robustness[alive], kind="stable")[:1]]
+        own = population.addresses(best, self.particles, self.first_run)
+        failing = np.flatnonzero(population.violated)[:most]
+        found = EndedRuns(
+            self.weight, self.pairs, self.retired, self.error_weight, self.levels,
+            population.violated.reshape(shape), population.error.reshape(shape),
+            population.root.reshape(shape),
+            population.addresses(failing, self.particles, self.first_run), retired,
+            _least_robust(batch.concatenate([own, retired])),
+        )  # fmt: skip
+        return found if self.ended is None else self.ended.joined(found, most)
+
+    @property
+    def done(self) -> int:
+        """Runs so far, these included."""
+        return self.runs + (self.ended.runs if self.ended is not None else 0)
 
     @property
     def particles(self) -> int:
         """N, of each run."""
         return len(self.population.root) // self.runs
 
-    @property
-    def probabilities(self) -> Floats:
-        """(R,) unbiased at every stage: discarded failures count too, with the weight that they had."""
-        share = self.population.violated.reshape(self.runs, -1).mean(axis=1)
-        return np.asarray(self.retired + self.weight * share)
+
+def run_bytes(plan: Plan, particles: int) -> int:
+    """Return the bytes of a run at its peak, but for the carries."""
+    return particles * (_SLOT + _ENTRY * (plan.steps + 1))

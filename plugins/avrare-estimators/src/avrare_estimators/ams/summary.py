@@ -10,11 +10,12 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.estimation import health, intervals
-from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result, Worst
+from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
-from avrare.protocols import Bools, Floats
-from avrare_estimators.ams.state import AmsState, TapeAddresses
+from avrare.protocols import Floats
+from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses
 from avrare_estimators.config import AmsConfig
+from avrare_estimators.fresh import FreshRows
 from avrare_estimators.looks import Looks
 
 _STATIC = (
@@ -25,42 +26,41 @@ _STATIC = (
 
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """Return the result of runs that have all ended."""
-    plan, population, tally = state.plan, state.population, state.tally
-    looks, pilot = state.looks or Looks((state.runs,)), state.pilot
-    violated = population.violated.reshape(state.runs, -1)
-    values = state.probabilities
+    plan, tally, ended = state.plan, state.tally, state.finished()
+    looks, pilot = state.looks or Looks((ended.runs,)), state.pilot
+    violated, values = ended.violated, ended.probabilities
     probability = float(values.mean())
-    roots = [len(np.unique(row)) for row in population.root.reshape(violated.shape)]
+    roots = [len(np.unique(row)) for row in ended.root]
     extinct = int((values == 0.0).sum())
     warnings = health.check_runs(values.tolist(), extinct, roots)
     if plan.steps == 0:  # more particles or fewer discards are no cure
         warnings |= {name: _STATIC for name in ("extinct", "extinct_runs") if name in warnings}
-    discarded = [[count for _, count in levels] for levels in state.levels]
+    discarded = [[count for _, count in levels] for levels in ended.levels]
     counts = [count for run in discarded for count in run]
     warnings |= health.check_ties(counts, config.discard * state.growth, state.particles)
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
-    variance = _variances(state, values, violated)
+    variance = _variances(ended, values)
     relative = relative_variance(values, variance, state.particles)
     return build_result(
         plan,
         name,
         tally,
         values,
-        interval_at=looks.interval(state.runs, _interval(state, values, violated, relative)),
+        interval_at=looks.interval(ended.runs, _interval(ended, values, state.fresh, relative)),
         relative_error=math.sqrt(relative),
         health=warnings,
-        failures=_failures(state, state.particles),
-        worst=_worst(state, state.particles),
+        failures=_failures(state, ended),
+        worst=_worst(state, ended),
         robustness=state.first,
-        blind_bound=looks.interval(state.runs, state.fresh.interval)(plan.confidence)[1],
+        blind_bound=looks.interval(ended.runs, state.fresh.interval)(plan.confidence)[1],
         relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={
             "full_rollouts": violated.size,
             "branched_rollouts": tally.rollouts - violated.size - (pilot.rollouts if pilot else 0),
-            "stages": [len(levels) for levels in state.levels],
-            "levels": [[level for level, _ in levels] for levels in state.levels],
+            "stages": [len(levels) for levels in ended.levels],
+            "levels": [[level for level, _ in levels] for levels in ended.levels],
             "discarded": discarded,
             "extinct_runs": extinct,
             "roots": roots,
@@ -90,58 +90,50 @@ def relative_variance(values: Floats, variance: Floats, particles: int) -> float
     return spread / mean**2 if spread > 0.0 else -math.log(mean) / (particles * runs)
 
 
-def _variances(state: AmsState, values: Floats, violated: Bools) -> Floats:
+def _variances(ended: EndedRuns, values: Floats) -> Floats:
     """Return the variance (R,) of each run from its genealogy (Lee and Whiteley 2018, survivors kept).
 
     Unbiased where no failure was discarded; else those are taken to scatter as the others do.
     """
-    roots = state.population.root.reshape(violated.shape)
-    variances = np.empty(state.runs)
-    for r in range(state.runs):
-        _, count = np.unique(roots[r][violated[r]], return_counts=True)
+    variances = np.empty(ended.runs)
+    for r, violated in enumerate(ended.violated):
+        _, count = np.unique(ended.root[r][violated], return_counts=True)
         failed = int(count.sum())
         different = failed**2 - int((count.astype(np.int64) ** 2).sum())
-        p = state.weight[r] * failed / violated.shape[1]
-        relative = 1.0 - state.pairs[r] * different / p**2 if failed else 1.0
+        p = ended.weight[r] * failed / len(violated)
+        relative = 1.0 - ended.pairs[r] * different / p**2 if failed else 1.0
         variances[r] = relative * values[r] ** 2
     return variances
 
 
 def _interval(
-    state: AmsState, values: Floats, violated: Bools, relative: float
+    ended: EndedRuns, values: Floats, fresh: FreshRows, relative: float
 ) -> Callable[[float], Interval]:
-    errors = state.population.error.reshape(violated.shape)
+    violated, error = ended.violated, ended.error
     if not values.any():
-        return state.fresh.interval_of_zero()
-    if not any(state.levels):  # no level was needed: plain Monte Carlo
-        return partial(
-            intervals.clopper_pearson, int(violated.sum()), violated.size, errors=int(errors.sum())
-        )
+        return fresh.interval_of_zero()
+    if not any(ended.levels):  # no level was needed: plain Monte Carlo
+        return partial(intervals.clopper_pearson, int(violated.sum()), violated.size, errors=int(error.sum()))
     return partial(
         intervals.log_normal,
         float(values.mean()),
         relative,
-        freedom=state.runs - 1,
-        errors=float((state.error_weight + state.weight * errors.mean(axis=1)).mean()),
+        freedom=ended.runs - 1,
+        errors=float((ended.error_weight + ended.weight * error.mean(axis=1)).mean()),
         logs=intervals.cox(values),
     )
 
 
-def _failures(state: AmsState, particles: int) -> Failures:
-    slots = np.flatnonzero(state.population.violated)[:FAILURE_LIMIT]
-    tapes = batch.concatenate([state.population.addresses(slots, particles), *state.discarded_failures])
-    tapes = batch.take(tapes, slice(0, FAILURE_LIMIT))
+def _failures(state: AmsState, ended: EndedRuns) -> Failures:
+    tapes = batch.concatenate([ended.failing, ended.retired_failures])
+    tapes = batch.take(tapes, slice(0, state.plan.kept_failures))
     return Failures(_redraw_tapes(state, tapes), tapes.robustness, state.tally.failures)
 
 
-def _worst(state: AmsState, particles: int) -> Worst:
-    slots = np.flatnonzero(~state.population.error)
-    tapes = batch.concatenate([state.population.addresses(slots, particles), *state.discarded_failures])
-    if not len(tapes.robustness):
+def _worst(state: AmsState, ended: EndedRuns) -> Worst:
+    if not len(ended.worst.robustness):
         return missing_worst(state.plan)
-    least = int(np.argmin(tapes.robustness))
-    noise = _redraw_tapes(state, batch.take(tapes, slice(least, least + 1)))
-    return Worst(noise[0], float(tapes.robustness[least]))
+    return Worst(_redraw_tapes(state, ended.worst)[0], float(ended.worst.robustness[0]))
 
 
 def _redraw_tapes(state: AmsState, tapes: TapeAddresses) -> Floats:

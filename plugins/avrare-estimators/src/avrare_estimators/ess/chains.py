@@ -8,7 +8,8 @@ kernel that solves a step in closed form returns a move in which no chain waits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -60,11 +61,16 @@ class Points:
 
     def updated(self, rows: Integers, new: Points) -> Points:
         """Return a copy with ``rows`` replaced by the points ``new``; roots stay."""
-        names = ("tape", "score", "violated", "robustness", "log_weight")
-        values = {name: getattr(self, name).copy() for name in names}
-        for name in names:
-            values[name][rows] = getattr(new, name)
-        return replace(self, **values)
+        return replace(self.replaced([rows], [new]), root=self.root)
+
+    def replaced(self, places: Sequence[Integers], parts: Sequence[Points]) -> Points:
+        """Return a copy with the rows of each of ``places`` replaced by a part, roots included."""
+        values = {}
+        for one in fields(self):
+            values[one.name] = getattr(self, one.name).copy()
+            for rows, part in zip(places, parts, strict=True):
+                values[one.name][rows] = getattr(part, one.name)
+        return Points(**values)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.memory import allowance
+from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import OffersWeights, find_ability, find_notes
@@ -28,7 +30,7 @@ from avrare_estimators.ess.kernels import make_kernel
 from avrare_estimators.ess.level_pass import LevelPass, PassShape
 from avrare_estimators.ess.state import EssState
 from avrare_estimators.ess.summary import summarise
-from avrare_estimators.looks import Looks, Pilot
+from avrare_estimators.looks import MOST_GROWTH, Looks, Pilot
 
 _STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
@@ -37,6 +39,8 @@ _MIN_PILOT_CHAINS = 5
 _LEAST_CHAINS = 10
 """Chains below which the error of a single run is not known."""
 _MOST_CHAINS = 1_000_000
+_TAPES, _SAMPLE = 4.0, 400
+"""Tapes of each sample of a run at its peak (old, new and the chains'), and other bytes."""
 
 
 def build(config: EssConfig, scene: object | None = None) -> NestedLevels:
@@ -53,6 +57,7 @@ class NestedLevels:
 
     name = "ess"
     single = True
+    final_scores = True
     needs = ("noise",)
     notes: Mapping[str, str] = {}
 
@@ -70,10 +75,15 @@ class NestedLevels:
         """Return the state before the first rollout, and what to show."""
         config, rollouts = self.config, self._nominal_rollouts(1)
         affordable_runs(plan, config.most, "nested levels", rollouts, rollouts, f"{config.chains} chains")
-        most = self._most_runs(plan, 1)
-        first = min(config.runs, most) if config.relative_error or config.grow else most
+        most, first = self._most_runs(plan, 1), self._first_runs(plan)
         looks = None if config.second_pass else Looks.until(config.relative_error, first, most)
-        return EssState.begin(plan, self._pilot(plan, first), looks), Info()
+        runs = min(first, self._batch(plan, self._most_growth(plan)))
+        return EssState.begin(plan, self._pilot(plan, runs), looks), Info()
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of the runs that advance together; runs that a pilot lets grow take more."""
+        runs = min(self._first_runs(plan), self._batch(plan, self._most_growth(plan)))
+        return Demand(runs * self._run_bytes(plan, 1), self.config.memory, "chains")
 
     def ask(self, state: EssState) -> Request | None:
         """Ask for the fresh tapes of a pass, then for the proposals of all waiting chains."""
@@ -125,11 +135,12 @@ class NestedLevels:
         roots = statistics.median(told.diagnostics["roots"]) * larger if told.probability else 0.0
         found = Pilot(state.tally.rollouts, roots, told.relative_error**2 * runs / larger)
         # With a budget, larger runs are fewer.
-        growth = found.wanted_growth if config.grow else 1
-        while growth > 1 and self._most_runs(state.plan, growth) < runs:
+        wanted = self._first_runs(state.plan)
+        growth = min(found.wanted_growth, self._most_growth(state.plan))
+        while growth > 1 and self._most_runs(state.plan, growth) < wanted:
             growth -= 1
         found, most = replace(found, growth=growth), self._most_runs(state.plan, growth)
-        first = found.first_look(config.relative_error, runs, most) if config.relative_error else runs
+        first = found.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
         return replace(state, found=found, looks=Looks.until(config.relative_error, first, most))
 
     def _continue(self, state: EssState) -> EssState:
@@ -140,10 +151,28 @@ class NestedLevels:
         more = state.looks.missing(done, lambda: self._summary(state).relative_error)
         if not more:
             return state
+        more = min(more, self._batch(state.plan, state.found.growth if state.found else 1))
         noise = NoiseSource(state.plan.noise.seed, state.plan.noise.noise_size, first_run=done)
         return state.next_batch(
             self._pilot(replace(state.plan, noise=noise), more), counting=not self.config.second_pass
         )
+
+    def _first_runs(self, plan: Plan) -> int:
+        """Return the runs before the first decision on more."""
+        config, most = self.config, self._most_runs(plan, 1)
+        return min(config.runs, most) if config.relative_error or config.grow else most
+
+    def _most_growth(self, plan: Plan) -> int:
+        fits = [one for one in range(2, MOST_GROWTH + 1) if self._batch(plan, one, least=0)]
+        return max(fits, default=1) if self.config.grow else 1
+
+    def _batch(self, plan: Plan, growth: int, least: int = 1) -> int:
+        """Return the number of runs that may advance together."""
+        return max(least, allowance(self.config.memory) // self._run_bytes(plan, growth))
+
+    def _run_bytes(self, plan: Plan, growth: int) -> int:
+        shape = self._shape(1, second=True, growth=growth)
+        return math.ceil(shape.samples * (_TAPES * plan.tape_bytes + _SAMPLE))
 
     def _most_runs(self, plan: Plan, growth: int) -> int:
         rollouts, most = self._nominal_rollouts(growth), self.config.most

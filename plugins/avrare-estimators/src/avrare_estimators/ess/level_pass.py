@@ -320,12 +320,10 @@ class LevelPass:
 
     def _level_done(self) -> LevelPass:
         # 7. The chains' samples are the population of the level; go on with step 1.
-        shape, active = self.shape, int(self.active.sum())
-        order = np.arange(active * shape.samples).reshape(shape.length, active, shape.chains)
-        new = batch.take(batch.concatenate(self.samples), order.transpose(1, 0, 2).ravel())
-        places = np.flatnonzero(np.repeat(self.active, shape.samples))
-        population = replace(self.points.updated(places, new), root=self.points.root.copy())
-        population.root[places] = new.root
+        shape, chains = self.shape, np.arange(self.shape.chains)
+        first = np.flatnonzero(self.active)[:, None] * shape.samples
+        places = [(first + k * shape.chains + chains).ravel() for k in range(shape.length)]
+        population = self.points.replaced(places, self.samples)
         levels = self.levels
         if self.schedule is None:
             levels = (*levels[:-1], replace(levels[-1], known=self.known))

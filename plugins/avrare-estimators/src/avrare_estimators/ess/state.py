@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import FAILURE_LIMIT, Failures, Worst
+from avrare.estimation.result import Failures, Worst
 from avrare.estimation.result_builder import missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Rollouts
@@ -74,8 +74,8 @@ class EssState:
         assert self.kept is not None
         new = _distinct_failures(self.level_pass, 0)
         kept = Failures(
-            np.concatenate([self.kept.noise, new.noise])[:FAILURE_LIMIT],
-            np.concatenate([self.kept.robustness, new.robustness])[:FAILURE_LIMIT], 0,
+            np.concatenate([self.kept.noise, new.noise])[: self.plan.kept_failures],
+            np.concatenate([self.kept.robustness, new.robustness])[: self.plan.kept_failures], 0,
         )  # fmt: skip
         whole = self.ended.joined(self.level_pass.without_tapes())
         return replace(self, level_pass=whole, ended=None, kept=kept)
@@ -111,7 +111,7 @@ def _distinct_failures(last: LevelPass, count: int) -> Failures:
     # A chain that stays repeats its tape.
     different: dict[bytes, int] = {}
     for row in np.flatnonzero(last.points.violated):
-        if len(different) == FAILURE_LIMIT:
+        if len(different) == last.plan.kept_failures:
             break
         different.setdefault(last.points.tape[row].tobytes(), int(row))
     rows = np.array(list(different.values()), dtype=np.int64)

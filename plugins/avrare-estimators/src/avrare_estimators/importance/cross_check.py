@@ -27,6 +27,8 @@ from avrare_estimators.ess.level_pass import LevelPass, PassShape
 from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.weights import mixture_log_weights
 
+CLIMB_TAPES = 5
+"""Tapes of each sample of a group at the peak."""
 GROUPS = 8
 """Independent groups of chains, whose scatter gives the uncertainty."""
 _LENGTH, _SHARE = 10, 0.1
@@ -87,12 +89,13 @@ class CrossCheck:
     log_ratio: Floats | None = None
 
     @staticmethod
-    def begin(samples: Sequence[Sample], budget: int) -> CrossCheck | None:
+    def begin(samples: Sequence[Sample], budget: int, most: int) -> CrossCheck | None:
         """Begin the cross-check of the last of a run's samples.
 
         Args:
             samples: All samples of the run; the chains start at their target rows.
             budget: Rollouts to spend.
+            most: Tapes of all chains together that fit into memory.
 
         Returns:
             None where there is nothing to compare with, or too little to climb with.
@@ -102,7 +105,7 @@ class CrossCheck:
         places = [np.flatnonzero(~one.error[: one.target_rows]) for one in samples]
         scouts = _heaviest_failures(samples)
         budget -= GROUPS * _WEIGHED + len(scouts) * (_ROUNDS + 1)
-        chains = _most_chains(budget, sum(map(len, places)), estimate) if estimate > 0.0 else 0
+        chains = _most_chains(budget, sum(map(len, places)), estimate, most) if estimate > 0.0 else 0
         if not chains:
             return None
         # 1. Each group starts at the best of its share of the target's rows.
@@ -186,10 +189,12 @@ def _heaviest_failures(samples: Sequence[Sample]) -> Floats:
     return np.concatenate(tapes)
 
 
-def _most_chains(budget: int, rows: int, estimate: float) -> int:
-    """Return the most chains of a group that can climb to ``estimate`` within the budget; 0 if too few."""
-    most = rows // (GROUPS * _LENGTH)
-    for chains in range(most, _FEWEST_CHAINS - 1, -1):
+def _most_chains(budget: int, rows: int, estimate: float, most: int) -> int:
+    """Return the most chains of a group that can climb to ``estimate`` within the budget; 0 if too few.
+
+    Their tapes are at most ``most``.
+    """
+    for chains in range(min(rows, most) // (GROUPS * _LENGTH), _FEWEST_CHAINS - 1, -1):
         levels = max(0.0, math.log(chains * GROUPS * _LENGTH / rows / estimate) / -math.log(_SHARE))
         if levels * GROUPS * chains * (_LENGTH - 1) <= budget:
             return chains

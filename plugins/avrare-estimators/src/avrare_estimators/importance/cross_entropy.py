@@ -6,11 +6,14 @@ true weights and rows of the target mixed in (stl-ams, section IV, "Imp-CE", wit
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
+from avrare.base.memory import allowance
+from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
@@ -19,9 +22,11 @@ from avrare_estimators.config import CeConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.gaussian_family import GaussianFamily
 from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
-from avrare_estimators.importance.sampling import PartialSample, Sample, Source
+from avrare_estimators.importance.sampling import PartialSample, Sample, Source, wave_rows
 from avrare_estimators.weights import annealed, effective_size
 
+_TAPES = 4
+"""Tapes of each row to learn from at the peak."""
 _LEAST_SHARE = 0.5
 """Effective size of the elite's weights, as a share of its rows: below it they are annealed."""
 
@@ -70,9 +75,30 @@ class CrossEntropy(WeightedSampler):
 
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
         """Return the state before the first rollout, and what to show."""
+        state = SamplingState(plan, self._rollouts(plan), self.family.start())
+        return self._begin_run(state), Info()
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of the samples and of what a stage learns from."""
+        found, rollouts = super().demand(plan, carry), self._rollouts(plan)
+        learnt = (
+            min(math.ceil(self.config.elite * rollouts), self._most_learnt(plan)) * _TAPES * plan.tape_bytes
+        )
+        if self.config.family == "network":
+            learnt = rollouts * (plan.steps + 1) * carry
+            if self.config.memory is not None:
+                learnt = min(learnt, allowance(self.config.memory) // 2)
+        return replace(found, bytes=found.bytes + learnt)
+
+    def _rollouts(self, plan: Plan) -> int:
         config = self.config
-        rollouts = affordable_rollouts(plan, config.rollouts, config.runs, config.stages + 1, config.check)
-        return self._begin_run(SamplingState(plan, rollouts, self.family.start())), Info()
+        return affordable_rollouts(plan, config.rollouts, config.runs, config.stages + 1, config.check)
+
+    def _rows(self, plan: Plan) -> int:
+        return self._rollouts(plan) * (self.config.stages + 1)
+
+    def _most_learnt(self, plan: Plan) -> int:
+        return max(2, allowance(self.config.memory) // (2 * _TAPES * plan.tape_bytes))
 
     def _begin_run(self, state: SamplingState) -> SamplingState:
         return self._learn(replace(state, source=self.family.start()))
@@ -85,7 +111,8 @@ class CrossEntropy(WeightedSampler):
         stage = len(state.stages)
         target_rows = state.rollouts if stage == 0 else round(self.config.defensive * state.rollouts)
         source = self.family.with_details(state.source)
-        task = PartialSample.begin(source, state.plan, state.run, stage, state.rollouts, target_rows)
+        wave = wave_rows(state.plan, self.config.memory)
+        task = PartialSample.begin(source, state.plan, state.run, stage, state.rollouts, target_rows, wave)
         return replace(state, task=task)
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
@@ -93,6 +120,7 @@ class CrossEntropy(WeightedSampler):
             return super()._sample_complete(state, sample)
         # 2. Fit the family to the elite, with annealed weights.
         rows, entry = elite(sample, self.config.elite)
+        rows = rows[:: max(1, -(-len(rows) // self._most_learnt(state.plan)))]
         logs = sample.log_weights[rows]
         entry["elite_effective"] = effective_size(np.exp(logs))
         if len(rows):

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.memory import allowance
+from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import Floats
@@ -16,7 +18,7 @@ from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.config import CeConfig, IsConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.fresh import FreshRows
-from avrare_estimators.importance.cross_check import CrossCheck, CrossCheckResult
+from avrare_estimators.importance.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
 from avrare_estimators.importance.sampling import (
@@ -25,7 +27,14 @@ from avrare_estimators.importance.sampling import (
     PerceptionSource,
     Sample,
     Source,
+    wave_bytes,
+    wave_rows,
 )
+
+_ROW = 150
+"""Bytes of a row that is kept, at the peak."""
+_LEVELS = 2
+"""Levels that the cross-check's chains climb at least where they are most."""
 
 
 def build(config: IsConfig, scene: object | None = None) -> WeightedSampler:
@@ -80,6 +89,7 @@ class WeightedSampler:
 
     name: str
     single = True
+    final_scores = True
     needs = ("noise",)
     config: IsConfig | CeConfig
     noise_size: int | None = None
@@ -113,9 +123,23 @@ class WeightedSampler:
             )
         ]
 
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of all samples' rows, and of a wave or of the cross-check's chains."""
+        rows = self._rows(plan)
+        tape, room = plan.tape_bytes, allowance(self.config.memory)
+        share = self.config.check / (1.0 - self.config.check) / _LEVELS
+        climb = min(int(share * rows) * CLIMB_TAPES * tape, room) if self.config.check else 0
+        held = _ROW * rows * self.config.runs + max(wave_bytes(plan, self.config.memory), climb)
+        return Demand(held, self.config.memory, "rollouts")
+
+    def _rows(self, plan: Plan) -> int:
+        """Return the rows of all samples of a run that are kept."""
+        raise NotImplementedError
+
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
         plain = sample.share == 1.0  # Monte Carlo needs none
-        check = None if plain else CrossCheck.begin(state.samples, self._check_rollouts(state))
+        most = max(1, allowance(self.config.memory) // (CLIMB_TAPES * state.plan.tape_bytes))
+        check = None if plain else CrossCheck.begin(state.samples, self._check_rollouts(state), most)
         state = replace(state, task=check)
         if check is not None and check.pending is not None:
             return state
@@ -132,7 +156,8 @@ class WeightedSampler:
         rows = self._sample_rows(state)
         target_rows = round(self.config.defensive * rows)
         stage = len(state.stages)
-        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows)
+        wave = wave_rows(state.plan, self.config.memory)
+        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows, wave)
         return replace(state, task=task)
 
     def _sample_rows(self, state: SamplingState) -> int:
@@ -180,9 +205,12 @@ class ImportanceSampling(WeightedSampler):
 
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
         """Return the state before the first rollout, and what to show."""
-        rollouts = affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
+        rollouts = self._rows(plan)
         state = SamplingState(plan, rollouts, self._source(plan))
         return self._begin_run(state), Info(goal=rollouts * self.config.runs)
+
+    def _rows(self, plan: Plan) -> int:
+        return affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
 
     def _sample_rows(self, state: SamplingState) -> int:
         return state.rollouts - int(self.config.check * state.rollouts)

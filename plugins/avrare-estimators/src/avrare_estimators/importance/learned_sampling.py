@@ -20,7 +20,7 @@ from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
 from avrare_estimators.importance.lessons import Lessons, is_learnt, is_worthless
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile, described
-from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource
+from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.words import NoiseNames, describe_failures
 from avrare_estimators.looks import Looks
@@ -64,10 +64,13 @@ class LearnedSampling(WeightedSampler):
 
     def init(self, plan: Plan) -> tuple[LearnedState, Info]:
         """Return the state before the first rollout, and what to show."""
-        rollouts = affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
+        rollouts = self._rows(plan)
         state = LearnedState(plan, rollouts, TapeSource(None))
         goal = None if self.config.relative_error is not None else rollouts * self.config.runs
         return self._begin_run(state), Info(goal=goal)
+
+    def _rows(self, plan: Plan) -> int:
+        return affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
 
     def estimate(self, state: LearnedState) -> list[Result]:  # type: ignore[override]
         """Return the estimate from the final samples, what was learnt, and the file of the proposal."""
@@ -110,7 +113,8 @@ class LearnedSampling(WeightedSampler):
         rows = self._stage_rows(state, stage)
         target_rows = round(self.config.defensive * rows) if stage else rows
         source = TapeSource(mixtures[-1] if mixtures else None)
-        task = PartialSample.begin(source, state.plan, state.run, stage, rows, target_rows)
+        wave = wave_rows(state.plan, self.config.memory)
+        task = PartialSample.begin(source, state.plan, state.run, stage, rows, target_rows, wave)
         return replace(state, source=source, task=task)
 
     def _stage_rows(self, state: LearnedState, stage: int) -> int:
@@ -161,7 +165,8 @@ class LearnedSampling(WeightedSampler):
         plain = state.source.mixture is None
         target_rows = rows if plain else round(self.config.defensive * rows)
         stage = len(state.stages) + len(state.final)
-        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows)
+        wave = wave_rows(state.plan, self.config.memory)
+        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows, wave)
         return replace(state, task=task)
 
     def _doubts(self, state: SamplingState) -> dict[str, str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from avrare.estimation import health, intervals
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import FAILURE_LIMIT, Failures, Interval, Result, Worst
+from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
@@ -118,7 +118,7 @@ def summarise(
         interval_at=interval_at,
         relative_error=math.sqrt(_relative_variance(runs, values)),
         health=warnings,
-        failures=_failures(runs, tally, noise_size),
+        failures=_failures(plan, runs, tally, noise_size),
         worst=_worst(plan, runs, noise_size),
         robustness=first if first is not None else np.zeros(0),
         blind_bound=fresh.blind_bound(plan.confidence),
@@ -204,8 +204,8 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
     return rows if run.sample.source.replayable else rows[rows < run.sample.target_rows]
 
 
-def _failures(runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
-    tapes, robustness, room = [], [], FAILURE_LIMIT
+def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
+    tapes, robustness, room = [], [], plan.kept_failures
     for run in runs:
         rows = _replayable(run, run.sample.violated)[:room]
         tapes.append(run.sample.tapes(rows)[..., :noise_size])

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.errors import UsageError
+from avrare.base.memory import allowance
 from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
@@ -170,10 +171,12 @@ class PerceptionSource:
     Attributes:
         proposal: Perception model of each request; None: the problem brings its own.
         keep_carries: Ask for the carries of every step.
+        most_bytes: Limit on the carries of a row, as in ``Request``.
     """
 
     proposal: Any = None
     keep_carries: bool = False
+    most_bytes: int = 0
     replayable = False
 
     def tapes(self, stratum: Stratum, index: Integers) -> Floats:
@@ -184,7 +187,7 @@ class PerceptionSource:
         law = SamplingLaw(self.proposal, stratum.from_target)
         return Request(
             stratum.run * ones, stratum.stage * ones, stratum.first + index, FROM_START * ones,
-            keep_carries=self.keep_carries, law=law,
+            keep_carries=self.keep_carries, most_bytes=self.most_bytes, law=law,
         )  # fmt: skip
 
     def target_request(self, tapes: Floats) -> Request:
@@ -208,6 +211,19 @@ def _call_proposal(name: str, method: Callable[..., Any], *arguments: Any) -> Fl
 
 _WAVE = 8
 """Number of chunks in flight at a time."""
+_TAPES = 3
+"""Tapes of each row of a wave at the peak: drawn, asked for, and weighed."""
+
+
+def wave_rows(plan: Plan, memory: float | None) -> int:
+    """Return the rows of a wave: some chunks, or fewer where their tapes would take half of the memory."""
+    room = allowance(memory) // (2 * _TAPES * plan.tape_bytes)
+    return min(_WAVE * plan.chunk, max(_BLOCK, room))
+
+
+def wave_bytes(plan: Plan, memory: float | None) -> int:
+    """Return the bytes of a wave at its peak."""
+    return wave_rows(plan, memory) * _TAPES * plan.tape_bytes
 
 
 @dataclass(frozen=True)
@@ -219,21 +235,25 @@ class PartialSample:
         strata: The target's rows and the proposal's.
         outcomes: Rollouts of the waves so far.
         ratios: Their log p/q.
+        wave: Rows of a wave.
         pending: The present wave; None when all rows are in.
     """
 
     source: Source
     strata: tuple[Stratum, Stratum]
+    wave: int
     outcomes: tuple[Rollouts, ...] = ()
     ratios: tuple[Floats, ...] = ()
     pending: Request | None = None
 
     @staticmethod
-    def begin(source: Source, plan: Plan, run: int, stage: int, rows: int, target_rows: int) -> PartialSample:
-        """Begin a sample of ``rows`` rows, ``target_rows`` of them from the target."""
+    def begin(
+        source: Source, plan: Plan, run: int, stage: int, rows: int, target_rows: int, wave: int
+    ) -> PartialSample:
+        """Begin a sample of ``rows`` rows, ``target_rows`` of them from the target, in waves."""
         target = Stratum(plan, run, stage, target_rows, from_target=True)
         proposal = Stratum(plan, run, stage, rows - target_rows, from_target=False, first=target_rows)
-        return PartialSample(source, (target, proposal))._next_wave()
+        return PartialSample(source, (target, proposal), wave)._next_wave()
 
     def tell(self, rollouts: Rollouts) -> PartialSample:
         """Store a wave and ask for the next."""
@@ -248,7 +268,7 @@ class PartialSample:
         done = sum(map(len, self.ratios))
         for stratum in self.strata:
             if done < stratum.rows:
-                index = np.arange(done, min(done + _WAVE * stratum.plan.chunk, stratum.rows))
+                index = np.arange(done, min(done + self.wave, stratum.rows))
                 return replace(self, pending=self.source.request(stratum, index))
             done -= stratum.rows
         return self

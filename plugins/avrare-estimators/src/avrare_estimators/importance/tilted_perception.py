@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.errors import PluginError
+from avrare.base.memory import allowance
 from avrare.driving import Observation
 from avrare.protocols import Floats, find_ability
 from avrare.rollout.problem import Problem
@@ -200,9 +201,11 @@ class NetworkFamily:
         return PerceptionSource()
 
     def with_details(self, source: Source) -> Source:
-        """Return the same source with the carries of every step to learn from."""
+        """Return the same source with the carries to learn from: of every step, as far as memory is given."""
         assert isinstance(source, PerceptionSource)
-        return replace(source, keep_carries=True)
+        config = self.config
+        most = 0 if config.memory is None else max(1, allowance(config.memory) // (2 * config.rollouts))
+        return replace(source, keep_carries=True, most_bytes=most)
 
     def fit(self, sample: Sample, rows: Integers, weights: Floats) -> Source:
         """Fit the network that makes the rows' observations likeliest, starting from the present one."""

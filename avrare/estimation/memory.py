@@ -1,0 +1,112 @@
+"""Memory of an estimate, foretold before its first rollout: clear words instead of a machine that swaps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from avrare.base import batch
+from avrare.base.errors import UsageError
+from avrare.base.memory import format_memory, usable_memory, used_memory
+from avrare.estimation.plan import Plan
+from avrare.protocols import find_ability
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Carry
+
+_NOISE_BLOCK = 2**17 * 8 * 16
+"""Bytes to draw a block of noise."""
+_STATES = 4
+"""States of a chunk that are alive at once: the old one, the new one, and what a step computes on the way."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Memory that an estimate holds at its peak, beside the chunks that run.
+
+    Attributes:
+        bytes: The bytes, as far as they are certain.
+        memory: The estimator's option ``memory`` [MiB], None where it is not given.
+        sizes: Options that make it smaller, such as "particles".
+    """
+
+    bytes: int
+    memory: float | None
+    sizes: str
+
+
+class ForetellsMemory(Protocol):
+    """Estimator that knows the memory it needs."""
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return what the task needs, where the carry of a particle has ``carry`` bytes (0: not known)."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Memory of an estimate.
+
+    Attributes:
+        held: Bytes that the estimator holds; 0 where it cannot tell.
+        chunk: Bytes of a chunk that is run: in each worker.
+        program: Bytes of the program itself.
+    """
+
+    held: int
+    chunk: int
+    program: int
+
+    @property
+    def total(self) -> int:
+        """Bytes of a run without worker processes."""
+        return self.held + self.chunk + self.program
+
+    def describe(self) -> str:
+        """Return the forecast in words."""
+        return (
+            f"memory about {format_memory(self.total)}: estimate {format_memory(self.held)}, "
+            f"chunk {format_memory(self.chunk)}, program {format_memory(self.program)}"
+        )
+
+
+def forecast(problem: Problem, estimator: object, plan: Plan) -> Forecast:
+    """Foretell the memory of an estimate of a prepared problem; refuse one that cannot work.
+
+    Raises:
+        UsageError: The estimate needs more than its option ``memory``, or than this process may use.
+    """
+    carry = _carry_bytes(problem)
+    foretelling = find_ability(estimator, ForetellsMemory)
+    demand = foretelling.demand(plan, carry) if foretelling is not None else Demand(0, None, "")
+    held, limit = demand.bytes, demand.memory
+    needed = f"the estimate of {', '.join(plan.names[:3])}{' ...' * (len(plan.names) > 3)} needs"
+    if limit is not None and held > limit * 2**20:
+        raise UsageError(
+            f"{needed} {format_memory(held)} of memory, more than the option memory ({limit:g} MiB)",
+            f"raise it to {math.ceil(held / 2**20)}, or lower {demand.sizes}",
+        )
+    rows = _STATES * carry + 8 * (plan.steps + 1)
+    found = Forecast(held, plan.chunk * rows + _NOISE_BLOCK, used_memory())
+    if found.total > (usable := usable_memory()):
+        smaller = f"lower {demand.sizes}" if held > found.chunk else "lower chunk"
+        raise UsageError(
+            f"{needed} about {format_memory(found.total)} of memory, and this process may use "
+            f"{format_memory(usable)}",
+            f"{smaller}, or run it on a larger machine",
+        )
+    return found
+
+
+def _carry_bytes(problem: Problem) -> int:
+    """Return the bytes of a particle's carry at the start; 0 where it cannot be told without error."""
+    try:
+        state = problem.system.initial(np.zeros((1, problem.noise_size)))
+        signals = problem.system.signals(state)
+        updates = [spec.update(spec.start(1), signals) for spec in problem.monitors]
+        carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
+        leaves: list[Any] = [*batch.leaves(carry), *map(np.asarray, signals.values())]
+    except Exception:  # it is told where it matters: at the first rollout
+        return 0
+    return sum(leaf.nbytes for leaf in leaves)
