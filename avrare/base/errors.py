@@ -109,6 +109,16 @@ class Interrupted(AvrareError):
     exit_code = ExitCode.INTERRUPTED
 
 
+class OutOfMemory(AvrareError):
+    """An end for want of memory that could not be foretold; saved chunks are kept."""
+
+    exit_code = ExitCode.INTERRUPTED
+
+    def __init__(self, message: str = "out of memory", hint: str | None = None) -> None:
+        advice = "use fewer workers, a smaller chunk, fewer particles, or the estimator's option memory"
+        super().__init__(message, hint or advice)
+
+
 class PluginError(AvrareError):
     """A plugin that is missing, broken, or lacks a dependency."""
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 from avrare.base import version
-from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError, did_you_mean
+from avrare.base.errors import AvrareError, ExitCode, OutOfMemory, PluginError, UsageError, did_you_mean
 from avrare.base.visible_text import spell_controls
 
 COMMANDS = {
@@ -79,6 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except AvrareError as error:
         _tell(*error.lines())
         return int(error.exit_code)
+    except MemoryError:
+        _tell(*OutOfMemory().lines())
+        return int(ExitCode.INTERRUPTED)
     except KeyboardInterrupt:
         _tell("interrupted")
         return int(ExitCode.INTERRUPTED)

@@ -13,7 +13,7 @@ from typing import Any
 
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
-from avrare.base.errors import AvrareError, ExitCode, Interrupted, UsageError
+from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings, say
 from avrare.estimation.budget import Budget
@@ -148,6 +148,11 @@ def _run_all(
         count = checkpoint.chunks
         message = f"interrupted, {count} {'chunk is' if count == 1 else 'chunks are'} saved"
         raise Interrupted(message, f"resume with {_resume_command(checkpoint)}") from error
+    except MemoryError:
+        stopped = OutOfMemory()
+        resume = f"; completed chunks are saved: {_resume_command(checkpoint)} resumes where there is more"
+        stopped.hint = f"{stopped.hint}{resume if checkpoint.chunks else ''}"
+        raise stopped from None
     except (SaveError, WorkerDied) as error:
         error.hint = f"{error.hint}; completed chunks are saved: resume with {_resume_command(checkpoint)}"
         raise

@@ -169,3 +169,24 @@ def test_until_a_relative_error(tmp_path, capsys):
     assert "write --until relative_error=0.1" in capsys.readouterr().err
     assert main(["run", *words, "--until", "relative_error=2", "--out", str(tmp_path)]) == 4
     assert "estimator.relative_error" in capsys.readouterr().err
+
+
+def test_want_of_memory_ends_with_advice(tmp_path, monkeypatch, capsys):
+    def hungry(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("avrare.cli.run.estimate_specifications", hungry)
+    scenario = str(Path(LANE_CHANGE).with_name("pendulum.yaml"))
+    assert main(["run", scenario, "--out", str(tmp_path / "out"), "--no-pictures"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("out of memory\nhint: use fewer workers, a smaller chunk")
+    assert "Traceback" not in told
+
+
+def test_an_estimate_larger_than_the_machine_is_refused_at_once(tmp_path, capsys):
+    scenario = str(Path(LANE_CHANGE).with_name("pendulum.yaml"))
+    large = ["--estimator", "ams", "--set", "estimator.particles=1e9", "--set", "steps=1e6"]
+    assert main(["run", scenario, *large, "--out", str(tmp_path / "out"), "--no-pictures"]) == 4
+    told = capsys.readouterr().err
+    assert "GiB of memory, and this process may use" in told
+    assert "hint: lower particles" in told

@@ -158,3 +158,14 @@ def test_avrare_errors_are_not_swallowed():
 
     with pytest.raises(UsageError, match="a wrong argument"):
         avrare.estimate(avrare.Problem(Wrong(), avrare.stl("always (x < 1)"), steps=2), rollouts=3)
+
+
+def test_want_of_memory_is_no_error_of_a_rollout():
+    """Otherwise the machine would decide which rollouts count."""
+
+    class Hungry(systems.Walk):
+        def step(self, state, noise):
+            raise MemoryError
+
+    with pytest.raises(MemoryError):
+        simulate(Hungry())

@@ -1,4 +1,4 @@
-"""The option ``memory``: an estimate holds about what is foretold, and within it the same numbers come out."""
+"""The option ``memory``: what is foretold is about what is held, and the numbers do not depend on it."""
 
 import tracemalloc
 
