@@ -83,7 +83,7 @@ class MonteCarlo:
         state, specs = self.init(plan)[0], len(plan.names)
         rows = 0 if state.info.goal is None and not self.config.sequential else state.total
         kept = 16 * min(rows or MOST_ROBUSTNESS, MOST_ROBUSTNESS) * specs
-        stage = 2 * _STAGE_CHUNKS * plan.chunk * (9 * specs + 9)
+        stage = 2 * min(_STAGE, rows or _STAGE) * (9 * specs + 9)
         verdicts = 2 * rows * (specs + 1) if self.config.sequential else 0
         return Demand(kept + stage + verdicts, self.config.memory, "rollouts")
 

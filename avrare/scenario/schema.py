@@ -185,7 +185,9 @@ class Document(_Model):
     tracker: dict[str, Any] | None = Field(None, description="tracker and predictor")
     controller: dict[str, Any] | None = Field(None, description="controller (planner) under test")
     specifications: dict[Slug, dict[str, Any]] = Field(
-        min_length=1, description="name -> {stl: formula} or {plugin: name, ...}"
+        min_length=1,
+        max_length=1000,
+        description="name -> {stl: formula} or {plugin: name, ...}; more need a scenario of their own",
     )
     estimator: dict[str, Any] = Field({"plugin": "mc"}, description="estimator of the failure probability")
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")

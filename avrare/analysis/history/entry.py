@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
@@ -46,7 +47,7 @@ class HistoryEntry:
     def from_row(row: Sequence[Any]) -> HistoryEntry:
         """Return the entry in a row of the database; ValueError if a value cannot be one."""
         values = (spell_line(value) if isinstance(value, str) else value for value in row)
-        found = TypeAdapter(HistoryEntry).validate_python(dict(zip(FIELDS, values, strict=True)))
+        found = _row_reader().validate_python(dict(zip(FIELDS, values, strict=True)))
         datetime.fromisoformat(found.written)
         if not all(0.0 <= one <= 1.0 for one in (found.probability, found.low, found.high, found.confidence)):
             raise ValueError("a probability is not between 0 and 1")
@@ -64,6 +65,11 @@ class HistoryEntry:
     def commit(self) -> str:
         """Short commit, with a star for uncommitted changes."""
         return f"{self.revision[:10] or 'no commit'}{'*' if self.changed else ''}"
+
+
+@functools.cache
+def _row_reader() -> TypeAdapter[HistoryEntry]:
+    return TypeAdapter(HistoryEntry)
 
 
 FIELDS = tuple(one.name for one in fields(HistoryEntry))

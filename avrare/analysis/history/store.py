@@ -13,6 +13,8 @@ from avrare.analysis.history.entry import FIELDS, HistoryEntry
 from avrare.base.errors import PluginError, UsageError
 
 DEFAULT = ".avrare/history.sqlite"
+MOST_ENTRIES = 200_000
+"""Entries that are read at once, some 300 MB."""
 _TABLE = "avrare_history"
 _COLUMN_TYPES = {"str": "VARCHAR(255)", "int": "BIGINT", "float": "DOUBLE PRECISION", "bool": "INTEGER"}
 _LOCK_TIMEOUT = 30.0
@@ -59,7 +61,12 @@ class HistoryStore:
         statement = f"SELECT {', '.join(FIELDS)} FROM {_TABLE}"
         if scenario is not None:
             statement += " WHERE scenario = :scenario"
+        statement += f" LIMIT {MOST_ENTRIES + 1}"
         rows = self._connection.run(statement, {"scenario": scenario} if scenario is not None else {})
+        if len(rows) > MOST_ENTRIES:
+            text = f"{self.location}: more than {MOST_ENTRIES:,} entries"
+            advice = "divide the history into several" if scenario else "name one of its scenarios"
+            raise UsageError(text, f"{advice}: avrare history SCENARIO --store URL")
         return [self._entry(row) for row in rows]
 
     def _entry(self, row: Sequence[Any]) -> HistoryEntry:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 MAX_DEPTH = 100
 """Deeper nesting is refused, as evaluation is recursive."""
 
+MAX_CHARACTERS = 200_000
+"""Longer texts are refused: reading one takes seconds and much memory."""
+
 _NAME = r"[^\W\d][\w.]*"
 _TYPES = ("float", "double", "real", "int", "long", "bool", "complex", "float32", "float64")
 _IMPORT = rf"from\s+{_NAME}\s+import\s+({_NAME})"
@@ -48,6 +51,9 @@ def parse_with_warnings(text: str, dt: float | Fraction = 1.0) -> tuple[nodes.No
     """
     if not isinstance(text, str):
         raise FormulaError(f"a formula must be text, not {type(text).__name__}")
+    if len(text) > MAX_CHARACTERS:
+        message = f"the formula has {len(text):,} characters, more than {MAX_CHARACTERS:,}"
+        raise FormulaError(message, "compute parts of the formula as signals of the system")
     return _parse(text, _read_period(dt))
 
 
@@ -62,7 +68,11 @@ def _parse(text: str, period: Fraction) -> tuple[nodes.Node, tuple[LintWarning, 
         too_deep = True
     if too_deep:
         message = f"the formula is nested more than {MAX_DEPTH} levels deep"
-        raise FormulaError(message, "compute parts of the formula as signals of the system")
+        hint = (
+            "a chain a and b and c nests too: group it in brackets, (a and b) and (c and d), make several "
+            "specifications of it, or compute parts of it as signals of the system"
+        )
+        raise FormulaError(message, hint)
     return node, find_lint_warnings(text, definitions, trees)
 
 

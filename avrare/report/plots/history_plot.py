@@ -34,13 +34,14 @@ def draw(entries: Sequence[HistoryEntry], path: Path) -> None:
 
 def _draw_panel(ax: Any, entries: Sequence[HistoryEntry]) -> None:
     low, high = _find_range(entries)
-    for k, entry in enumerate(entries):
-        colour = _FAILED if entry.verdict == "fail" else _BLUE
-        ax.plot([k, k], [max(entry.low, low), entry.high], color=colour, lw=2.2, alpha=0.45)
-        if entry.probability > 0.0:
-            ax.plot([k], [entry.probability], "o", color=colour, ms=6.0, mec="white", mew=0.8)
-        else:  # no failures: the upper end is the result
-            ax.plot([k], [entry.high], "v", color=colour, ms=6.0, mfc="white")
+    for colour, failed in ((_BLUE, False), (_FAILED, True)):  # few artists: a history may be long
+        mine = [(k, one) for k, one in enumerate(entries) if (one.verdict == "fail") == failed]
+        ends = [[max(one.low, low) for _, one in mine], [one.high for _, one in mine]]
+        ax.vlines([k for k, _ in mine], *ends, color=colour, lw=2.2, alpha=0.45, capstyle="projecting")
+        points = [(k, one.probability) for k, one in mine if one.probability > 0.0]
+        ax.plot(*_columns(points), "o", color=colour, ms=6.0, mec="white", mew=0.8)
+        bounds = [(k, one.high) for k, one in mine if one.probability <= 0.0]
+        ax.plot(*_columns(bounds), "v", color=colour, ms=6.0, mfc="white")  # the upper end is the result
     _join_between_breaks(ax, entries)
     for k, other in enumerate(find_breaks(entries)):
         if other:
@@ -50,6 +51,10 @@ def _draw_panel(ax: Any, entries: Sequence[HistoryEntry]) -> None:
                 textcoords="offset points", fontsize=7.5, color=_MUTED, va="top",
             )  # fmt: skip
     _format_axes(ax, entries, low, high)
+
+
+def _columns(points: Sequence[tuple[int, float]]) -> tuple[list[int], list[float]]:
+    return [k for k, _ in points], [value for _, value in points]
 
 
 def _join_between_breaks(ax: Any, entries: Sequence[HistoryEntry]) -> None:

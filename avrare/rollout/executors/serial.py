@@ -15,7 +15,7 @@ class ExecutorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    workers: int = Field(default=1, ge=1, description="processes")
+    workers: int = Field(default=1, ge=1, le=1024, description="processes")
 
 
 def build(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor:
