@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -133,7 +134,7 @@ ROWS = (
 )
 
 
-def measure(row: Row) -> dict[str, object]:
+def measure(row: Row) -> dict[str, Any]:
     """Run a row; return its seconds, the peak of the memory of all its processes, exit code and words."""
     with tempfile.TemporaryDirectory() as name:
         row.prepare(folder := Path(name))
@@ -167,14 +168,14 @@ def _resident(session: int) -> Iterator[int]:
             yield int(fields[21]) * page
 
 
-def render(found: list[dict[str, object]]) -> str:
+def render(found: list[dict[str, Any]]) -> str:
     """Return the load table and the table of refusals as Markdown."""
     lines = ["| load | CPU time | memory |", "|---|---|---|"]
     lines += [
         f"| {one['name']} | {one['cpu']:.0f} s | {one['memory'] / 2**20:,.0f} MiB |"
         for one in found
         if not one["code"]
-    ]  # type: ignore[operator]
+    ]
     lines += ["", "| refused | after | words |", "|---|---|---|"]
     lines += [
         f"| {one['name']} | {one['cpu']:.1f} s | {_words(str(one['told']))} |" for one in found if one["code"]
@@ -190,7 +191,7 @@ def _words(told: str) -> str:
 def main() -> None:
     """Measure the rows, print them, and write the page if all were measured."""
     wanted = sys.argv[1:]
-    found: list[dict[str, object]] = []
+    found: list[dict[str, Any]] = []
     for row in ROWS:
         if not wanted or any(word in row.name for word in wanted):
             found.append(measure(row))
