@@ -55,7 +55,8 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     Raises:
         ValueError: It is one.
     """
-    file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb")
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    file = os.fdopen(os.open(path, flags), "rb")
     kind = os.fstat(file.fileno()).st_mode
     if stat.S_ISREG(kind):
         return file
