@@ -41,7 +41,7 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-gp-pem": {"perception": ("gp_pem", "parametric", "naive")},
     "avrare-gymnasium": {"simulator": ("gymnasium",), "controller": ("gym_feedback", "gym_constant")},
     "avrare-highway-env": {"simulator": ("highway_env",), "controller": ("path_follower",)},
-    "avrare-imm": {"tracker": ("imm",)},
+    "avrare-imm": {"tracker": ("imm", "filterpy")},
     "avrare-linear": {"simulator": ("linear",), "estimator": ("ess_linear",)},
     "avrare-metadrive": {"simulator": ("metadrive",), "controller": ("metadrive_expert",)},
     "avrare-mpc": {"controller": ("mpc",)},

@@ -145,7 +145,7 @@ def test_wrong_options(options):
 
 
 def test_component_resolves_and_imports_nothing_heavy():
-    (component,) = avrare_components()
+    component, _ = avrare_components()
     assert (component.kind, component.name) == ("tracker", "imm")
     assert component.load_config() is ImmConfig
     tracker: Tracker = component.load_factory()(ImmConfig(), scene(2))

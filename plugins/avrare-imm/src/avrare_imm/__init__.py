@@ -7,7 +7,7 @@ from avrare.plugin.component import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """Return the tracker ``imm``."""
+    """Return the trackers ``imm`` and ``filterpy``."""
     return [
         Component(
             kind="tracker",
@@ -15,5 +15,13 @@ def avrare_components() -> list[Component]:
             config="avrare_imm.config:ImmConfig",
             factory="avrare_imm.tracker:build",
             summary="Interacting multiple models: speed along the road, lane across it",
-        )
+        ),
+        Component(
+            kind="tracker",
+            name="filterpy",
+            config="avrare_imm.config:ImmConfig",
+            factory="avrare_imm.filterpy_tracker:build",
+            summary="the same models run by filterpy, one track at a time: slow, to compare with",
+            needs=("filterpy",),
+        ),
     ]

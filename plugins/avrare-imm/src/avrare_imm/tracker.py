@@ -26,7 +26,7 @@ from avrare_imm.imm import (
     update,
 )
 from avrare_imm.life import Life, LifeRules
-from avrare_imm.models import Horizon, lateral_models, longitudinal_models, look_ahead
+from avrare_imm.models import Horizon, ModelSet, lateral_models, longitudinal_models, look_ahead
 
 
 @dataclass(frozen=True)
@@ -121,15 +121,15 @@ class ImmTracker:
         """
         positions = np.stack([observation.x, observation.speed_x, observation.y], axis=-1)
         along, across = positions[..., : len(self.longitudinal.measurement_variance)], positions[..., 2:]
-        longitudinal = predict(self.longitudinal, mix(self.longitudinal, track.longitudinal))
-        lateral = predict(self.lateral, mix(self.lateral, track.lateral))
+        longitudinal = self._predict(self.longitudinal, track.longitudinal)
+        lateral = self._predict(self.lateral, track.lateral)
         accepted = observation.detected
         if self.config.gate is not None:
             distance = innovation_distance(self.longitudinal, longitudinal, along)
             distance = distance + innovation_distance(self.lateral, lateral, across)
             accepted = accepted & ~(distance > self.config.gate**2)  # a NaN is an error, and stays one
-        longitudinal = update(self.longitudinal, longitudinal, along, accepted)
-        lateral = update(self.lateral, lateral, across, accepted)
+        longitudinal = self._update(self.longitudinal, longitudinal, along, accepted)
+        lateral = self._update(self.lateral, lateral, across, accepted)
         if self._rules is None or track.life is None:
             return ImmTrack(longitudinal, lateral)
         first = observation.detected & self._rules.absent(track.life)
@@ -171,6 +171,12 @@ class ImmTracker:
             lane_probabilities=reduce(add, np.moveaxis(by_gain, 2, 0)),
             exists=np.ones(along.shape[:2], bool) if track.life is None else track.life.exists,
         )
+
+    def _predict(self, models: ModelSet, mixture: Mixture) -> Mixture:
+        return predict(models, mix(models, mixture))
+
+    def _update(self, models: ModelSet, mixture: Mixture, measurement: Floats, detected: Bools) -> Mixture:
+        return update(models, mixture, measurement, detected)
 
     def _begin(self, measured: Floats) -> ImmTrack:
         """Return tracks from first detections: x, speed along the road and y, (N, V, 3)."""
@@ -217,9 +223,14 @@ def build(config: ImmConfig, scene: Scene | None) -> ImmTracker:
     Raises:
         UsageError: The simulator has no scene.
     """
+    return ImmTracker(config, check_scene(scene, "imm"))
+
+
+def check_scene(scene: Scene | None, tracker: str) -> Scene:
+    """Return the scene; UsageError if the simulator has none."""
     if scene is None:
         raise UsageError(
-            "the tracker 'imm' needs a driving simulator: this one has no scene",
+            f"the tracker {tracker!r} needs a driving simulator: this one has no scene",
             "use a simulator with a road and other vehicles, or remove the tracker",
         )
-    return ImmTracker(config, scene)
+    return scene
