@@ -209,6 +209,22 @@ def test_fit_finds_the_channel_and_the_step():
     assert sum(share for (channel, *_), share in place.items() if channel == 4) > 0.8
 
 
+def test_fit_pairs_outliers_of_two_channels():
+    rng = np.random.default_rng(3)
+    tapes = rng.standard_normal((120, 21, 6))
+    rows = np.arange(120)
+    first, second = rng.integers(3, 7, 120), rng.integers(10, 14, 120)
+    for channel, step in ((1, first), (4, second)):
+        tapes[rows, step, channel] = 3.5 * np.sign(tapes[rows, step, channel])
+    mixture = fit(tapes, np.ones(120), 0.25)
+    paired = [
+        share
+        for share, groups in mixture.components
+        if [int(next(iter(group))[0]) for group in groups] in ([1, 4], [4, 1])
+    ]
+    assert sum(paired) > 0.5 * sum(share for share, _ in mixture.components)
+
+
 def estimate(problem, seed=0, **options):
     return avrare.estimate(problem, "is", seed=seed, **{"rollouts": 6000, "pilot": 900, **options})
 
@@ -349,12 +365,3 @@ def test_stops_at_a_relative_error():
     assert result.diagnostics["goal_reached"]
     assert result.rollouts < 20_000
     assert result.interval[0] <= exact.probability <= result.interval[1]
-
-
-@pytest.mark.slow
-def test_two_outliers_at_once():
-    exact = peak(3.0) ** 2
-    result = estimate(outliers("always (both < 3)"), rollouts=20_000)
-    assert result.interval[0] <= exact <= result.interval[1]
-    assert any(sorted(cause["noise"]) == ["glare", "gust"] for cause in result.diagnostics["learnt"])
-    assert result.relative_error < 0.1
