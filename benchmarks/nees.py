@@ -23,22 +23,20 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
 
+_ANEW, _LASTING = "perception.persistence={}", "perception.persistence=measured"
+_PLAIN = ("tracker.gate=null", "tracker.death=null", "tracker.velocity=noisy")
+_FULL = ("tracker.gate=4", "tracker.death=10", "tracker.velocity=none")
+_WIDER = ("tracker.position_variance=0.25", "tracker.lateral_variance=0.25")
 SETTINGS = {
-    "as in the scenario": [],
-    "drawn anew": ["perception.persistence={}"],
-    "measured persistence": ["perception.persistence=measured"],
-    "gate 4": ["perception.persistence=measured", "tracker.gate=4"],
-    "gate 4, positions only": [
-        "perception.persistence=measured", "tracker.gate=4", "tracker.velocity=none"
-    ],
-    "gate 4, empty start, death 5": [
-        "perception.persistence=measured", "tracker.gate=4", "tracker.start=empty", "tracker.death=5"
-    ],
-    "gate 4, empty start, death 5, positions only": [
-        "perception.persistence=measured", "tracker.gate=4", "tracker.start=empty", "tracker.death=5",
-        "tracker.velocity=none",
-    ],
-}  # fmt: skip
+    "defaults, drawn anew": (_ANEW, *_PLAIN),
+    "defaults, measured persistence": (_LASTING, *_PLAIN),
+    "gate, drawn anew": (_ANEW, *_PLAIN, "tracker.gate=4"),
+    "gate, measured persistence": (_LASTING, *_PLAIN, "tracker.gate=4"),
+    "gate, death, positions only, drawn anew": (_ANEW, *_FULL),
+    "gate, death, positions only, measured persistence": (_LASTING, *_FULL),
+    "the same, empty start": (_LASTING, *_FULL, "tracker.start=empty"),
+    "the same, variances 0.25": (_LASTING, *_FULL, *_WIDER),
+}
 """Overrides of the scenario, by name."""
 CHUNK = 100
 
@@ -69,7 +67,9 @@ def main() -> None:
     parser.add_argument("--only", action="append", help="name of a setting; may be repeated")
     args = parser.parse_args()
     for name in args.only or SETTINGS:
-        scenario = LoadedScenario(load(args.scenario, [*args.set, *SETTINGS[name]]))
+        scenario = LoadedScenario(
+            load(args.scenario, ["perception.model=measured", *args.set, *SETTINGS[name]])
+        )
         print(name)
         for line in describe(drive(scenario, args.rollouts), scenario.stack.scene.names):
             print(f"  {line}", flush=True)
