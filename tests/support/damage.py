@@ -164,14 +164,13 @@ def damage_history(content, random, path):
         "[red]",
         2**62,
     ]
-    if random.random() < 0.2:
-        with contextlib.suppress(sqlite3.Error):
+    value, column = values[random.integers(len(values))], columns[random.integers(len(columns))]
+    with contextlib.suppress(sqlite3.Error):  # one statement may keep the others from being executed
+        if random.random() < 0.2:
             database.execute(_STATEMENTS[random.integers(len(_STATEMENTS))])
-    value = values[random.integers(len(values))]
-    column = columns[random.integers(len(columns))]
-    database.execute(f"UPDATE avrare_history SET {column} = ? WHERE rowid = 1", (value,))
-    if isinstance(value, bytes):
-        database.execute(f"UPDATE avrare_history SET {column} = CAST({column} AS TEXT) WHERE rowid = 1")
+        database.execute(f"UPDATE avrare_history SET {column} = ? WHERE rowid = 1", (value,))
+        if isinstance(value, bytes):
+            database.execute(f"UPDATE avrare_history SET {column} = CAST({column} AS TEXT) WHERE rowid = 1")
     database.commit()
     database.close()
     return path.read_bytes()

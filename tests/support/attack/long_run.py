@@ -14,7 +14,7 @@ from attack.attempts import HANG, LONGEST, TRACEBACK, TROUBLES, limit_memory
 from attack.kinds import KINDS, attempt
 from avrare.base.atomic_files import write_text
 
-_BATCH, _KILLED, _CRASHED = 100, 5, 8
+_BATCH, _KILLED, _CRASHED = 100, 3, 8
 """Inputs of a kind, runs that are killed, and crash points of a turn."""
 _SILENCE = 8 * LONGEST
 """Seconds without an answer after which a child is ended; before that its own watch ends what it does."""
@@ -80,10 +80,16 @@ def run(folder: Path, inputs: int, many_kills: int, only, seconds: float) -> Pro
         if not only or "crash points" in only:
             turns += [_crash_points(progress, folder, name) for name in crash_points.TASKS]
         while turns and time.monotonic() < end:  # in turn, so that a short run tries some of everything
-            turns = [turn for turn in turns if time.monotonic() < end and next(turn, None)]
-            progress.save()
-            write_text(folder / "table.md", progress.table())
+            turns = [turn for turn in turns if _take(turn, progress, end)]
     return progress
+
+
+def _take(turn, progress, end) -> bool:
+    """Let a part of the attack do some of its work; whether there is more of it."""
+    more = time.monotonic() < end and next(turn, False)
+    progress.save()
+    write_text(progress.path.with_name("table.md"), progress.table())
+    return more
 
 
 def _inputs(progress, folder, inputs, only):
@@ -130,8 +136,11 @@ def _serve(theirs, folder, name, seeds):
         with os.fdopen(theirs, "w", buffering=1) as answers, open(os.devnull) as nothing:
             os.dup2(nothing.fileno(), 0)
             for seed in seeds:
-                # One line each: a pipe is read by lines.
-                answers.write(json.dumps([seed, *attempt(name, seed, folder)]) + "\n")
+                try:
+                    answer = attempt(name, seed, folder)
+                except Exception as error:
+                    answer = TRACEBACK, f"the attack itself failed: {error!r}"
+                answers.write(json.dumps([seed, *answer]) + "\n")
     finally:
         os._exit(0)
 
