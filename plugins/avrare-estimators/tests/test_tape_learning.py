@@ -14,6 +14,7 @@ from avrare.rollout.request import Request
 from avrare.rollout.tape_law import TapeLaw
 from avrare.stack.noise_names import find_noise_names
 from avrare.testing.problems import reference_problem
+from avrare_estimators.config import IsConfig
 from avrare_estimators.importance.dictionary import entries_of_channel, fit, log_ratios
 from avrare_estimators.importance.proposal_file import ProposalFile
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
@@ -365,3 +366,11 @@ def test_stops_at_a_relative_error():
     assert result.diagnostics["goal_reached"]
     assert result.rollouts < 20_000
     assert result.interval[0] <= exact.probability <= result.interval[1]
+
+
+def test_all_options_of_a_given_proposal_are_read_again():
+    """As in the scenario.yaml of a run folder, from which a run resumes."""
+    given = IsConfig(proposal={"gaussian": {"mean": 0.3}})
+    assert IsConfig.model_validate(given.model_dump()) == given
+    with pytest.raises(ValueError, match="stages belongs to"):
+        IsConfig(proposal={"gaussian": {"mean": 0.3}}, stages=3)

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import select
+import shutil
 import signal
 import time
 from collections import Counter
@@ -146,7 +147,8 @@ def _serve(theirs, folder, name, seeds):
 
 
 def _kills(progress, folder, most):
-    folder.mkdir(exist_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)  # results of an earlier version are no measure
+    folder.mkdir()
     entries = progress.content["kills"]
     while sum(entry["tried"] for entry in entries.values()) < most:
         seed = max([entry["next"] for entry in entries.values()], default=0)

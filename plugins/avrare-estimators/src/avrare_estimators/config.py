@@ -211,7 +211,11 @@ class IsConfig(_WeightedConfig):
     def _fit_learning(self) -> Self:
         given = self.model_fields_set
         if not self.learns:
-            if other := [name for name in ("learned", "pilot", "stages", "relative_error") if name in given]:
+            # A resolved scenario, such as that of a run folder, gives all options.
+            names, fields = ("learned", "pilot", "stages", "relative_error"), type(self).model_fields
+            if other := [
+                name for name in names if name in given and getattr(self, name) != fields[name].default
+            ]:
                 raise ValueError(f"{other[0]} belongs to `proposal: learned`, not to a given proposal")
             return self
         # Not by assignment: an option that is not given must not count as given.
