@@ -4,7 +4,8 @@
 
 Every estimator runs with its default options and many seeds on each of the 32 problems of
 ``studies/untuned_problems.py``. Every pair of problem and estimator is a file in the results folder with a
-line for each seed: what is there is not run again, so the study may be stopped and resumed. Writes
+line for each seed: what is there is not run again, so the study may be stopped and resumed. A results folder
+that is not there begins with the kept results, docs/untuned/results.zip; ``--keep`` writes them. Writes
 docs/untuned.md.
 
 A result is confidently wrong (CW) if it carries no warning and its 95 % interval misses the truth by more
@@ -17,8 +18,10 @@ import argparse
 import json
 import multiprocessing
 import os
+import shutil
 import sys
 import warnings
+import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +32,7 @@ from studies.untuned_problems import untuned_names, untuned_problem
 import avrare
 
 REPORT = Path(__file__).parent.parent / "docs" / "untuned.md"
+KEPT = REPORT.parent / "untuned" / "results.zip"
 ESTIMATORS = ("ams", "ess", "ce")
 FACTOR = 3.0
 
@@ -72,15 +76,33 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--seeds", type=int, default=300, help="results of a cell")
     parser.add_argument("--results", type=Path, default=Path(__file__).parent / "results" / "untuned")
     parser.add_argument("--report-only", action="store_true")
+    parser.add_argument("--keep", action="store_true", help=f"write the results into {KEPT.name}")
     args = parser.parse_args(argv)
-    args.results.mkdir(parents=True, exist_ok=True)
+    unpack(args.results)
     if not args.report_only:
         os.environ.setdefault("OMP_NUM_THREADS", "1")
         cells = [(name, args.results, args.seeds) for name in cell_names() if args.only in name]
         with multiprocessing.get_context("spawn").Pool(args.workers, maxtasksperchild=1) as pool:
             for done, line in enumerate(pool.imap_unordered(run_cell, cells), start=1):
                 print(f"{done}/{len(cells)}  {line}", flush=True)
+    if args.keep:
+        pack(args.results)
     pages.put(REPORT, page(args.results), args.results)
+
+
+def unpack(results: Path) -> None:
+    """Make the results folder, with the kept results where it is new."""
+    if not results.exists() and KEPT.exists():
+        shutil.unpack_archive(KEPT, results)
+    results.mkdir(parents=True, exist_ok=True)
+
+
+def pack(results: Path) -> None:
+    """Keep the results."""
+    KEPT.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(KEPT, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for file in sorted(results.glob("*.jsonl")):
+            archive.writestr(zipfile.ZipInfo(file.name), file.read_bytes(), zipfile.ZIP_DEFLATED, 9)
 
 
 def cell_names() -> Iterator[str]:
@@ -156,6 +178,7 @@ def page(results: Path) -> str:
         "Default options; written by `python benchmarks/untuned.py`. All shares are in percent. *CW*: no",
         "warning, and the 95 % interval misses the truth by more than a factor of three. *CW, unsaid*:",
         "beyond the bound for failures that the score does not lead to ([blind mass](blind-mass.md)), too.",
+        "300 results a row are wanted; a row with fewer is not finished.",
         "",
         "| problem | estimator | p | results | mean/p | covers | warned | covers when unwarned | CW "
         "| CW, unsaid | rollouts |",
