@@ -12,7 +12,7 @@ from avrare.cli.main import main
 from avrare.results.reader import read_failures
 
 ROOT = Path(__file__).parents[2]
-LANE_CHANGE = str(ROOT / "scenarios" / "lane_change.yaml")
+LANE_CHANGE = str(ROOT / "scenarios" / "lane_change_published.yaml")
 DRIVE = str(ROOT / "docs" / "cut_in.csv")
 LANES = ["--lanes", "-1.75,1.75,5.25"]
 COMMONROAD = ROOT.parent / "shared" / "data" / "commonroad" / "Complex.xml"

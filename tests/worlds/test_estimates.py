@@ -47,7 +47,7 @@ def test_two_workers_give_the_same_bits(toys, copy):
 
 def test_less_memory_gives_the_same_estimate(toys):
     system = as_system(toys.Walk)
-    few = estimate(system, memory=1e-3, **AMS)
+    few = estimate(system, memory=0.03, **AMS)
     assert few.probability == estimate(system, **AMS).probability
 
 

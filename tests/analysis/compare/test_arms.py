@@ -66,7 +66,7 @@ def test_settings_of_the_scenario_are_separate_from_those_of_estimators():
         ("mc:rolouts=3", [], "unknown option 'rolouts'"),
         ("mc:rollouts=many", [], "rollouts"),
         ("mc:seed=3", [], "a setting of the whole comparison"),
-        ("is", [], "proposal"),
+        ("is:proposal=bananas", [], "proposal"),
         ("mc", ["ams.particles=9"], "NAME.OPTION=VALUE"),
         ("mc", ["rollouts=9"], "NAME.OPTION=VALUE"),
         ("mc", ["mc.rollouts"], "KEY=VALUE"),
