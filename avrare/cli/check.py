@@ -18,7 +18,7 @@ from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
-from avrare.cli.output import print_warnings, refuse_overwrite, say, write_file, write_files
+from avrare.cli.output import UNFINISHED, print_warnings, refuse_overwrite, say, write_file, write_files
 from avrare.estimation.budget import Budget
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
@@ -132,10 +132,14 @@ def _write(args: argparse.Namespace, subjects: Sequence[Any], outcome: Any) -> N
     for name, text in ((args.junit, junit), (args.markdown, markdown)):
         if name is not None:
             write_file(name, text(outcome), "choose another file")
-    if args.out:
-        write_files(Path(args.out), {"check.json": json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
-    for one in subjects if args.out else ():
+    if not args.out:
+        return
+    out = Path(args.out)
+    write_files(out, {UNFINISHED: "avrare check was writing here\n"})
+    for one in subjects:
         results = outcome.results[one.definition.name]
         folder = rundir.choose(args.out, one.definition.name, len(subjects) > 1)
         rundir.write(folder, one.definition, rundir.document(one.definition, results), results)
         say(*call_back(folder), error=args.json)
+    write_files(out, {"check.json": json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
+    (out / UNFINISHED).unlink()

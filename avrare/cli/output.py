@@ -47,10 +47,15 @@ def can_draw() -> bool:
     return has_matplotlib()
 
 
+UNFINISHED = "unfinished"
+"""File in a folder of results that a command has begun to write; what lies beside it may be replaced."""
+
+
 def refuse_overwrite(out: Path, summary: str, names: Sequence[str]) -> None:
     """Refuse a folder that holds ``summary``, a result of a scenario, or an interrupted run.
 
-    Several scenarios have their own folders in ``out``, which need not exist.
+    Several scenarios have their own folders in ``out``, which need not exist. A folder that a killed command
+    has left unfinished is taken.
     """
     from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index
 
@@ -58,6 +63,8 @@ def refuse_overwrite(out: Path, summary: str, names: Sequence[str]) -> None:
     if read_index(out / FOLDER) is not None and Checkpoint(out / FOLDER, {}).chunks:
         command = shlex.join(["avrare", "run", "--resume", str(out)])
         raise UsageError(f"{out}: contains an interrupted run", f"resume it with {command}; else {hint}")
+    if (out / UNFINISHED).exists():
+        return
     folders = [out / name for name in names] if len(names) > 1 else [out]
     for path in (out / summary, *(folder / "result.json" for folder in folders)):
         if path.exists():

@@ -425,3 +425,22 @@ def test_elsewhere_nothing_is_printed_for_github(drive, monkeypatch, capsys):
     monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
     main(["check", drive(BOUND % "0.02")])
     assert "::error" not in capsys.readouterr().out
+
+
+def test_a_folder_that_a_killed_check_left_is_taken(drive, check, monkeypatch, capsys):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    words = [drive(BOUND % 0.1), "--out", "gate"]
+    with monkeypatch.context() as patched:
+        patched.setattr("avrare.cli.check.call_back", killed)
+        main(["check", *words])
+    assert Path("gate/result.json").exists()
+    assert not Path("gate/check.json").exists()
+    assert check(*words)[0] == 0
+    assert sorted(path.name for path in Path("gate").iterdir() if path.suffix == ".json") == [
+        "check.json", "provenance.json", "result.json",
+    ]  # fmt: skip
+    assert not Path("gate/unfinished").exists()
+    assert main(["check", *words]) == 4
+    assert "earlier command" in capsys.readouterr().err
