@@ -87,7 +87,10 @@ class Checkpoint:
                 f"{folder}: this checkpoint belongs to another estimate: {listed}",
                 "undo the change to resume, or choose another folder to start afresh",
             )
-        return Checkpoint(folder, wanted, sealed=stored is None or stored["schema"] != 1)
+        if stored is None:
+            return Checkpoint(folder, wanted)
+        # Its own task names its chunks: an option that is newer than the checkpoint is not in it.
+        return Checkpoint(folder, stored["task"], sealed=stored["schema"] != 1)
 
     def journal(self, name: str) -> FileJournal:
         """Return the journal of one of the estimates of the task."""

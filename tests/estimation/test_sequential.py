@@ -121,4 +121,4 @@ def test_the_number_of_looks_is_limited():
         result = avrare.estimate(coin(0.3, chunk=10), threshold=0.303, rollouts=60_000, seed=1)
     assert len(looks) < 250
     assert sum(looks) < 60 * result.rollouts
-    assert all(after <= max(before + 80, before * 33 // 32) for before, after in pairwise(looks[:-1]))
+    assert all(after <= max(before + 64, before * 5 // 4 + 1) for before, after in pairwise(looks[:-1]))
