@@ -1,4 +1,4 @@
-"""How hard a scene is driven: accelerations, jerk, time to collision, without noise and over many rollouts.
+"""Levels at which a scene is driven: accelerations, jerk, time to collision, of one drive and over many.
 
     OMP_NUM_THREADS=1 python benchmarks/lane_change_levels.py [SCENARIO] [--rollouts 1000] [--set KEY=VALUE]
         [--rules]

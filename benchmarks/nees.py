@@ -1,4 +1,4 @@
-"""How honest the tracker is about its errors, for docs/concepts/tracker.md.
+"""Consistency of the tracker's errors with its covariances, for docs/concepts/tracker.md.
 
     OMP_NUM_THREADS=1 python benchmarks/nees.py [--scenario scenarios/lane_change.yaml] [--rollouts 200]
 

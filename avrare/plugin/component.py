@@ -6,12 +6,13 @@ A component is described by names and import strings, so listing and validating 
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import pluggy
+
+from avrare.base.late_import import late_import
 
 KINDS = ("simulator", "perception", "tracker", "controller", "specification", "estimator", "executor")
 
@@ -107,24 +108,19 @@ class Component:
 
     def load_config(self) -> type[Any]:
         """Import the pydantic model of the options."""
-        return _import(self.config)  # type: ignore[no-any-return]
+        return late_import(self.config)  # type: ignore[no-any-return]
 
     def load_factory(self) -> Callable[..., Any]:
         """Import the function that builds the component; may import heavy packages."""
-        return _import(self.factory)  # type: ignore[no-any-return]
+        return late_import(self.factory)  # type: ignore[no-any-return]
 
     def load_rules(self) -> list[RuleCard]:
         """Return the rules that the component offers by name, if any."""
-        return list(_import(self.rules)()) if self.rules else []
+        return list(late_import(self.rules)()) if self.rules else []
 
     def find_faults(self, config: Any, dt: float | None) -> list[Finding]:
         """Run the component's own check of its options, if it has one."""
-        return list(_import(self.check)(config, dt)) if self.check else []
-
-
-def _import(reference: str) -> Any:
-    module, _, attribute = reference.partition(":")
-    return getattr(importlib.import_module(module), attribute)
+        return list(late_import(self.check)(config, dt)) if self.check else []
 
 
 GROUP = "avrare"

@@ -2,8 +2,6 @@
 
 import json
 import os
-import re
-import shlex
 import signal
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,49 +9,9 @@ from xml.etree import ElementTree
 import pytest
 
 from avrare.cli.main import main
-from avrare.plugin.registry import default_registry
 from avrare.report.terminal.progress_line import Progress
 
-TOY = Path(__file__).parents[1] / "analysis" / "check" / "toy"
-DRIVE = """\
-name: drive
-steps: 1
-simulator: {plugin: gusts}
-controller: {plugin: driver}
-specifications:
-  in_lane: {stl: "always (offset < 1.6448536269514722)"}     # p = 0.05
-  on_road: {stl: "always (offset < 6)"}                      # p = 1e-9
-estimator: {plugin: mc, rollouts: 2000}
-chunk: 1000
-"""
 BOUND = "thresholds: [{specification: in_lane, probability: '< %s'}]\n"
-
-
-@pytest.fixture
-def drive(monkeypatch, tmp_path):
-    """A scenario of the toy plugin in the current folder; called with lines to add."""
-    monkeypatch.syspath_prepend(str(TOY))
-    monkeypatch.chdir(tmp_path)
-    default_registry.cache_clear()
-
-    def write(more="", name="drive"):
-        Path(f"{name}.yaml").write_text(DRIVE.replace("name: drive", f"name: {name}") + more)
-        return f"{name}.yaml"
-
-    yield write
-    default_registry.cache_clear()
-
-
-@pytest.fixture
-def check(capsys):
-    """Run the command; the exit code and check.json."""
-
-    def check(*words):
-        code = main(["check", *words, "--json"])
-        out = capsys.readouterr().out
-        return code, json.loads(out) if out else None
-
-    return check
 
 
 def verdicts(content):
@@ -385,62 +343,3 @@ def test_sigterm_ends_a_check_as_it_ends_a_run(drive, monkeypatch, capfd):
     assert "interrupted, there is no verdict\nhint: run the check again" in err
     assert not Path("baselines").exists()
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-def test_a_failing_row_names_its_failure_and_how_to_replay_it(drive, check, capsys):
-    _, content = check(drive(BOUND % "0.02"))
-    (row,) = content["rows"]
-    assert re.fullmatch(r"failure [0-9a-f]{8}: --out DIR keeps it for `avrare replay`", row["next_step"])
-    _, content = check("drive.yaml", "--out", "seen here")
-    command = shlex.split(content["rows"][0]["next_step"].partition(": ")[2])
-    assert command[:3] == ["avrare", "replay", "drive.yaml"]
-    assert main(command[1:]) == 0
-    assert f"{content['rows'][0]['next_step'][:16]} is reproduced" in capsys.readouterr().out
-
-
-def test_an_inconclusive_row_says_how_many_rollouts_decide_it(drive, check):
-    _, content = check(drive(BOUND % "0.055"))
-    (row,) = content["rows"]
-    rollouts = int(
-        re.search(r"about ([\d,]+) rollouts would decide it", row["next_step"])[1].replace(",", "")
-    )
-    assert 5_000 < rollouts < 100_000
-    assert check("drive.yaml", "--budget", f"rollouts={2 * rollouts}", "--seed", "3")[0] == 0
-
-
-def test_github_shows_the_row_at_its_line(drive, monkeypatch, capsys, tmp_path):
-    monkeypatch.setenv("GITHUB_ACTIONS", "true")
-    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary"))
-    assert main(["check", drive(BOUND % "0.02")]) == 1
-    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("::"))
-    pattern = r"::error (file=drive.yaml,line=\d+),title=drive in_lane < 0.02%3A fail::(.*)"
-    place, text = re.fullmatch(pattern, line).groups()
-    row = Path("drive.yaml").read_text().splitlines()[int(place.rpartition("=")[2]) - 1]
-    assert "thresholds" in row
-    assert "%0Afailure " in text
-    assert "❌ fail" in (tmp_path / "summary").read_text()
-
-
-def test_elsewhere_nothing_is_printed_for_github(drive, monkeypatch, capsys):
-    monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
-    main(["check", drive(BOUND % "0.02")])
-    assert "::error" not in capsys.readouterr().out
-
-
-def test_a_folder_that_a_killed_check_left_is_taken(drive, check, monkeypatch, capsys):
-    def killed(*_):
-        raise KeyboardInterrupt
-
-    words = [drive(BOUND % 0.1), "--out", "gate"]
-    with monkeypatch.context() as patched:
-        patched.setattr("avrare.cli.check.call_back", killed)
-        main(["check", *words])
-    assert Path("gate/result.json").exists()
-    assert not Path("gate/check.json").exists()
-    assert check(*words)[0] == 0
-    assert sorted(path.name for path in Path("gate").iterdir() if path.suffix == ".json") == [
-        "check.json", "provenance.json", "result.json",
-    ]  # fmt: skip
-    assert not Path("gate/unfinished").exists()
-    assert main(["check", *words]) == 4
-    assert "earlier command" in capsys.readouterr().err

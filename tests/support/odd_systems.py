@@ -173,7 +173,7 @@ class OnceInAWorker(Walk):
         if multiprocessing.parent_process() is not None:
             try:
                 os.close(os.open(self.marker, os.O_CREAT | os.O_EXCL))
-            except FileExistsError:
+            except FileExistsError:  # another worker has had the accident
                 pass
             else:
                 getattr(self, self.accident)()

@@ -1,1 +1,1 @@
-"""What a Python session or a notebook works with: runs of scenarios, traces, plots, live lines, reports."""
+"""Tools of a Python session or a notebook: runs of scenarios, traces, plots, live lines, reports."""

@@ -106,7 +106,7 @@ class Pilot:
 
     @property
     def hopeless(self) -> bool:
-        """Whether few roots are expected even of the largest runs."""
+        """True where few roots are expected even of the largest runs."""
         return MOST_GROWTH * self.roots < health.FEWEST_ROOTS
 
     def first_look(self, goal: float, least: int, most: int) -> int:

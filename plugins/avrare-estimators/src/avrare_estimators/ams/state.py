@@ -199,7 +199,7 @@ class Branches:
 
 @dataclass(frozen=True)
 class EndedRuns:
-    """What a result needs of R runs that have ended; their tables are gone.
+    """Numbers of R ended runs that a result needs; their tables are gone.
 
     Attributes:
         weight: (R,), and the next three, as in ``AmsState``.

@@ -1,4 +1,4 @@
-"""What a proposal has learnt, in words: which noise, when, and in which share of the failures.
+"""Description of what a proposal has learnt: which noise, when, and in which share of the failures.
 
 A failure belongs to the component of the proposal that made it likely: with probability a_j g_j / q, the
 responsibility of expectation-maximisation, or to the target itself (Bishop 2006, equation 9.13).
