@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
     parser.add_argument("--rollouts", type=int, default=1_000_000)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after this time")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop then, after one chunk")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--truths", type=Path, default=TRUTHS)
@@ -81,9 +81,10 @@ def rolled_out(scenario: LoadedScenario, args: Any) -> list[Any]:
     problem = scenario.problem(scenario.specifications)
     executor = build_executor(args.workers)
     settings = Settings(definition.seed, definition.confidence)
-    began, told = time.monotonic(), [time.monotonic()]
+    began, told, moved = time.monotonic(), [time.monotonic()], [False]
 
     def tell(info: Info) -> None:
+        moved[0] = True  # before that, nothing is saved that the next call could go on with
         if time.monotonic() - told[0] > 60.0:
             told[0] = time.monotonic()
             print(f"{info.rollouts} of {args.rollouts} rollouts, {info.failures} failures", flush=True)
@@ -92,7 +93,7 @@ def rolled_out(scenario: LoadedScenario, args: Any) -> list[Any]:
     with Checkpoint.open(folder, task).held() as checkpoint:
         return run(
             problem, MonteCarlo(McConfig(rollouts=args.rollouts)), executor, settings, tell,
-            checkpoint.journal("rollouts"), lambda: time.monotonic() - began > args.seconds,
+            checkpoint.journal("rollouts"), lambda: moved[0] and time.monotonic() - began > args.seconds,
         )  # fmt: skip
 
 

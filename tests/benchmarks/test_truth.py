@@ -81,7 +81,7 @@ def test_a_stopped_truth_goes_on_to_the_same_numbers(tmp_path):
         done = subprocess.run([*call, *folders, *words], capture_output=True, text=True, check=True)
         return done.stdout, sorted((tmp_path / f"{name}-truths").glob("*"))
 
-    said, files = run("stopped", "--workers", "1", "--seconds", "0.02")
+    said, files = run("stopped", "--workers", "1", "--seconds", "0")
     assert "the same command goes on" in said
     assert files == []
     assert list((tmp_path / "stopped").rglob("*.npz"))
