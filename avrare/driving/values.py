@@ -1,7 +1,9 @@
 """Values that the parts of a driving stack exchange.
 
-SI units throughout: metres, seconds, radians. The world frame has x along the road and y to the left;
-headings are counter-clockwise from x; positions are the centres of the vehicles' rectangles.
+SI units throughout: metres, seconds, radians. The frame is the road's: x along it and y to the left; headings
+are counter-clockwise from its direction; positions are the centres of the vehicles' rectangles. On a straight
+road that is the plane. On a bent one x is the station and y the offset of its reference line, and
+``avrare.driving.frames`` converts where shapes and lines of sight matter.
 N is the number of particles, V the number of other vehicles, H the number of predicted steps.
 """
 
@@ -11,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from avrare.driving.reference_line import ReferenceLine
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -35,16 +39,36 @@ class Vehicles:
     acceleration: Floats
 
 
-@dataclass(frozen=True)
-class Road:
-    """Straight parallel lanes.
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """Lane whose borders vary: y of both at stations, linear between them.
 
     Attributes:
-        lane_centres: y coordinate of each lane's centre, from right to left [m].
-        lane_width: Width of every lane [m].
+        stations: (K,) x from the lane's begin to its end, ascending [m].
+        right: (K,) y of the right border [m].
+        left: (K,) y of the left border [m].
+    """
+
+    stations: Floats
+    right: Floats
+    left: Floats
+
+
+@dataclass(frozen=True)
+class Road:
+    """Lanes along a reference line.
+
+    Attributes:
+        lane_centres: y coordinate of each lane's centre, from right to left [m]; the median where it varies.
+        lane_width: Width of every lane [m]; the median where it varies.
         access_ramp: Indices of the lanes that are an access ramp, not the main carriageway.
         begin: Least x in pictures [m].
         end: Greatest x in pictures [m].
+        line: Reference line; None: the x axis of the plane.
+        lanes: Lanes with borders of their own, in the order of ``lane_centres``; empty: parallel ones.
+        shoulder: Indices of the lanes that are a shoulder.
+        opposing: Indices of the lanes whose traffic goes towards smaller x.
+        broad_markings: Indices of the lanes whose left border is a broad marking.
     """
 
     lane_centres: tuple[float, ...]
@@ -52,6 +76,11 @@ class Road:
     access_ramp: tuple[int, ...] = ()
     begin: float = 0.0
     end: float = 200.0
+    line: ReferenceLine | None = None
+    lanes: tuple[Lane, ...] = ()
+    shoulder: tuple[int, ...] = ()
+    opposing: tuple[int, ...] = ()
+    broad_markings: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
