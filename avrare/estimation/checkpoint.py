@@ -25,7 +25,7 @@ import numpy as np
 from avrare.base.atomic_files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.stored_files import Arrays, check_seal, parse_arrays, read_json, read_regular, seal
-from avrare.rollout.request import ARRAYS, Request, Rollouts
+from avrare.rollout.request import ARRAYS, WANTED_ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"
 INDEX = "checkpoint.json"
@@ -232,6 +232,8 @@ def digest(chunk: Request) -> str:
     if chunk.tape is not None:
         hashed.update(np.ascontiguousarray(chunk.tape).tobytes())
     hashed.update(f"{chunk.rows} {chunk.stop_early} {chunk.law is not None}".encode())
+    if chunk.until is not None or chunk.observe:
+        hashed.update(f"{chunk.until} {chunk.observe} {chunk.stop_failed}".encode())
     if (law := chunk.tape_law) is not None:
         hashed.update(f"{law.proposal.digest} {law.from_target}".encode())
     return hashed.hexdigest()
@@ -240,6 +242,7 @@ def digest(chunk: Request) -> str:
 def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
     """Encode an outcome as an ``.npz`` file, without its carries and without pickled objects."""
     arrays: dict[str, Any] = {name: getattr(outcome, name) for name in ARRAYS}
+    arrays |= {name: found for name in WANTED_ARRAYS if (found := getattr(outcome, name)).size}
     arrays |= {_COUNT + name: values for name, values in outcome.counts.items()}
     arrays |= {
         _KEY: np.array(key),
@@ -271,6 +274,9 @@ def decode(content: bytes, key: str, sealed: bool = True) -> tuple[Rollouts, flo
     if str(arrays[_KEY]) != key:
         raise ValueError("the chunk belongs to another estimate")
     fields: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
+    rows = len(arrays["error"])
+    empty = {"features": np.zeros((rows, 0, 0)), "evidence": np.zeros((rows, 0))}
+    fields |= {name: arrays.get(name, empty[name]) for name in WANTED_ARRAYS}
     outcome = Rollouts(
         **fields,
         simulated_steps=int(arrays[_STEPS]),
@@ -298,6 +304,11 @@ def _check_types(arrays: Arrays, counts: Arrays) -> None:
         if (str(arrays[name].dtype), arrays[name].ndim) != (dtype, rank):
             raise ValueError(f"damaged: {name} has type {arrays[name].dtype} and shape {arrays[name].shape}")
     rows = len(arrays["error"])
+    for name, rank in (("features", 3), ("evidence", 2)):
+        if name in arrays and (str(arrays[name].dtype), arrays[name].ndim, len(arrays[name])) != (
+            "float64", rank, rows,
+        ):  # fmt: skip
+            raise ValueError(f"damaged: {name} has type {arrays[name].dtype} and shape {arrays[name].shape}")
     fits = arrays["robustness"].shape == arrays["violated"].shape
     fits &= len(arrays["robustness"]) == len(arrays["scores"]) == rows
     fits &= len(arrays["log_weight"]) in (0, rows)

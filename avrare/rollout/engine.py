@@ -29,12 +29,11 @@ from avrare.protocols import (
 )
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
+from avrare.rollout.tape_source import TapeDrawer, draw_lineage
+from avrare.stack.features import monitor_features, system_features
 
 Sample = tuple[Any, dict[str, Any], Bools]
 """State, signals (N, ...) and a mask (N,) of rows that have broken down."""
-
-_BLOCK = 2**16
-"""Upper bound on the noise numbers drawn at once."""
 
 
 def simulate(
@@ -52,11 +51,10 @@ def simulate(
     """
     if request.law is not None:
         system = _draw_under(system, request.law)
-    if request.tape_law is not None and (request.start != FROM_START).any():
-        raise ValueError("a law of complete tapes is for rows that start at the beginning")
     if request.past is not None:
         request = _restore_carries(system, specifications, noise, request)
-    return _Simulation(system, specifications, steps, _Tape(noise, request, steps), request, scored).run()
+    drawer = TapeDrawer(noise, request, steps)
+    return _Simulation(system, specifications, steps, drawer, request, scored).run()
 
 
 def _draw_under(system: System, law: Any) -> System:
@@ -69,66 +67,16 @@ def _draw_under(system: System, law: Any) -> System:
     return drawing.under(law)  # type: ignore[no-any-return]
 
 
-class _Tape:
-    """Noise of a request, drawn in blocks of steps, and log p/q of what it has handed out.
-
-    Attributes:
-        sums: (A, M) sums that the density of the request's proposal needs, over the steps of each row.
-    """
-
-    def __init__(self, noise: NoiseSource, request: Request, steps: int) -> None:
-        self.noise, self.request, self.steps = noise, request, steps
-        self._block_start = 0
-        self._block: Floats = np.zeros((0, 0, 0))
-        law = request.tape_law
-        self.sums = np.zeros((law.proposal.terms if law is not None else 0, request.rows))
-        self._chosen: Integers | None = None
-        if law is not None and not law.from_target and request.tape is None:
-            uniform = noise.choices(request.run, request.stage, request.particle)
-            self._chosen = law.proposal.choose(uniform)
-
-    def __call__(self, rows: Integers, t: int) -> Floats:
-        """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
-        found = self._numbers(rows, t)
-        if self.request.tape_law is not None:
-            terms, values = self.request.tape_law.proposal.evidence(found, t)
-            if len(rows) == self.request.rows:
-                self.sums[terms] += values
-            else:
-                self.sums[np.ix_(terms, rows)] += values
-        return found
-
-    def log_ratio(self) -> Floats:
-        """Return log p/q (M,) of each row's steps."""
-        law = self.request.tape_law
-        return law.proposal.log_ratio(self.sums.T) if law is not None else np.zeros(self.request.rows)
-
-    def _numbers(self, rows: Integers, t: int) -> Floats:
-        if self.request.tape is not None:
-            return np.ascontiguousarray(self.request.tape[rows, t])
-        if not self._block_start <= t < self._block_start + self._block.shape[1]:
-            self._draw(t)
-        return np.asarray(self._block[rows, t - self._block_start])
-
-    def _draw(self, t: int) -> None:
-        request, size = self.request, max(self.noise.noise_size, 1)
-        count = int(np.clip(_BLOCK // (request.rows * size), 1, self.steps + 1 - t))
-        started = slice(0, int(np.searchsorted(request.start, t + count)))
-        run, stage, particle = (a[started, None] for a in (request.run, request.stage, request.particle))
-        self._block_start = t
-        self._block = self.noise.normals(run, stage, particle, np.arange(t, t + count))
-        if self._chosen is not None and request.tape_law is not None:
-            request.tape_law.proposal.transform(self._block, self._chosen, t)
-
-
 class _CarryStore:
     """Carries to return: every k-th step, where k doubles once they take too much memory.
 
-    k depends only on the bytes of a row, so it is the same for every chunk.
+    Of a segment only that of its last step is wanted. k depends only on the bytes of a row, so it is the same
+    for every chunk.
     """
 
     def __init__(self, request: Request, steps: int) -> None:
         self.every, self.most_bytes, self.steps = request.every, request.most_bytes, steps
+        self.only_last = request.until is not None
         self.carries: list[tuple[int, Integers, Carry]] = []
         self._row_bytes: dict[int, int] = {}
 
@@ -143,12 +91,12 @@ class _CarryStore:
             self._row_bytes = {step: size for step, size in self._row_bytes.items() if self._wanted(step)}
 
     def _wanted(self, t: int) -> bool:
-        return t % self.every == 0 or t == self.steps
+        return (t % self.every == 0 and not self.only_last) or t == self.steps
 
 
 class _Simulation:
     def __init__(
-        self, system: System, specifications: tuple[Specification, ...], steps: int, noise: _Tape,
+        self, system: System, specifications: tuple[Specification, ...], steps: int, noise: TapeDrawer,
         request: Request, scored: bool,
     ) -> None:  # fmt: skip
         self.system, self.specifications, self.steps = system, specifications, steps
@@ -165,14 +113,16 @@ class _Simulation:
         self.simulated_steps = int(request.past.paid.sum()) if request.past is not None else 0
         self.counts: dict[str, Integers] = {}
         self.messages: list[str] = []
-        self.store = _CarryStore(request, steps)
+        self.last = steps if request.until is None else min(request.until, steps)
+        self.store = _CarryStore(request, self.last)
+        self.features: dict[int, tuple[Integers, Floats]] = {}
 
     def run(self) -> Rollouts:
         carries, start = dict(self.request.carries), self.request.start
-        first = int(start[0]) if len(start) else self.steps
+        first = int(start[0]) if len(start) else self.last
         carry: Carry | None = None
         rows = np.zeros(0, dtype=np.int64)
-        for t in range(max(first, 0), self.steps + 1):
+        for t in range(max(first, 0), self.last + 1):
             if carry is not None:
                 carry, rows = self._advance(carry, rows, t)
             if t == 0 and first == FROM_START:
@@ -183,15 +133,33 @@ class _Simulation:
                 carry, rows = self._leave(carry, rows, t)
             if carry is not None and self.request.keep_carries:
                 self.store.add(t, rows, carry)
+            if carry is not None and t in self.request.observe:
+                self.features[t] = rows, self._features(carry)
         if carry is not None:
-            self._finish(carry, rows)
+            self._finish(carry, rows, final=self.last == self.steps)
         for values in self.counts.values():
             values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
             tuple(dict.fromkeys(self.messages))[:5], tuple(self.store.carries),
-            self.log_weight + self.noise.log_ratio(), self.store.every,
+            self.log_weight + self.noise.log_ratio(), self.store.every, self._all_features(),
+            self.noise.sums.T.copy() if self.request.until is not None else np.zeros((self.request.rows, 0)),
         )  # fmt: skip
+
+    def _features(self, carry: Carry) -> Floats:
+        verdict = carry.verdicts[0]
+        own = monitor_features(self.specifications[0], carry.monitors[0], verdict.robustness, verdict.score)
+        return np.concatenate([system_features(self.system, carry.system), own], axis=1)
+
+    def _all_features(self) -> Floats:
+        observe = self.request.observe
+        size = max((values.shape[1] for _, values in self.features.values()), default=0)
+        found = np.full((self.request.rows, len(observe), size), np.nan)
+        for k, t in enumerate(observe):
+            if t in self.features:
+                rows, values = self.features[t]
+                found[rows, k] = values
+        return found
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
         sample, alive = self._guard(
@@ -300,18 +268,20 @@ class _Simulation:
             self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
 
     def _leave(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
-        if not self.request.stop_early:
+        if not (self.request.stop_early or self.request.stop_failed):
             return carry, rows
         decided = np.all([state.decided for state in carry.monitors], axis=0)
+        if self.request.stop_failed:
+            decided &= carry.verdicts[0].violated
         if not decided.any():
             return carry, rows
         self._finish(batch.take(carry, decided), rows[decided])
         rest = rows[~decided]
         return (batch.take(carry, ~decided) if len(rest) else None), rest
 
-    def _finish(self, carry: Carry, rows: Integers) -> None:
+    def _finish(self, carry: Carry, rows: Integers, final: bool = True) -> None:
         for column, verdict in enumerate(carry.verdicts):
-            self.violated[rows, column] = verdict.violated
+            self.violated[rows, column] = verdict.violated & final
         self._count(carry, rows, 1)
 
 
@@ -322,7 +292,7 @@ class _Retrace(_Simulation):
         self, system: System, specifications: tuple[Specification, ...], until: Integers, request: Request
     ) -> None:
         steps = int(until.max())
-        tape = _Tape(NoiseSource(0, system.noise_size), request, steps)
+        tape = TapeDrawer(NoiseSource(0, system.noise_size), request, steps)
         super().__init__(system, specifications, steps, tape, request, scored=False)
         self.until = until
         self.reached: dict[int, tuple[Integers, Carry]] = {}
@@ -344,7 +314,8 @@ def _restore_carries(
     rows = past.rows[order]
     until, run = request.start[rows], request.run[rows]
     steps = np.arange(int(until.max()) + 1)
-    tape = noise.normals(run[:, None], past.stage[order][:, steps], past.particle[order][:, steps], steps)
+    stage, particle = past.stage[order][:, steps], past.particle[order][:, steps]
+    tape = draw_lineage(noise, request.tape_law, run[:, None], stage, particle)
     carries = tuple((step, carry) for step, _, carry in past.carries)
     retrace_request = Request(run, run, run, past.origin[order], carries, tape)
     retrace = _Retrace(system, specifications, until, retrace_request)

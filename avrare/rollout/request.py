@@ -17,6 +17,8 @@ Integers = NDArray[np.int64]
 FROM_START = -1
 ARRAYS = ("robustness", "violated", "error", "scores", "log_weight")
 """Fields of ``Rollouts`` with an entry for each row."""
+WANTED_ARRAYS = ("features", "evidence")
+"""Those that some requests ask for."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +70,19 @@ class Request:
         carries: (s, carry) pairs in ascending s; together they hold the rows with start >= 0 in order, but
             for those of ``past``.
         tape: (M, steps + 1, noise_size) explicit noise in place of addressed noise, or None.
-        keep_carries: Return the carry of every step, or of steps 0, k, 2k, ... and the last.
+        keep_carries: Return the carry of every step, or of steps 0, k, 2k, ... and the last; with ``until``
+            of the last alone.
         every: k to begin with.
         most_bytes: Limit on a row's carries; k is doubled where they would take more. 0: no limit.
         stop_early: End a row as soon as all its verdicts are final.
         law: Distribution to draw from instead of the system's own, passed to ``under``; or None.
-        tape_law: Law of the noise tapes; None: standard normal. Only for rows that start at the beginning.
+        tape_law: Law of the noise tapes; None: standard normal.
+        evidence: (M, A) sums of the law's density over the steps up to ``start``; for rows that start later
+            than at the beginning under a law.
         past: Rows with start >= 0 whose carries must be simulated first; None: there are none.
+        until: Last step of these rollouts, whose verdicts are then open; None: the problem's last step.
+        observe: Steps at which to return the features of the state (``stack.features``).
+        stop_failed: End a row as soon as it is violated whatever follows; for one specification.
     """
 
     run: Integers
@@ -89,7 +97,11 @@ class Request:
     stop_early: bool = False
     law: Any = None
     tape_law: TapeLaw | None = None
+    evidence: Floats | None = None
     past: Past | None = None
+    until: int | None = None
+    observe: tuple[int, ...] = ()
+    stop_failed: bool = False
 
     @property
     def rows(self) -> int:
@@ -127,6 +139,7 @@ class Request:
             self,
             run=self.run[part], stage=self.stage[part], particle=self.particle[part], start=self.start[part],
             carries=tuple(carries), tape=None if self.tape is None else self.tape[part],
+            evidence=None if self.evidence is None else self.evidence[part],
             past=None if self.past is None else self.past.slice(begin, end),
         )  # fmt: skip
 
@@ -145,6 +158,8 @@ class Rollouts:
         counts: Increments (M,) of the system's counters by name; 0 for rows with an error.
         messages: Causes of the first few errors.
         carries: (t, row indices, carry) by step, where they were requested.
+        features: (M, K, F) features at the K steps asked for; NaN for rows that had left by then.
+        evidence: (M, A) sums of the tape law's density over the steps so far, of requests with ``until``.
         every: Carries are those of steps 0, k, 2k, ... and the last, for this k.
         log_weight: (M,) log likelihood ratio p/q of the request's ``tape_law`` and of what the system itself
             reports, zeros where there is neither; for rows that ended early, of the steps until then.
@@ -160,6 +175,8 @@ class Rollouts:
     carries: tuple[tuple[int, Integers, Carry], ...] = ()
     log_weight: Floats = field(default_factory=lambda: np.zeros(0))
     every: int = 1
+    features: Floats = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    evidence: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     @staticmethod
     def join(parts: list[Rollouts]) -> Rollouts:
@@ -167,9 +184,16 @@ class Rollouts:
         if len(parts) == 1:
             return parts[0]
         offsets = np.cumsum([0] + [len(part.error) for part in parts])
+        widest = max(
+            part.features.shape[2] for part in parts
+        )  # 0 where no row of a part lived to be observed
+        parts = [replace(part, features=_widened(part.features, widest)) for part in parts]
         names = {name for part in parts for name in part.counts}
         return Rollouts(
-            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS},
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in (*ARRAYS, *WANTED_ARRAYS)
+            },
             simulated_steps=sum(part.simulated_steps for part in parts),
             counts={
                 name: np.concatenate(
@@ -185,3 +209,8 @@ class Rollouts:
             ),
             every=max(part.every for part in parts),
         )
+
+
+def _widened(features: Floats, width: int) -> Floats:
+    missing = np.full((*features.shape[:2], width - features.shape[2]), np.nan)
+    return np.concatenate([features, missing], axis=2)

@@ -27,8 +27,12 @@ class TapeProposal(Protocol):
     @property
     def terms(self) -> int: ...  # noqa: D102
 
-    def choose(self, uniform: Floats) -> Integers:
-        """Return what to change in rows (M, ...) with these uniform numbers (M,) in (0, 1)."""
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> Integers:
+        """Return what to change in rows (M, ...) with these uniform numbers (M,) in (0, 1).
+
+        With ``sums`` (M, A) of the steps so far it is drawn given these steps: the rest of the tape then has
+        the proposal's law given its beginning.
+        """
 
     def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""

@@ -29,6 +29,7 @@ from avrare.protocols import (
     Tracker,
     find_ability,
 )
+from avrare.stack.features import HasFeatures, flattened, plan_features, track_features, vehicle_features
 from avrare.stack.noise_names import find_noise_names
 
 
@@ -119,6 +120,20 @@ class ClosedLoop:
             found |= counting.counts(own) if counting is not None else {}
         return found
 
+    def features(self, state: LoopState) -> Floats:
+        """Return (N, F) what the parts declare (``HasFeatures``), or else what every driving stack has."""
+        driving = hasattr(state.world, "ego") and hasattr(state.world, "others")
+        found = [_declared(self.simulator, state.world)]
+        if found[0] is None:
+            found = [flattened(self.signals(state)), vehicle_features(state.world) if driving else None]
+        found.append(_declared(self.perception, state.latent))
+        tracked = _declared(self.tracker, state.track)
+        if tracked is None and self.tracker is not None and driving:
+            tracked = track_features(self.tracker, state.track, state.world)
+        planned = _declared(self.controller, state.memory)
+        found += [tracked, plan_features(state.memory) if planned is None else planned]
+        return np.concatenate([part for part in found if part is not None], axis=1)
+
     def _act(self, state: LoopState) -> tuple[Any, Any]:
         if self.controller is None:
             return None, None
@@ -137,6 +152,11 @@ class ClosedLoop:
         others = world.others
         detected = np.ones(others.x.shape, dtype=bool)
         return Observation(detected, others.x, others.y, others.speed * np.cos(others.heading)), None
+
+
+def _declared(part: Any, state: Any) -> Floats | None:
+    declaring = find_ability(part, HasFeatures) if state is not None else None
+    return np.asarray(declaring.features(state), dtype=np.float64) if declaring is not None else None
 
 
 @dataclass(frozen=True)

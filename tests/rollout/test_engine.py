@@ -8,7 +8,7 @@ import pytest
 import avrare
 import odd_systems
 from avrare.base import batch
-from avrare.rollout import engine
+from avrare.rollout import tape_source
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.testing import faulty_systems as systems
@@ -50,7 +50,7 @@ def test_rows_do_not_depend_on_their_neighbours(system):
 
 def test_noise_blocks_do_not_change_results(monkeypatch):
     before = problem().simulate(NOISE, fresh(50))
-    monkeypatch.setattr(engine, "_BLOCK", 120)
+    monkeypatch.setattr(tape_source, "_BLOCK", 120)
     assert_same(before, problem().simulate(NOISE, fresh(50)))
 
 

@@ -138,10 +138,10 @@ def test_given_tapes_are_weighed_too():
     assert np.array_equal(again.log_weight, log_weight)
 
 
-def test_a_law_of_tapes_is_refused_for_branches():
+def test_a_law_of_tapes_needs_the_evidence_of_branches():
     request = Request.from_start(np.zeros(2, np.int64), np.arange(2))
     request = replace(request, start=np.zeros(2, np.int64), tape_law=TapeLaw(PAIRED))
-    with pytest.raises(ValueError, match="start at the beginning"):
+    with pytest.raises(ValueError, match="need the evidence"):
         outliers("always (first < 4)").simulate(NoiseSource(0, 3), request)
 
 

@@ -158,18 +158,27 @@ class TapeMixture:
         text = json.dumps(self.to_dict(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def choose(self, uniform: Floats) -> Integers:
-        """Return the atoms (M, 2) of rows with these uniform numbers; ``NONE`` where there is no second."""
-        component, rest = _pick(self.share, uniform)
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> Integers:
+        """Return the atoms (M, 2) of rows with these uniform numbers; ``NONE`` where there is no second.
+
+        With ``sums`` (M, A) they are drawn given the steps so far.
+        """
+        component, rest = _pick(self.share, uniform) if sums is None else self._pick_given(sums, uniform)
         chosen = np.full((len(uniform), 2), NONE)
         for column in (0, 1):
             group = self.parts[component, column]
             for g in np.unique(group[group != NONE]):
                 own = np.flatnonzero(group == g)
                 index, weights = self.groups[g]
-                place, rest[own] = _pick(weights, rest[own])
+                if sums is None:
+                    place, rest[own] = _pick(weights, rest[own])
+                else:
+                    place, rest[own] = _pick_by_row(sums[np.ix_(own, index)] + np.log(weights), rest[own])
                 chosen[own, column] = index[place]
         return chosen
+
+    def _pick_given(self, sums: Floats, uniform: Floats) -> tuple[Integers, Floats]:
+        return _pick_by_row(self.component_logs(sums), uniform)
 
     def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
@@ -281,6 +290,18 @@ def _pick(shares: Floats, uniform: Floats) -> tuple[Integers, Floats]:
     place = np.minimum(np.searchsorted(ends, uniform, side="right"), len(ends) - 1)
     begin = ends[place] - shares[place] / shares.sum()
     return place, np.clip((uniform - begin) / (ends[place] - begin), 0.0, 1.0 - 2.0**-53)
+
+
+def _pick_by_row(logs: Floats, uniform: Floats) -> tuple[Integers, Floats]:
+    """Return as ``_pick`` does, with log shares (M, K) of each row's own that need not add up to 1."""
+    shares = np.exp(logs - logs.max(axis=1, keepdims=True))
+    ends = np.cumsum(shares, axis=1)
+    wanted = uniform * ends[:, -1]
+    place = np.minimum((ends <= wanted[:, None]).sum(axis=1), shares.shape[1] - 1)
+    rows = np.arange(len(uniform))
+    width = shares[rows, place]
+    rest = (wanted - (ends[rows, place] - width)) / np.where(width > 0.0, width, 1.0)
+    return place, np.clip(rest, 0.0, 1.0 - 2.0**-53)
 
 
 def _log_sum(logs: Floats) -> Floats:

@@ -1,0 +1,104 @@
+"""Noise of a request: drawn from addresses in blocks of steps, or given; transformed and weighed by a law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import FROM_START, Integers, Request
+from avrare.rollout.tape_law import TapeLaw
+
+_BLOCK = 2**16
+"""Upper bound on the noise numbers drawn at once."""
+
+
+class TapeDrawer:
+    """Noise of a request, drawn in blocks of steps, and log p/q of what it has handed out.
+
+    Attributes:
+        sums: (A, M) sums that the density of the request's proposal needs, over the steps of each row.
+    """
+
+    def __init__(self, noise: NoiseSource, request: Request, steps: int) -> None:
+        self.noise, self.request, self.steps = noise, request, steps
+        self._block_start = 0
+        self._block: Floats = np.zeros((0, 0, 0))
+        law = request.tape_law
+        self.sums = np.zeros((law.proposal.terms if law is not None else 0, request.rows))
+        self._chosen: Integers | None = None
+        if law is None:
+            return
+        if request.evidence is not None:
+            self.sums = np.ascontiguousarray(request.evidence.T)
+        elif (request.start != FROM_START).any():
+            raise ValueError("rows that start later than at the beginning need the evidence of their steps")
+        if not law.from_target and request.tape is None:
+            uniform = noise.choices(request.run, request.stage, request.particle)
+            self._chosen = law.proposal.choose(uniform, request.evidence)
+
+    def __call__(self, rows: Integers, t: int) -> Floats:
+        """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
+        found = self._numbers(rows, t)
+        if self.request.tape_law is not None:
+            terms, values = self.request.tape_law.proposal.evidence(found, t)
+            if len(rows) == self.request.rows:
+                self.sums[terms] += values
+            else:
+                self.sums[np.ix_(terms, rows)] += values
+        return found
+
+    def log_ratio(self) -> Floats:
+        """Return log p/q (M,) of each row's steps."""
+        law = self.request.tape_law
+        return law.proposal.log_ratio(self.sums.T) if law is not None else np.zeros(self.request.rows)
+
+    def _numbers(self, rows: Integers, t: int) -> Floats:
+        if self.request.tape is not None:
+            return np.ascontiguousarray(self.request.tape[rows, t])
+        if not self._block_start <= t < self._block_start + self._block.shape[1]:
+            self._draw(t)
+        return np.asarray(self._block[rows, t - self._block_start])
+
+    def _draw(self, t: int) -> None:
+        request, size = self.request, max(self.noise.noise_size, 1)
+        count = int(np.clip(_BLOCK // (request.rows * size), 1, self.steps + 1 - t))
+        started = slice(0, int(np.searchsorted(request.start, t + count)))
+        run, stage, particle = (a[started, None] for a in (request.run, request.stage, request.particle))
+        self._block_start = t
+        self._block = self.noise.normals(run, stage, particle, np.arange(t, t + count))
+        if self._chosen is not None and request.tape_law is not None:
+            request.tape_law.proposal.transform(self._block, self._chosen, t)
+
+
+def draw_lineage(
+    noise: NoiseSource, law: TapeLaw | None, run: Integers, stage: Integers, particle: Integers
+) -> Floats:
+    """Draw tapes (P, K, noise_size) again whose steps were drawn for several addresses, K at most all steps.
+
+    Args:
+        noise: Source of the noise.
+        law: Law that they were drawn from.
+        run: (P, 1) address.
+        stage: (P, K) address of each step; a change begins a request of its own.
+        particle: (P, K) address of each step.
+    """
+    tapes = noise.normals(run, stage, particle, np.arange(stage.shape[1]))
+    if law is None or law.from_target:
+        return tapes
+    sums = np.zeros((len(tapes), law.proposal.terms))
+    chosen: Integers | None = None
+    for t in range(stage.shape[1]):
+        begun = np.flatnonzero(stage[:, t] != stage[:, t - 1]) if t else np.arange(len(tapes))
+        if len(begun):
+            uniform = noise.choices(run[begun, 0], stage[begun, t], particle[begun, t])
+            fresh = law.proposal.choose(uniform, sums[begun] if t else None)
+            chosen = np.zeros((len(tapes), *fresh.shape[1:]), np.int64) if chosen is None else chosen
+            chosen[begun] = fresh
+        assert chosen is not None
+        block = tapes[:, t : t + 1].copy()
+        law.proposal.transform(block, chosen, t)
+        tapes[:, t] = block[:, 0]
+        terms, values = law.proposal.evidence(block[:, 0], t)
+        sums[:, terms] += values.T
+    return tapes

@@ -1,0 +1,78 @@
+"""Features: numbers that tell how a rollout may go on, for potentials that are learnt (``smc``).
+
+A part declares what it knows best (``HasFeatures``). Where it declares nothing, a closed loop offers what
+every driving stack has: positions and speeds, what the tracker believes against the truth, the plan. A system
+that is no closed loop offers its signals.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from avrare.protocols import Floats, HasMargin, HasPlan, Signals, Specification, find_ability
+
+_NODES = (1, 3, 6, 10, 15, 20)
+"""Nodes of a plan whose states are features."""
+
+
+class HasFeatures(Protocol):
+    """System, simulator, tracker, controller or persistent perception error model that declares features."""
+
+    def features(self, state: Any, /) -> Floats:
+        """Return (N, F) numbers of a state (of a controller or perception: of its memory)."""
+
+
+def system_features(system: Any, state: Any) -> Floats:
+    """Return the features (N, F) that a system declares, else its signals."""
+    declaring = find_ability(system, HasFeatures)
+    if declaring is not None:
+        return np.asarray(declaring.features(state), dtype=np.float64)
+    return flattened(system.signals(state))
+
+
+def monitor_features(specification: Specification, state: Any, robustness: Floats, score: Floats) -> Floats:
+    """Return (N, 3) margin at the newest sample, robustness and score so far; the score is the last."""
+    while find_ability(specification, HasMargin) is None and hasattr(state, "inner"):  # a score's wrapper
+        specification, state = getattr(specification, "inner", specification), state.inner
+    having = find_ability(specification, HasMargin)
+    margin = having.margin(state) if having is not None else None
+    return np.stack([robustness if margin is None else margin, robustness, score], axis=1)
+
+
+def flattened(signals: Signals) -> Floats:
+    """Return all numbers of named arrays as columns (N, F)."""
+    columns = [np.asarray(x, dtype=np.float64).reshape(len(x), -1) for x in signals.values()]
+    return np.concatenate(columns, axis=1)
+
+
+def vehicle_features(world: Any) -> Floats:
+    """Return positions, speeds and headings (N, F) of a driving world, the others relative to the ego."""
+    ego, others = world.ego, world.others
+    own = [ego.x, ego.y, ego.speed, ego.heading, ego.acceleration]
+    relative = [others.x - ego.x[:, None], others.y - ego.y[:, None], others.speed, others.heading]
+    return np.concatenate([np.stack(own, axis=1), *relative], axis=1)
+
+
+def track_features(tracker: Any, track: Any, world: Any) -> Floats:
+    """Return (N, F) the errors of tracked positions and steps; 0 and a mark where a vehicle has no track."""
+    others, found = world.others, tracker.predict(track, 1)
+    known = np.isfinite(found.x[..., 0])
+    errors = [
+        found.x[..., 0] - others.x, found.y[..., 0] - others.y,
+        found.x[..., 1] - found.x[..., 0], found.y[..., 1] - found.y[..., 0],
+    ]  # fmt: skip
+    with np.errstate(invalid="ignore"):
+        kept = [np.where(known, error, 0.0) for error in errors]
+    return np.concatenate([known.astype(np.float64), *kept], axis=1)
+
+
+def plan_features(memory: Any) -> Floats | None:
+    """Return (N, F) some nodes of a controller's plan relative to its first one; None without a plan."""
+    having = find_ability(memory, HasPlan)
+    if having is None or np.ndim(having.plan_states) != 3:
+        return None
+    states = having.plan_states
+    nodes = [node for node in _NODES if node < states.shape[1]]
+    return np.asarray((states[:, nodes] - states[:, :1]).reshape(len(states), -1))

@@ -1,0 +1,1 @@
+"""Sequential Monte Carlo with learned potentials."""

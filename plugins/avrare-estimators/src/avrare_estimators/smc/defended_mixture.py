@@ -1,0 +1,58 @@
+"""Learned proposal with a share of the target, as one law that can be continued from the middle."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare.rollout.request import Integers
+from avrare_estimators.importance.tape_mixture import NONE, TapeMixture
+from avrare_estimators.weights import mixture_log_weights
+
+
+@dataclass(frozen=True)
+class DefendedMixture:
+    """Law a p + (1 - a) q of a tape (a ``TapeProposal``): its weights are at most 1 / a at every step.
+
+    Attributes:
+        mixture: q.
+        share: a.
+    """
+
+    mixture: TapeMixture
+    share: float
+
+    @property
+    def digest(self) -> str:
+        """Digits that identify it."""
+        return f"{self.mixture.digest}-{self.share!r}"
+
+    @property
+    def terms(self) -> int:
+        """A, the number of sums that the density needs."""
+        return self.mixture.terms
+
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> Integers:
+        """Return the atoms (M, 2) of rows; none for rows of the target."""
+        target: Floats | float = self.share
+        if sums is not None:  # Bayes: a p / (a p + (1 - a) q) of the steps so far
+            target = np.exp(math.log(self.share) + self.log_ratio(sums))
+        rest = np.clip((uniform - target) / (1.0 - target), 0.0, 1.0 - 2.0**-53)
+        chosen = self.mixture.choose(rest, sums)
+        chosen[uniform < target] = NONE
+        return chosen
+
+    def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
+        """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
+        self.mixture.transform(noise, chosen, first)
+
+    def evidence(self, noise: Floats, step: int) -> tuple[Integers, Floats]:
+        """Return the atoms at a step and log g/p (k, M) of its noise under each."""
+        return self.mixture.evidence(noise, step)
+
+    def log_ratio(self, sums: Floats) -> Floats:
+        """Return log p over this law (M,) from the sums (M, A)."""
+        return mixture_log_weights(self.mixture.log_ratio(sums), self.share)
