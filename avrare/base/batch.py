@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from avrare.base.errors import UsageError
 
 State = TypeVar("State")
 _SHARED = (type(None), bool, int, float, str, np.generic)
+_NO_AXES = ("a state holds an array without axes", "give every array a leading axis N")
 
 
 def map_leaves(function: Callable[..., Any], *states: Any) -> Any:
@@ -29,40 +31,55 @@ def map_leaves(function: Callable[..., Any], *states: Any) -> Any:
     Raises:
         UsageError: A leaf is neither an array with a leading axis nor a shared scalar.
     """
-    return _map(function, {}, states)
+    return _map(function, {}, [states])[0]
 
 
-def _map(function: Callable[..., Any], done: dict[Any, Any] | None, states: Sequence[Any]) -> Any:
-    # ``done``: results by the identities of their leaves; None: every leaf gets its own result.
-    first = states[0]
-    if isinstance(first, np.ndarray):
-        if first.ndim == 0:
-            raise UsageError("a state holds an array without axes", "give every array a leading axis N")
-        if done is None:
-            return function(*states)
-        key = id(first) if len(states) == 1 else tuple(map(id, states))
-        if key not in done:
-            done[key] = function(*states)
-        return done[key]
-    if isinstance(first, dict):
-        return {key: _map(function, done, [s[key] for s in states]) for key in first}
-    if isinstance(first, tuple):
-        parts = [_map(function, done, group) for group in zip(*states, strict=True)]
-        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-    if isinstance(first, _SHARED):
-        return first
-    kind: Any = type(first)
-    return kind(**{name: _map(function, done, [getattr(s, name) for s in states]) for name in _fields(kind)})
+def _map(
+    function: Callable[..., Any], done: dict[Any, Any] | None, groups: Iterable[Sequence[Any]]
+) -> list[Any]:
+    # ``groups``: the corresponding parts of all states. ``done``: results by the identities of their leaves;
+    # None: every leaf gets its own result. Splitting does this at every step: there is no call for a leaf.
+    found: list[Any] = []
+    for group in groups:
+        first = group[0]
+        kind: Any = type(first)
+        if isinstance(first, np.ndarray):
+            if first.ndim == 0:
+                raise UsageError(*_NO_AXES)
+            key = tuple(map(id, group))
+            if done is None:
+                found.append(function(*group))
+            elif key in done:
+                found.append(done[key])
+            else:
+                found.append(done.setdefault(key, function(*group)))
+        elif isinstance(first, tuple):
+            parts = _map(function, done, zip(*group, strict=True))
+            found.append(kind(*parts) if hasattr(kind, "_fields") else tuple(parts))
+        elif isinstance(first, dict):
+            parts = _map(function, done, [[part[key] for part in group] for key in first])
+            found.append(dict(zip(first, parts, strict=True)))
+        elif isinstance(first, _SHARED):
+            found.append(first)
+        else:
+            names, values = _fields(kind)
+            parts = _map(function, done, zip(*map(values, group), strict=True))
+            found.append(kind(**dict(zip(names, parts, strict=True))))
+    return found
 
 
 @functools.cache
-def _fields(kind: type) -> tuple[str, ...]:
+def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...]]]:
+    """Return the names of a dataclass's fields, and the function from an instance to their values."""
     if not dataclasses.is_dataclass(kind):
         raise UsageError(
             f"a state may hold arrays, dataclasses, dicts and tuples of them, not {kind.__name__}",
             "a batch is copied particle by particle: keep it in arrays with leading axis N",
         )
-    return tuple(field.name for field in dataclasses.fields(kind))
+    names = tuple(field.name for field in dataclasses.fields(kind))
+    if len(names) < 2:  # of a single name ``attrgetter`` makes no tuple
+        return names, lambda state: tuple(getattr(state, name) for name in names)
+    return names, operator.attrgetter(*names)
 
 
 def take(state: State, index: NDArray[Any] | slice) -> State:
@@ -79,19 +96,30 @@ def concatenate(states: Sequence[State]) -> State:
 
 def separated(state: State) -> State:
     """Return a copy in which no two leaves are the same array."""
-    return _map(np.copy, None, [state])  # type: ignore[no-any-return]
+    return _map(np.copy, None, [[state]])[0]  # type: ignore[no-any-return]
 
 
 def leaves(state: Any) -> list[NDArray[Any]]:
     """Return all array leaves of a state, in a fixed order."""
     found: list[NDArray[Any]] = []
-
-    def collect(leaf: NDArray[Any]) -> NDArray[Any]:
-        found.append(leaf)
-        return leaf
-
-    _map(collect, None, [state])
+    _collect((state,), found)
     return found
+
+
+def _collect(parts: Iterable[Any], found: list[NDArray[Any]]) -> None:
+    # No call for a leaf, and nothing is built: splitting does this at every step of every stage.
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            if part.ndim == 0:
+                raise UsageError(*_NO_AXES)
+            found.append(part)
+        elif isinstance(part, tuple):
+            _collect(part, found)
+        elif isinstance(part, dict):
+            _collect(part.values(), found)
+        elif not isinstance(part, _SHARED):
+            kind: Any = type(part)
+            _collect(_fields(kind)[1](part), found)
 
 
 def size(state: Any) -> int:

@@ -229,8 +229,9 @@ class _Simulation:
     def _observe(
         self, sample: Sample | None, alive: Bools, monitors: tuple[Any, ...], rows: Integers, t: int
     ) -> tuple[Carry | None, Integers]:
-        self._drop(rows[~alive], t)
-        rows = rows[alive]
+        if not alive.all():
+            self._drop(rows[~alive], t)
+            rows = rows[alive]
         if sample is None:
             return None, rows
         state, signals, _ = sample

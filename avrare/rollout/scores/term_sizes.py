@@ -165,8 +165,14 @@ class ScaledMonitor:
         """Return the formula's signals at sample ``t`` with the sizes among them."""
         signals = self.select(signals) if self.select else signals
         n = len(next(iter(signals.values())))
-        sizes = {name: np.broadcast_to(x[t], (n, *x.shape[1:])) for name, x in self._constants.items()}
+        sizes = {name: _repeated(x[t], n) for name, x in self._constants.items()}
         return {**signals, **sizes}
+
+
+def _repeated(size: Floats, n: int) -> Floats:
+    table = np.empty((n, *np.shape(size)))  # several times faster than a broadcast view
+    table[:] = size
+    return table
 
 
 def _divide(node: nodes.Node, sizes: Mapping[nodes.Node, nodes.Signal]) -> nodes.Node:
