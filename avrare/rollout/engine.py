@@ -84,8 +84,10 @@ class _CarryStore:
         if not self._wanted(t):
             return
         self.carries.append((t, rows, carry))
+        if not self.most_bytes:
+            return
         self._row_bytes[t] = sum(leaf.nbytes for leaf in batch.leaves(carry)) // len(rows)
-        while 0 < self.most_bytes < sum(self._row_bytes.values()) and self.every <= t:
+        while self.most_bytes < sum(self._row_bytes.values()) and self.every <= t:
             self.every *= 2
             self.carries = [entry for entry in self.carries if self._wanted(entry[0])]
             self._row_bytes = {step: size for step, size in self._row_bytes.items() if self._wanted(step)}
