@@ -26,8 +26,8 @@ _STAGE = 2**15
 """Largest number of rollouts of a stage."""
 _FIRST_STAGE = 64
 """Rollouts before the first look at the clock; later stages double, so that each look is in time."""
-_MORE, _LOOK = 4, 32
-"""A stopping rule may overshoot by a quarter of the rollouts done, of many by 1 / 32."""
+_LOOK = 16
+"""A stopping rule may overshoot by 1 / 16 of the rollouts done: each look reads all, each stage is a batch."""
 _UNLIMITED = 2**40
 """Rollouts of a run that a budget of seconds ends."""
 
@@ -93,7 +93,7 @@ class MonteCarlo:
         if done >= state.total or self._all_stopped(state):
             return None
         if self.config.sequential:  # few rollouts are wasted, and few looks read all of them
-            size = max(_FIRST_STAGE, min(size, done // _MORE), done // _LOOK)
+            size = max(_FIRST_STAGE, done // _LOOK)
         elif state.info.goal is None:
             size = min(size, max(_FIRST_STAGE, done))
         index = np.arange(done, min(done + size, state.total))

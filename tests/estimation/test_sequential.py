@@ -119,6 +119,6 @@ def test_the_number_of_looks_is_limited():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("avrare.estimation.monte_carlo.AtThreshold", Counting)
         result = avrare.estimate(coin(0.3, chunk=10), threshold=0.303, rollouts=60_000, seed=1)
-    assert len(looks) < 250
-    assert sum(looks) < 60 * result.rollouts
-    assert all(after <= max(before + 64, before * 5 // 4 + 1) for before, after in pairwise(looks[:-1]))
+    assert len(looks) < 120
+    assert sum(looks) < 30 * result.rollouts
+    assert all(after <= max(before + 64, before * 17 // 16) for before, after in pairwise(looks[:-1]))
