@@ -27,7 +27,7 @@ _STAGE = 2**15
 _FIRST_STAGE = 64
 """Rollouts before the first look at the clock; later stages double, so that each look is in time."""
 _LOOK = 16
-"""A stopping rule may overshoot by 1 / 16 of the rollouts done: each look reads all, each stage is a batch."""
+"""A stopping rule may overshoot by 1 / 16 of the rollouts done; each look reads all of them."""
 _UNLIMITED = 2**40
 """Rollouts of a run that a budget of seconds ends."""
 
