@@ -219,7 +219,7 @@ def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint:
     def watch(label: str, problem: Any) -> Iterator[Progress]:
         with Progress(label, problem, display(args), confidence, stop) as progress:
             if problem.names[0] not in begun:  # a cross-check comes second
-                progress.began -= journal(problem.names[0]).seconds
+                progress.resume(journal(problem.names[0]).seconds)
             begun.add(problem.names[0])
             yield progress
         _report_restarts(executors[-1])

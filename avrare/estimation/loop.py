@@ -12,6 +12,7 @@ from typing import Any, cast
 from avrare.base.errors import Interrupted, UsageError
 from avrare.base.health_messages import MESSAGES, check_names
 from avrare.estimation.budget import Budget
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import forecast
 from avrare.estimation.pace import Pace
 from avrare.estimation.plan import Estimator, Info, Journal, Plan, UsesFinalScores
@@ -145,16 +146,23 @@ class _Loop:
             for part in self._outcomes(stage, request):
                 parts.append(self._needed(part))
                 so_far = so_far.plus(part)
-                self.progress(so_far)
+                self._show(so_far, request.rows, so_far.rollouts - info.rollouts)
             if not parts:  # the time left pays for no more
                 break
             joined = Rollouts.join(parts)
             parts.clear()  # its memory is for the estimator now
             state, info = self.estimator.tell(state, joined)
             del joined
-            self.progress(info)
+            self._show(info)
             stage += 1
         return state
+
+    def _show(self, info: Info, rows: int = 0, done: int = 0) -> None:
+        if self.plan.budget is not None and self._timed:
+            amount = self.plan.budget.amount  # an estimator with a forecast may stop before
+            forecast = CostForecast("seconds", 0.0 if info.forecast else amount, amount)
+            info = replace(info, forecast=forecast)
+        self.progress(replace(info, stage_rows=rows if done < rows else 0, stage_done=done))
 
     def _needed(self, part: Rollouts) -> Rollouts:
         final = find_ability(self.estimator, UsesFinalScores)

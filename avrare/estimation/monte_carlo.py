@@ -12,6 +12,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.estimation import health, intervals
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import Demand
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.estimation.monte_carlo_counts import MOST_ROBUSTNESS, Counts
@@ -74,7 +75,7 @@ class MonteCarlo:
             per_run = _affordable_rollouts(plan, self.config)
         open_ended = per_run == _UNLIMITED or self.config.sequential
         goal = None if open_ended else per_run * self.config.runs
-        info = Info(goal=goal)
+        info = Info(goal=goal, forecast=self._forecast(per_run, None))
         counts = Counts(per_run, plan.kept_failures, ordered=self.config.sequential)
         return McState(plan, per_run * self.config.runs, per_run, counts, info), info
 
@@ -103,7 +104,8 @@ class MonteCarlo:
     def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
         """Append the outcome of a stage."""
         info = state.info.plus(rollouts)
-        return replace(state, counts=state.counts.plus(rollouts), info=info), info
+        state = replace(state, counts=state.counts.plus(rollouts), info=info)
+        return state, replace(info, forecast=self._forecast(state.total, state))
 
     def estimate(self, state: McState) -> list[Result]:
         """Return one result per specification, all from the same rollouts."""
@@ -161,6 +163,21 @@ class MonteCarlo:
             column=column,
             diagnostics=diagnostics or {},
         )  # fmt: skip
+
+    def _forecast(self, total: int, state: McState | None) -> CostForecast | None:
+        """Return the rollouts until a stopping rule has enough failures of the rarest specification."""
+        if not self.config.sequential:
+            return None
+        if self.config.relative_error is None:
+            return CostForecast("rollouts", 0.0, total)
+        wanted = AtFailures.for_error(self.config.relative_error).failures
+        if state is None:
+            return CostForecast("rollouts", wanted, total)
+        violated, error = state.counts.joined_verdicts()
+        found, trials = int(violated.sum(axis=0).min()), len(error)
+        low, high = intervals.clopper_pearson(found, trials, state.plan.confidence)
+        most = min(wanted / low if low else math.inf, total)
+        return CostForecast("rollouts", wanted / high, most, f"{found} of {wanted} failures")
 
     def _stopping(self, plan: Plan) -> Stopping | None:
         if self.config.relative_error is not None:

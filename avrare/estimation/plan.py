@@ -9,6 +9,7 @@ from typing import Protocol
 
 from avrare import protocols
 from avrare.estimation.budget import Budget
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
@@ -70,6 +71,9 @@ class Info:
         failures: Failing rollouts.
         errors: Rollouts that ended in an error.
         goal: Rollouts planned, where known.
+        forecast: What is known of the whole cost, where the rollouts are not planned.
+        stage_rows: Rollouts of the stage under way, where it has several chunks.
+        stage_done: Those of them that are done.
         counts: The system's counters, summed.
         messages: The first error messages.
     """
@@ -84,6 +88,9 @@ class Info:
     failures: int = 0
     errors: int = 0
     goal: int | None = None
+    forecast: CostForecast | None = None
+    stage_rows: int = 0
+    stage_done: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
 

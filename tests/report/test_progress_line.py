@@ -8,14 +8,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 
 import avrare
 from avrare.base.number_format import format_clock
 from avrare.cli.main import main
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.plan import Info
 from avrare.report.terminal.progress_line import Progress
+from avrare.report.terminal.time_left import TimeLeft
 
 SLOW = """\
 name: slow
@@ -186,3 +189,50 @@ def test_plain_and_dumb_terminals_get_no_cursor_movements(scenario, tmp_path, op
     assert terminal.ended() == 0, terminal.seen
     assert "results in" in terminal.seen
     assert not re.search(r"\x1b\[\d*[A-LsuJK]|\x1b\[\?25l", terminal.seen)
+
+
+def left(info, seconds, first=None, steady=True):
+    time_left = TimeLeft(steady)
+    if first is not None:
+        time_left.see(*first)
+    return "; ".join(time_left.words(info, seconds))
+
+
+@pytest.mark.parametrize(
+    ("forecast", "words"),
+    [
+        (CostForecast("rollouts", 400, 400), "0:30 left"),
+        (CostForecast("rollouts", 400, 1000, "p 0.01 .. 1e-06"), "0:30 .. 1:30 left (p 0.01 .. 1e-06)"),
+        (CostForecast("rollouts", 0, 1000), "up to 1:30 left"),
+        (CostForecast("rollouts", 400, float("inf"), "no failure"), "at least 0:30 left (no failure)"),
+        (CostForecast("steps", 8000, 8000), "1:10 left"),
+        (CostForecast("seconds", 25, 25), "0:15 left"),
+        (CostForecast("rollouts", 50, 90), ""),
+        (None, ""),
+    ],
+)  # fmt: skip
+def test_the_time_left_has_bounds_and_what_they_rest_on(forecast, words):
+    assert left(Info(rollouts=100, steps=1000, forecast=forecast), 10.0) == words
+
+
+def test_a_long_stage_has_a_total_of_its_own():
+    info = Info(rollouts=100, stage_rows=1000, stage_done=100)
+    assert left(info, 10.0) == "stage 100/1000, 1:30 left in it"
+    assert left(replace(info, goal=1000), 10.0) == "1:30 left"
+
+
+def test_the_start_of_workers_leaves_the_pace_once_as_much_time_has_passed():
+    slow_start, forecast = Info(rollouts=10), CostForecast("rollouts", 410, 410)
+    later = Info(rollouts=210, forecast=forecast)
+    assert left(replace(later, rollouts=10), 10.0, first=(slow_start, 10.0)) == "6:40 left"
+    assert left(later, 20.0, first=(slow_start, 10.0)) == "0:10 left"
+    assert left(later, 20.0, first=(slow_start, 10.0), steady=False) == "0:19 left"
+
+
+def test_a_plain_line_foretells_a_long_estimate_with_its_first_chunk(problem, capsys):
+    for goal, lines in ((10**6, 1), (2, 0)):
+        with Progress("walk", problem, "plain") as progress:
+            progress.began -= 1.0
+            progress(Info(rollouts=1, goal=goal))
+            progress(Info(rollouts=2, goal=goal))
+        assert capsys.readouterr().err.count(" left") == lines

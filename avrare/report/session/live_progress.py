@@ -42,7 +42,7 @@ class _NotebookLine:
         self.handle = display({"text/plain": line.label}, raw=True, display_id=True)
 
     def __call__(self, info: Info) -> None:
-        self.line.info = info
+        self.line.see(info)
         now = time.monotonic()
         if now - self.shown >= _SECONDS_BETWEEN:
             self.shown = now

@@ -17,6 +17,7 @@ from avrare.base.visible_text import spell_line
 from avrare.estimation.intervals import clopper_pearson
 from avrare.estimation.plan import Info
 from avrare.report.terminal.console import Mode, make_console
+from avrare.report.terminal.time_left import TimeLeft
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.problem import Problem
 
@@ -39,6 +40,7 @@ class Progress:
         self.mode, self.confidence, self.stop = mode, confidence, stop
         self.info = Info()
         self.began = self.printed = time.monotonic()
+        self._left = TimeLeft()
         self._live: Live | None = None
 
     def __enter__(self) -> Progress:
@@ -60,11 +62,23 @@ class Progress:
             self._live.stop()
             self._live = None
 
+    def resume(self, seconds: float) -> None:
+        """Go on after an interruption: ``seconds`` were spent before it."""
+        self.began -= seconds
+        self._left = TimeLeft(steady=not seconds)
+
+    def see(self, info: Info) -> bool:
+        """Take the newest state; return whether it is the first one, of an estimate that takes long."""
+        first, seconds = not self.info.rollouts, time.monotonic() - self.began
+        self.info = info
+        self._left.see(info, seconds)
+        return first and self._left.most(info, seconds) >= _PLAIN_INTERVAL
+
     def __call__(self, info: Info) -> None:
         """Show the newest state."""
-        self.info = info
-        now = time.monotonic()
-        if self.mode != "quiet" and self._live is None and now - self.printed >= _PLAIN_INTERVAL:
+        foretells, now = self.see(info), time.monotonic()
+        due = foretells or now - self.printed >= _PLAIN_INTERVAL
+        if self.mode != "quiet" and self._live is None and due:
             self.printed = now
             print(spell_line(self.line(info, now - self.began)), file=sys.stderr, flush=True)
 
@@ -101,20 +115,22 @@ class Progress:
     def _pace(self, info: Info, seconds: float) -> list[str]:
         if seconds <= 0.0 or not info.rollouts:
             return []
-        rate, left = info.rollouts / seconds, (info.goal or 0) - info.rollouts
-        return [f"{rate:.1f}/s", *([f"{format_clock(left / rate)} left"] if left > 0 else [])]
+        return [f"{info.rollouts / seconds:.1f}/s", *self._left.words(info, seconds)]
 
     def _view(self) -> Group:
         info, seconds = self.info, time.monotonic() - self.began
         goal = f" of {info.goal:,}" if info.goal else ""
         done = Text(f"{info.rollouts:,}{goal} rollouts" if info.rollouts else "starting", no_wrap=True)
         bar = [ProgressBar(info.goal, min(info.rollouts, info.goal), width=24)] if info.goal else []
-        pace = "   ".join([format_clock(seconds), *self._pace(info, seconds)])
+        rate, *left = self._pace(info, seconds) or [""]
+        beside = left if info.goal else []
+        pace = "   ".join([format_clock(seconds), rate, *beside])
         advance = Table.grid(padding=(0, 2, 0, 0))
         advance.add_row(*bar, done, Text(pace, style="dim", no_wrap=True))
         head = Text(self.label, style="bold", no_wrap=True, overflow="ellipsis")
         estimate = Text("   ".join([*self._estimate(info), *_counters(info)]))
-        rows: list[RenderableType] = [head, advance, estimate]
+        below = [Text("   ".join(left), style="dim")] if left and not beside else []
+        rows: list[RenderableType] = [head, advance, *below, estimate]
         if self.stop is not None and self.stop():
             text = "stopping after the current chunk; press Ctrl-C again to stop at once"
             rows.append(Text(text, style="yellow"))

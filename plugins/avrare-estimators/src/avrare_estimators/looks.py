@@ -15,9 +15,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from avrare.estimation import health
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.result import Interval
 
 LEAST_RUNS = 10
@@ -25,6 +26,8 @@ LEAST_RUNS = 10
 WANTED_ROOTS = 20
 """Roots aimed at; the warning ``few_roots`` begins at 15, and a pilot's number scatters."""
 MOST_GROWTH = 8
+LIKELY, RARE = 1e-2, 1e-6
+"""Probabilities for which the cost is forecast, until the pilot knows better."""
 HOPELESS_GROWTH = 2
 """Growth where even the largest one promises too few roots: more would be paid for another warning."""
 
@@ -90,12 +93,14 @@ class Pilot:
         roots: Roots that runs of the given size would end with; 0 where the pilot found no failure.
         relative_variance: Relative variance of one such run; NaN where unknown.
         growth: Factor by which the runs that count are larger.
+        cost: Cost of a run of the given size.
     """
 
     rollouts: int
     roots: float
     relative_variance: float
     growth: int = 1
+    cost: float = 0.0
 
     @property
     def wanted_growth(self) -> int:
@@ -114,6 +119,19 @@ class Pilot:
         if not math.isfinite(self.relative_variance):
             return min(least, most)
         return min(most, max(least, math.ceil(self.relative_variance / self.growth / goal**2 / 2.0)))
+
+    def forecast(
+        self, kind: Literal["rollouts", "steps"], looks: Looks, done: int, spent: float = 0.0,
+        pilots: float = 0.0,
+    ) -> CostForecast:  # fmt: skip
+        """Return the cost of an estimate that has begun ``done`` runs.
+
+        ``spent`` went before all runs; ``pilots`` is what the own pilot of each run costs.
+        """
+        run = pilots + self.growth * self.cost
+        wanted = next((look for look in looks.runs if look >= done), done)
+        least, most = (spent + runs * run for runs in (wanted, max(looks.runs[-1], done)))
+        return CostForecast(kind, least, most, "by the pilot")
 
     def diagnostics(self, size: int, name: str) -> dict[str, Any]:
         """Return what a result tells of the pilot, and of runs of ``size`` particles or chains."""

@@ -8,18 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from avrare.base.memory import allowance
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
+from avrare_estimators.ams.forecast import forecast_cost
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
 from avrare_estimators.ams.state import AmsState, Branches, run_bytes
 from avrare_estimators.ams.summary import summarise
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.cost import affordable_runs
-from avrare_estimators.looks import LEAST_RUNS, Looks, Pilot
+from avrare_estimators.looks import LEAST_RUNS, MOST_GROWTH, Looks, Pilot
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
@@ -55,8 +57,10 @@ class Splitting:
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """Return the state before the first rollout, and what to show."""
         if self.config.grow and plan.steps and self._most_runs(plan, pilots=1) >= LEAST_RUNS:
-            return AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN), Info()
-        return self._begin_counting(plan), Info()
+            state = AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN)
+        else:
+            state = self._begin_counting(plan)
+        return state, Info(forecast=self._forecast(state))
 
     def scaled(self, rollouts: float, probability: float) -> Splitting | None:
         """Return one run of as many particles as the rollouts pay for (``ScalesToCost``).
@@ -97,7 +101,9 @@ class Splitting:
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
         state, survivors = self._advance_level(state)
         info = self._info(state, survivors)
-        return (state if len(state.pending.slots) else self._continue(state)), info
+        if not len(state.pending.slots):
+            state = self._continue(state)
+        return state, replace(info, forecast=self._forecast(state))
 
     def estimate(self, state: AmsState) -> list[Result]:
         """Return the mean of the runs with its interval."""
@@ -115,13 +121,23 @@ class Splitting:
     def _after_pilot(self, state: AmsState) -> AmsState:
         found, plan = summarise(self.name, self.config, state), state.plan
         roots = found.diagnostics["roots"][0] if found.probability else 0
-        pilot = Pilot(state.tally.rollouts, roots, found.relative_error**2)
+        tally = state.tally
+        pilot = Pilot(tally.rollouts, roots, found.relative_error**2, cost=tally.steps)
         # With a budget, larger runs are fewer.
         growth = pilot.wanted_growth
         while growth > 1 and not self._affords(plan, growth):
             growth -= 1
         counting = self._begin_counting(plan, replace(pilot, growth=growth))
         return replace(counting, tally=state.tally)
+
+    def _forecast(self, state: AmsState) -> CostForecast | None:
+        slope = (_STEPS_OF_RUN - 1.0) / math.log(_NOMINAL)
+        if state.looks is not None:
+            return forecast_cost(state, state.looks, 1, slope)
+        growth = next((g for g in range(MOST_GROWTH, 1, -1) if self._affords(state.plan, g)), 1)
+        most = self._most_runs(state.plan, pilots=1)
+        looks = Looks.until(self.config.relative_error, self.config.runs, most)
+        return forecast_cost(state, looks, growth, slope)
 
     def _affords(self, plan: Plan, growth: int) -> bool:
         fits = run_bytes(plan, self.config.particles * growth) <= self._room()

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.memory import allowance
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
@@ -30,7 +31,7 @@ from avrare_estimators.ess.kernels import make_kernel
 from avrare_estimators.ess.level_pass import LevelPass, PassShape
 from avrare_estimators.ess.state import EssState
 from avrare_estimators.ess.summary import summarise
-from avrare_estimators.looks import MOST_GROWTH, Looks, Pilot
+from avrare_estimators.looks import LIKELY, MOST_GROWTH, RARE, Looks, Pilot
 
 _STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
@@ -78,7 +79,8 @@ class NestedLevels:
         most, first = self._most_runs(plan, 1), self._first_runs(plan)
         looks = None if config.second_pass else Looks.until(config.relative_error, first, most)
         runs = min(first, self._batch(plan, self._most_growth(plan)))
-        return EssState.begin(plan, self._pilot(plan, runs), looks), Info()
+        state = EssState.begin(plan, self._pilot(plan, runs), looks)
+        return state, Info(forecast=self._forecast(state))
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the runs that advance together; runs that a pilot lets grow take more."""
@@ -95,7 +97,7 @@ class NestedLevels:
         state = state.tell(rollouts)
         if state.level_pass.proposal is None:
             state = self._continue(state) if state.counting else self._begin_counting(state)
-        return state, _info(state)
+        return state, replace(_info(state), forecast=self._forecast(state))
 
     def estimate(self, state: EssState) -> list[Result]:
         """Return the mean of the runs with its interval."""
@@ -112,6 +114,19 @@ class NestedLevels:
         if chains < _LEAST_CHAINS:
             return None
         return NestedLevels(config.model_copy(update={"chains": min(chains, _MOST_CHAINS)}))
+
+    def _forecast(self, state: EssState) -> CostForecast:
+        """Return the rollouts of the whole estimate: for two probabilities, then by the pilot's levels."""
+        if state.found is not None and state.looks is not None:
+            share = self._shape(1, second=False).chains / self.config.chains
+            return state.found.forecast("rollouts", state.looks, state.runs, pilots=share * state.found.cost)
+        looks = state.looks or Looks.until(
+            self.config.relative_error, self._first_runs(state.plan), self._most_runs(state.plan, 1)
+        )
+        least = looks.runs[0] * self._nominal_rollouts(1, LIKELY)
+        growth = self._most_growth(state.plan) if state.looks is None else 1
+        most = looks.runs[-1] * self._nominal_rollouts(growth, RARE)
+        return CostForecast("rollouts", least, most, f"p {LIKELY:g} .. {RARE:g}")
 
     def _summary(self, state: EssState) -> Result:
         return summarise(self.name, self.config, self.kernel, state, self.notes)
@@ -133,7 +148,8 @@ class NestedLevels:
         config, told, runs = self.config, self._summary(state), state.level_pass.shape.runs
         larger = config.chains / state.level_pass.shape.chains
         roots = statistics.median(told.diagnostics["roots"]) * larger if told.probability else 0.0
-        found = Pilot(state.tally.rollouts, roots, told.relative_error**2 * runs / larger)
+        rollouts = state.tally.rollouts
+        found = Pilot(rollouts, roots, told.relative_error**2 * runs / larger, cost=rollouts * larger / runs)
         # With a budget, larger runs are fewer.
         wanted = self._first_runs(state.plan)
         growth = min(found.wanted_growth, self._most_growth(state.plan))
@@ -190,8 +206,8 @@ class NestedLevels:
         stage = _STAGE_OF_SECOND_PASS if second else 0
         return PassShape(runs, chains, config.length, config.skip, survivors, config.floor, stage)
 
-    def _nominal_rollouts(self, growth: int) -> int:
-        shares = math.ceil(math.log(_NOMINAL) / math.log(self.config.level_probability))
+    def _nominal_rollouts(self, growth: int, probability: float = _NOMINAL) -> int:
+        shares = math.ceil(math.log(probability) / math.log(self.config.level_probability))
         passes = (False, True) if self.config.second_pass else (False,)
         shapes = [self._shape(1, second, growth if second else 1) for second in passes]
         moves = sum(shape.chains * (shape.length - 1) * (shape.skip + 1) for shape in shapes)

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.memory import allowance
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Floats
@@ -76,7 +77,9 @@ class CrossEntropy(WeightedSampler):
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
         """Return the state before the first rollout, and what to show."""
         state = SamplingState(plan, self._rollouts(plan), self.family.start())
-        return self._begin_run(state), Info()
+        least, most = (self.config.runs * state.rollouts * stages for stages in (2, self.config.stages + 1))
+        forecast = CostForecast("rollouts", least, most / (1.0 - self.config.check))
+        return self._begin_run(replace(state, tally=Info(forecast=forecast))), Info(forecast=forecast)
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the samples and of what a stage learns from."""

@@ -206,8 +206,8 @@ class ImportanceSampling(WeightedSampler):
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
         """Return the state before the first rollout, and what to show."""
         rollouts = self._rows(plan)
-        state = SamplingState(plan, rollouts, self._source(plan))
-        return self._begin_run(state), Info(goal=rollouts * self.config.runs)
+        info = Info(goal=rollouts * self.config.runs)
+        return self._begin_run(SamplingState(plan, rollouts, self._source(plan), tally=info)), info
 
     def _rows(self, plan: Plan) -> int:
         return affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
 from avrare.rollout.problem import Problem
@@ -65,9 +66,11 @@ class LearnedSampling(WeightedSampler):
     def init(self, plan: Plan) -> tuple[LearnedState, Info]:
         """Return the state before the first rollout, and what to show."""
         rollouts = self._rows(plan)
-        state = LearnedState(plan, rollouts, TapeSource(None))
-        goal = None if self.config.relative_error is not None else rollouts * self.config.runs
-        return self._begin_run(state), Info(goal=goal)
+        most = rollouts * self.config.runs
+        info = Info(goal=most)
+        if self.config.relative_error is not None:
+            info = Info(forecast=CostForecast("rollouts", 0.0, most))
+        return self._begin_run(LearnedState(plan, rollouts, TapeSource(None), tally=info)), info
 
     def _rows(self, plan: Plan) -> int:
         return affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)

@@ -1,0 +1,23 @@
+"""Forecast of an estimate's whole cost while it runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class CostForecast:
+    """Whole cost of an estimate, as far as it can be told before its end.
+
+    Attributes:
+        kind: Unit of the amounts: "rollouts", "steps" (simulated ones) or "seconds".
+        least: Amount that the estimate is expected to take at least.
+        most: Amount at most; infinite where nothing limits it yet.
+        given: What the amounts rest on, such as "p 0.01 .. 1e-06"; empty where they are firm.
+    """
+
+    kind: Literal["rollouts", "steps", "seconds"]
+    least: float
+    most: float
+    given: str = ""
