@@ -26,6 +26,7 @@ COMMANDS = {
     "replay": ("avrare.cli.replay", "replay a stored failure, shrink it, export it"),
     "falsify": ("avrare.cli.falsify", "search for a failure, then for the most likely one"),
     "failures": ("avrare.cli.failures", "list, add, print and cluster stored failures"),
+    "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),

@@ -65,6 +65,11 @@ _DISPLAY: Options = {
         "--plain": "no colours, nothing redrawn: for logs",
     }
 }
+_OUTPUT: Options = {
+    "--out DIR": "write the result as JSON into this folder",
+    "--json": "print JSON and nothing else on stdout",
+    **_SAFE,
+}
 _FAILURES: Options = {
     "--failures DIR": (f"folder of stored failures (default {FAILURES_FOLDER})", {"default": FAILURES_FOLDER})
 }
@@ -169,6 +174,16 @@ OPTIONS: dict[str, Options] = {
             {**_NATURAL, "default": 400},
         ),
         **_FAILURES,
+    },
+    "kinds": {
+        "folder DIR": "run folder",
+        "--specification NAME": "only this specification (default: all with failures)",
+        "--max-kinds N": ("largest number of kinds (default 6)", {"type": at_least(1), "default": 6}),
+        "--method NAME": (
+            "kmeans (default), or hdbscan (needs scikit-learn)",
+            {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
+        ),
+        **_OUTPUT,
     },
     "rules": {
         "names NAME": ("show these rules in full; case and '_' are ignored", {"nargs": "*"}),

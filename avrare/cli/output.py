@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.visible_text import spell_controls
+from avrare.estimation.result import finite
 
 
 def say(*lines: str, error: bool = False) -> None:
@@ -36,6 +40,20 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             write_text(folder / name, text)
+
+
+def show_or_write(
+    args: argparse.Namespace, file: str, content: Mapping[str, Any], lines: Iterable[str]
+) -> None:
+    """Write ``content`` as ``file`` into the folder of ``--out``, and print it (``--json``) or the lines."""
+    if args.out is not None:
+        write_files(Path(args.out), {file: json.dumps(finite(content), indent=2) + "\n"})
+    if args.json:
+        print(json.dumps(finite(content)))
+    else:
+        say(*lines)
+        if args.out is not None:
+            say(f"written: {Path(args.out) / file}")
 
 
 def can_draw() -> bool:

@@ -11,6 +11,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from avrare.base.late_import import late_import
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
@@ -25,11 +28,28 @@ _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 @dataclass(frozen=True)
 class Failures:
-    """Failing noise tapes, up to a limit."""
+    """Failing noise tapes, up to a limit: a sample of the noise given failure.
 
-    noise: Floats  # (F, steps + 1, noise_size)
-    robustness: Floats  # (F,)
-    count: int  # number of failing rollouts, kept or not
+    Attributes:
+        noise: (F, steps + 1, noise_size).
+        robustness: (F,).
+        count: Number of failing rollouts, kept or not.
+        weights: (F,) part of the probability that each stands for, which add up to it; None: equal parts.
+        ancestors: (F, 2) run and first ancestor of each, for those that share noise; None: independent.
+    """
+
+    noise: Floats
+    robustness: Floats
+    count: int
+    weights: Floats | None = None
+    ancestors: NDArray[np.int64] | None = None
+
+
+def spread(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return at most so many of ``rows``, evenly spaced: failures of all runs, not of the first alone."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.arange(most) * len(rows) // most]
 
 
 @dataclass(frozen=True)
@@ -211,6 +231,22 @@ class Result:
             UsageError: There is no such failure, or the result was not made in this process.
         """
         return late_import("avrare.report.session.trace:trace_result")(self, index)
+
+    def kinds(self, max_kinds: int = 6, method: str = "kmeans") -> Any:
+        """Sort the failures into kinds, each with a probability of its own.
+
+        Args:
+            max_kinds: Largest number of kinds.
+            method: "kmeans" or "hdbscan" (needs scikit-learn).
+
+        Returns:
+            ``avrare.analysis.causes.kinds.Kinds``, a sequence with ``table()`` that prints itself.
+
+        Raises:
+            UsageError: There are no failures, or the result was not made in this process.
+        """
+        find = late_import("avrare.analysis.causes.kinds:kinds_of_result")
+        return find(self, max_kinds, method)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the result as one HTML file and return its path.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from avrare.base.errors import AvrareError, UsageError
+from avrare.base.errors import AvrareError, UsageError, did_you_mean
 from avrare.base.stored_files import check_seal, digest, read_arrays, read_json, read_regular
 from avrare.base.visible_text import spell_line
 from avrare.estimation.checkpoint import SCENARIO
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 RUN_AGAIN = "run the scenario again"
 FAILURES_FILE, FAILURE_FIELDS = "failures.npz", ("noise", "robustness", "count")
+SAMPLE_LAW = ("weights", "ancestors")
+"""Further fields of the failures, of estimators whose failures are not independent and alike."""
 ROLLOUTS_FILE, SAMPLE_FIELDS = "rollouts.npz", ("worst_robustness", "robustness", "worst")
 _Stored = TypeVar("_Stored")
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -175,6 +177,12 @@ class RunFolder:
         """The scenario with its stack built; None where it cannot be built here."""
         return self._loaded[1]
 
+    def require_scenario(self) -> LoadedScenario:
+        """Return the scenario with its stack built; a ``UsageError`` says why it cannot be."""
+        if self.scenario is None:
+            raise UsageError(f"{self.path}: its scenario cannot be built: {self.load_errors[0]}", RUN_AGAIN)
+        return self.scenario
+
     @property
     def load_errors(self) -> tuple[str, ...]:
         """Lines that say why ``scenario`` is None; empty where it is not."""
@@ -289,7 +297,7 @@ def _date(text: Any) -> datetime | None:
 
 def read_failures(folder: Path) -> dict[str, Failures]:
     """Return the stored failures of each specification; empty where nothing failed."""
-    return _read(folder / FAILURES_FILE, FAILURE_FIELDS, _to_failures)
+    return _read(folder / FAILURES_FILE, (*FAILURE_FIELDS, *SAMPLE_LAW), _to_failures)
 
 
 def read_rollouts(folder: Path) -> dict[str, RolloutSample]:
@@ -307,17 +315,39 @@ def _read(path: Path, fields: Sequence[str], convert: Callable[..., _Stored | No
     return found
 
 
-def _to_failures(noise: NDArray[Any], robustness: NDArray[Any], count: NDArray[Any]) -> Failures | None:
+def _to_failures(
+    noise: NDArray[Any], robustness: NDArray[Any], count: NDArray[Any], *law: NDArray[Any]
+) -> Failures | None:
     fit = noise.ndim == 3 and robustness.shape == noise.shape[:1] and count.shape == ()
     types = noise.dtype == robustness.dtype == np.float64 and count.dtype.kind == "i"
     valid = fit and types and len(noise) and np.isfinite(noise).all() and not np.isnan(robustness).any()
-    return Failures(noise, robustness, int(count)) if valid else None
+    weights, ancestors = (None if array.dtype.kind == "U" else array for array in law)
+    if weights is not None:
+        valid = valid and weights.shape == robustness.shape and weights.dtype == np.float64
+        valid = valid and bool((weights >= 0.0).all())
+    if ancestors is not None:
+        valid = valid and ancestors.shape == (len(noise), 2) and ancestors.dtype.kind == "i"
+    return Failures(noise, robustness, int(count), weights, ancestors) if valid else None
 
 
 def _to_sample(least: NDArray[Any], robustness: NDArray[Any], worst: NDArray[Any]) -> RolloutSample | None:
     axes = [(array.dtype.kind, array.ndim) for array in (least, robustness, worst)]
     valid = axes == [("f", 0), ("f", 1), ("f", 2)]
     return RolloutSample(robustness, Worst(worst, float(least))) if valid else None
+
+
+def select_specifications(folder: RunFolder, specification: str | None) -> list[str]:
+    """Return the specifications of a run that have stored failures, or the one that is named."""
+    known = [one.specification for one in folder.result.estimates]
+    if specification is not None and specification not in known:
+        hint = did_you_mean(specification, known)
+        raise UsageError(f"{folder.path}: there is no specification {specification!r}", hint)
+    found = [name for name in known if name in folder.failures and specification in (None, name)]
+    if not found:
+        of = f" of {specification}" if specification else ""
+        hint = "no rollout failed; run more rollouts, or an estimator for rare events"
+        raise UsageError(f"{folder.path}: no failure{of} is stored", hint)
+    return found
 
 
 def select_failure(

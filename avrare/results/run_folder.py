@@ -24,7 +24,14 @@ from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
 from avrare.estimation.result import Result
 from avrare.results.checkout import describe_checkout
-from avrare.results.reader import FAILURE_FIELDS, FAILURES_FILE, ROLLOUTS_FILE, RunFolder, read_run_folder
+from avrare.results.reader import (
+    FAILURE_FIELDS,
+    FAILURES_FILE,
+    ROLLOUTS_FILE,
+    SAMPLE_LAW,
+    RunFolder,
+    read_run_folder,
+)
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
@@ -221,13 +228,15 @@ def _recorded_budget(run: RunFolder) -> Budget | None:
 def write_failures(folder: Path, results: Sequence[Result]) -> None:
     """Write the failing tapes of all results; remove the file where there are none.
 
-    Arrays ``SPECIFICATION.noise`` (F, steps + 1, noise_size), ``.robustness`` (F,) and ``.count`` ().
+    Arrays ``SPECIFICATION.noise`` (F, steps + 1, noise_size), ``.robustness`` (F,) and ``.count`` (), and
+    where the estimator gives them ``.weights`` (F,) and ``.ancestors`` (F, 2).
     """
     arrays = {
         f"{result.specification}.{field}": np.asarray(getattr(result.failures, field))
         for result in results
         if len(result.failures.robustness)
-        for field in FAILURE_FIELDS
+        for field in (*FAILURE_FIELDS, *SAMPLE_LAW)
+        if getattr(result.failures, field) is not None
     }
     if arrays:
         _write_arrays(folder / FAILURES_FILE, np.savez, arrays)

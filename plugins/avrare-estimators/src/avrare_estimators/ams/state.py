@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import spread
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
 from avrare_estimators.fresh import FreshRows
@@ -34,12 +35,14 @@ class TapeAddresses:
         stage: (F, T + 1) as in ``Population``.
         particle: (F, T + 1) as in ``Population``.
         robustness: (F,) of the rollouts.
+        root: (F,) slot of the first ancestor.
     """
 
     run: Integers
     stage: NDArray[np.int32]
     particle: NDArray[np.int32]
     robustness: Floats
+    root: Integers
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ class Population:
     def addresses(self, slots: Integers, particles: int, first_run: int) -> TapeAddresses:
         """Return the addresses of the tapes of ``slots``."""
         run = slots[:, None] // particles + first_run
-        return TapeAddresses(run, self.stage[slots], self.particle[slots], self.robustness[slots])
+        robustness, root = self.robustness[slots], self.root[slots]
+        return TapeAddresses(run, self.stage[slots], self.particle[slots], robustness, root)
 
     def store(self, slots: Integers, start: Integers, outcome: Rollouts) -> None:
         """Write the rollouts of ``slots``, which branched at ``start`` (-1: at the beginning)."""
@@ -210,7 +214,7 @@ class EndedRuns:
         violated: (R, N) the rollout violates the specification.
         error: (R, N) the rollout broke down.
         root: (R, N) first ancestor.
-        failing: Tapes of failures that were alive at the end, the first few.
+        failing: Tapes of failures that were alive at the end, some of each run.
         retired_failures: Tapes of discarded failures, the first few.
         worst: Tape of the least robust rollout; none where all broke down.
     """
@@ -238,8 +242,8 @@ class EndedRuns:
             for name in ("failing", "retired_failures", "worst")
         )
         return EndedRuns(
-            **arrays, levels=self.levels + other.levels, failing=batch.take(failing, slice(0, most)),
-            retired_failures=batch.take(retired, slice(0, most)), worst=_least_robust(worst),
+            **arrays, levels=self.levels + other.levels, failing=thin(failing, most),
+            retired_failures=thin(retired, most), worst=_least_robust(worst),
         )  # fmt: skip
 
     @property
@@ -251,6 +255,11 @@ class EndedRuns:
     def probabilities(self) -> Floats:
         """(R,) unbiased at every stage: discarded failures count too, with the weight that they had."""
         return np.asarray(self.retired + self.weight * self.violated.mean(axis=1))
+
+
+def thin(tapes: TapeAddresses, most: int) -> TapeAddresses:
+    """Return at most so many tapes, of all runs alike."""
+    return batch.take(tapes, spread(np.arange(len(tapes.run)), most))
 
 
 def _least_robust(tapes: TapeAddresses) -> TapeAddresses:
@@ -343,7 +352,7 @@ class AmsState:
         alive = np.flatnonzero(~population.error)
         best = alive[np.argsort(population.robustness[alive], kind="stable")[:1]]
         own = population.addresses(best, self.particles, self.first_run)
-        failing = np.flatnonzero(population.violated)[:most]
+        failing = spread(np.flatnonzero(population.violated), most)
         found = EndedRuns(
             self.weight, self.pairs, self.retired, self.error_weight, self.levels,
             population.violated.reshape(shape), population.error.reshape(shape),

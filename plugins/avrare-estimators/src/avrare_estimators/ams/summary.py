@@ -10,9 +10,10 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.estimation import health, intervals
-from avrare.estimation.result import Failures, Interval, Result, Worst
+from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
+from avrare.rollout.request import Integers
 from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.fresh import FreshRows
@@ -125,9 +126,22 @@ def _interval(
 
 
 def _failures(state: AmsState, ended: EndedRuns) -> Failures:
-    tapes = batch.concatenate([ended.failing, ended.retired_failures])
-    tapes = batch.take(tapes, slice(0, state.plan.kept_failures))
-    return Failures(_redraw_tapes(state, tapes), tapes.robustness, state.tally.failures)
+    alive, retired = ended.failing, ended.retired_failures
+    masses = (ended.weight * ended.violated.mean(axis=1), ended.retired)
+    parts = [_divide(mass, tapes.run[:, 0]) for mass, tapes in zip(masses, (alive, retired), strict=True)]
+    chosen = spread(np.arange(len(alive.run) + len(retired.run)), state.plan.kept_failures)
+    tapes, weights = batch.take(batch.concatenate([alive, retired]), chosen), np.concatenate(parts)[chosen]
+    if weights.any():
+        weights *= float(ended.probabilities.mean()) / weights.sum()
+    ancestors = np.stack([tapes.run[:, 0], tapes.root], axis=1)
+    noise = _redraw_tapes(state, tapes)
+    return Failures(noise, tapes.robustness, state.tally.failures, weights, ancestors)
+
+
+def _divide(mass: Floats, run: Integers) -> Floats:
+    """Divide the mass (R,) of each run among its kept tapes, whose runs are ``run`` (F,)."""
+    kept = np.bincount(run, minlength=len(mass))
+    return np.asarray(mass[run] / kept[run])
 
 
 def _worst(state: AmsState, ended: EndedRuns) -> Worst:

@@ -12,7 +12,7 @@ import numpy as np
 
 from avrare.estimation import health, intervals
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Interval, Result, Worst
+from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
@@ -205,13 +205,22 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
 
 
 def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
-    tapes, robustness, room = [], [], plan.kept_failures
-    for run in runs:
-        rows = _replayable(run, run.sample.violated)[:room]
-        tapes.append(run.sample.tapes(rows)[..., :noise_size])
-        robustness.append(run.sample.robustness[rows])
-        room -= len(rows)
-    return Failures(np.concatenate(tapes), np.concatenate(robustness), tally.failures)
+    found = [_replayable(run, run.sample.violated) for run in runs]
+    run_of = np.repeat(np.arange(len(runs)), [len(rows) for rows in found])
+    chosen = spread(np.arange(len(run_of)), plan.kept_failures)
+    kept = [np.concatenate(found)[chosen[run_of[chosen] == r]] for r in range(len(runs))]
+    pairs = list(zip(runs, kept, strict=True))
+    # Where only the target's rows can be drawn again, those alone are a sample of failures: of equal weights.
+    equal = not all(run.sample.source.replayable for run in runs)
+    weights = np.concatenate([run.contributions[rows] ** (1 - equal) for run, rows in pairs])
+    if weights.any():
+        weights *= float(np.mean([run.probability for run in runs])) / weights.sum()
+    return Failures(
+        np.concatenate([run.sample.tapes(rows)[..., :noise_size] for run, rows in pairs]),
+        np.concatenate([run.sample.robustness[rows] for run, rows in pairs]),
+        tally.failures,
+        None if all(run.plain for run in runs) else weights,
+    )
 
 
 def _worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Worst:

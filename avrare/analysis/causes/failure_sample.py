@@ -1,0 +1,184 @@
+"""Sample of failures with what each stands for: the base of shares and means over failures.
+
+Monte Carlo keeps independent failures that weigh the same. Importance sampling keeps weighted ones, and
+splitting keeps copies of a few first ancestors in each run: their means have an error of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.base.special_functions import normal_factor, t_factor
+from avrare.estimation import intervals
+from avrare.estimation.intervals import Interval
+from avrare.estimation.result import Failures, Result
+from avrare.protocols import Bools, Floats
+from avrare.results.reader import StoredEstimate
+
+
+@dataclass(frozen=True)
+class FailureSample:
+    """Failures of one estimate.
+
+    Attributes:
+        failures: The kept failures.
+        probability: The estimate.
+        relative_error: Its relative standard error.
+        trials: Rollouts of which ``failures.count`` failed independently; 0 for other estimators.
+        runs: Number of runs.
+        errors: Rollouts that broke down.
+        confidence: Level of the intervals.
+    """
+
+    failures: Failures
+    probability: float
+    relative_error: float
+    trials: int
+    runs: int
+    errors: int
+    confidence: float
+
+    @staticmethod
+    def of(result: Result) -> FailureSample:
+        """Return the sample of a result.
+
+        Raises:
+            UsageError: It keeps no failure.
+        """
+        if not len(result.failures.robustness):
+            raise UsageError(
+                f"{result.specification}: no failure is kept, so nothing can be said of its causes",
+                "run more rollouts, or an estimator for rare events",
+            )
+        independent = result.failures.weights is None and result.estimator == "mc"
+        return FailureSample(
+            result.failures, result.probability, result.relative_error,
+            result.rollouts if independent else 0, len(result.run_probabilities), result.errors,
+            result.confidence,
+        )  # fmt: skip
+
+    @staticmethod
+    def stored(estimate: StoredEstimate, failures: Failures) -> FailureSample:
+        """Return the sample of an estimate in a run folder and its stored failures."""
+        independent = failures.weights is None and estimate.estimator == "mc"
+        error = math.nan if estimate.relative_error is None else estimate.relative_error
+        return FailureSample(
+            failures, estimate.probability, error, estimate.rollouts if independent else 0,
+            len(estimate.run_probabilities or ()) or 1, estimate.errors, estimate.confidence,
+        )  # fmt: skip
+
+    def take(self, rows: NDArray[np.int64]) -> FailureSample:
+        """Return the same with some of the failures only, which stand for all of them."""
+        kept = self.failures
+        weights = None if kept.weights is None else kept.weights[rows]
+        if weights is not None and weights.any():
+            weights = weights * (self.probability / weights.sum())
+        ancestors = None if kept.ancestors is None else kept.ancestors[rows]
+        fewer = Failures(kept.noise[rows], kept.robustness[rows], kept.count, weights, ancestors)
+        return replace(self, failures=fewer)
+
+    @property
+    def size(self) -> int:
+        """Number of kept failures, F."""
+        return len(self.failures.robustness)
+
+    @cached_property
+    def shares(self) -> Floats:
+        """(F,) share of the probability that each failure stands for; they add up to 1."""
+        weights = self.failures.weights
+        if weights is None or not weights.any():
+            return np.full(self.size, 1.0 / self.size)
+        return np.asarray(weights / weights.sum())
+
+    @cached_property
+    def clusters(self) -> NDArray[np.int64]:
+        """(F,) number of the independent piece that each failure belongs to: its run, or its ancestor."""
+        ancestors = self.failures.ancestors
+        if ancestors is None:
+            return np.arange(self.size)
+        key = ancestors[:, :1] if self.runs > 1 else ancestors
+        return np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
+
+    def count_ancestors(self, rows: Bools) -> int:
+        """Return the number of first ancestors among some of the failures."""
+        ancestors = self.failures.ancestors
+        return int(rows.sum()) if ancestors is None else len(np.unique(ancestors[rows], axis=0))
+
+    def mean(self, values: Floats) -> tuple[float, float, int]:
+        """Return the mean over failures of ``values`` (F,), its standard error and degrees of freedom.
+
+        The mean is a ratio estimator; its error is that of the linearised ratio over independent pieces.
+        """
+        mean = float(self.shares @ values)
+        pieces = np.bincount(self.clusters, self.shares * (values - mean))
+        weight = np.bincount(self.clusters, self.shares)
+        count = len(pieces)
+        if count < 2:
+            return mean, math.inf, 1
+        effective = 1.0 / float((weight**2).sum())
+        error = math.sqrt(float((pieces**2).sum()) * count / (count - 1))
+        return mean, error, max(1, round(effective) - 1)
+
+    def mean_interval(self, values: Floats) -> tuple[float, Interval]:
+        """Return the mean over failures of ``values`` (F,) and its t interval."""
+        mean, error, freedom = self.mean(values)
+        half = t_factor(self.confidence, freedom) * error
+        return mean, (mean - half, mean + half)
+
+    def share_interval(self, chosen: Bools, confidence: float | None = None) -> tuple[float, Interval]:
+        """Return the share of the failures that are ``chosen`` (F,), with its interval in [0, 1].
+
+        Independent failures of equal weight give the exact binomial interval. Others are counted as their
+        effective number: share (1 - share) over the variance of the ratio, at most the number of pieces.
+        """
+        level = self.confidence if confidence is None else confidence
+        share, error, _ = self.mean(chosen.astype(np.float64))
+        size = self.size
+        if self.failures.weights is not None or self.failures.ancestors is not None:
+            pieces = 1.0 / float((np.bincount(self.clusters, self.shares) ** 2).sum())
+            known = 0.0 < share < 1.0 and math.isfinite(error) and error > 0.0
+            effective = min(share * (1.0 - share) / error**2, pieces) if known else pieces
+            size = max(1, math.floor(effective))
+        low, high = intervals.clopper_pearson(math.floor(share * size + 1e-9), size, level)
+        if share * size % 1.0 > 1e-9:  # between two counts: both ends as of the nearer one outwards
+            high = intervals.clopper_pearson(math.ceil(share * size - 1e-9), size, level)[1]
+        return share, (min(low, share), max(high, share))
+
+    def part_interval(self, chosen: Bools) -> tuple[float, Interval]:
+        """Return the probability of the failures ``chosen`` (F,) and its interval."""
+        share = float(self.shares[chosen].sum())
+        part = share * self.probability
+        if share == 0.0:
+            return 0.0, (0.0, self.probability)
+        complete = self.failures.count == self.size
+        if self.trials and complete:
+            exact = intervals.clopper_pearson(int(chosen.sum()), self.trials, self.confidence, self.errors)
+            return part, exact
+        return part, self._log_normal(chosen, part)
+
+    def _log_normal(self, chosen: Bools, part: float) -> Interval:
+        pieces = np.bincount(self.clusters, self.shares * chosen, minlength=int(self.clusters.max()) + 1)
+        if self.failures.ancestors is not None and self.runs > 1:  # runs without failures count as zero
+            mean = 1.0 / self.runs
+            squares = float(((pieces / pieces.sum() - mean) ** 2).sum())
+            relative = (squares + (self.runs - len(pieces)) * mean**2) * self.runs / (self.runs - 1)
+            freedom = self.runs - 1
+        else:
+            effective = float(pieces.sum() ** 2 / (pieces**2).sum())
+            share = part / self.probability
+            known = 0.0 if math.isnan(self.relative_error) else self.relative_error**2
+            relative, freedom = known + (1.0 - share) / effective, max(1, round(effective) - 1)
+        tail = self.errors / self.trials if self.trials else 0.0
+        return intervals.log_normal(part, relative, self.confidence, freedom=freedom, errors=tail)
+
+
+def normal_interval(value: float, error: float, confidence: float) -> Interval:
+    """Return the normal interval of a value with this standard error."""
+    half = normal_factor(confidence) * error
+    return value - half, value + half

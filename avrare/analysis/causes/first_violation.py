@@ -1,0 +1,46 @@
+"""First violation of a failing rollout: when, and by which comparison of which vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.base.errors import AvrareError
+from avrare.protocols import find_scene, find_simulator
+from avrare.results.recordings.recording import Recording
+from avrare.rollout.problem import Problem
+from avrare.rollout.replay import ReplayedRollout
+from avrare.stack.noise_names import find_time_step
+
+
+@dataclass(frozen=True)
+class FirstViolation:
+    """First violation: ``sample`` is -1, and ``key`` empty, where nothing is known of it.
+
+    ``key`` is the comparison that decides, with the names of the vehicles, without numbers of samples.
+    """
+
+    sample: int
+    key: str
+    vehicles: tuple[str, ...] = ()
+
+
+UNKNOWN = FirstViolation(-1, "")
+
+
+def find_first_violation(problem: Problem, rollout: ReplayedRollout) -> FirstViolation:
+    """Return what first violates the first specification of ``problem`` in a replayed rollout."""
+    scene = find_scene(find_simulator(problem.system))
+    dt = find_time_step(problem.system) or 1.0
+    names = () if scene is None else scene.names
+    recording = Recording("a failure", dt, 0.0, rollout.signals, scene, names)
+    try:
+        found = monitor_recording(problem.names[0], problem.monitors[0], recording)
+    except AvrareError:  # a specification that cannot be explained: its failures are one cause
+        return UNKNOWN
+    decisive = found.first or found.worst
+    if decisive is None:
+        return UNKNOWN
+    vehicles = tuple(decisive.vehicles.values())
+    text = decisive.formula or problem.names[0]
+    return FirstViolation(decisive.sample, text, vehicles)

@@ -1,0 +1,28 @@
+"""``avrare kinds``: the failures of a run, sorted into kinds with probabilities."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.kinds import Kinds, find_kinds
+from avrare.cli.output import print_warnings, show_or_write
+from avrare.results.reader import RunFolder, read_run_folder, select_specifications
+
+
+def execute(args: argparse.Namespace) -> None:
+    """Sort the failures of each specification, print the kinds and write them."""
+    folder = read_run_folder(Path(args.folder))
+    print_warnings((line, None) for line in folder.changes)
+    found = {name: _find(folder, name, args) for name in select_specifications(folder, args.specification)}
+    content = {"kinds": {name: list(kinds.table()) for name, kinds in found.items()}}
+    lines = [line for kinds in found.values() for line in kinds.lines()]
+    show_or_write(args, "kinds.json", content, lines)
+
+
+def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:
+    estimate = next(one for one in folder.result.estimates if one.specification == name)
+    sample = FailureSample.stored(estimate, folder.failures[name])
+    problem = folder.require_scenario().problem(name)
+    return find_kinds(problem, sample, estimate.interval, max_kinds=args.max_kinds, method=args.method)

@@ -1,0 +1,154 @@
+"""Kinds of failure, on systems whose kinds and probabilities are known."""
+
+import dataclasses
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.base.errors import UsageError
+from avrare.estimation.result import Failures
+from avrare.testing.static_problems import Static
+from avrare.testing.walk_problems import walk
+
+NORMAL = NormalDist()
+LIMIT = 2.0
+LIKELY = 1.0 - NORMAL.cdf(LIMIT)
+RARE = LIKELY / 9.0
+"""Two modes, 9 : 1."""
+
+
+def two_modes():
+    formula = f"always (u0 < {LIMIT} and u1 < {NORMAL.inv_cdf(1.0 - RARE)})"
+    return avrare.Problem(Static(3), avrare.stl(formula), steps=0)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return avrare.estimate(two_modes(), rollouts=3500, seed=2)
+
+
+def test_two_modes_are_found_with_their_shares(result):
+    kinds = result.kinds()
+    assert len(kinds) == 2
+    for kind, truth in zip(kinds, (LIKELY, RARE), strict=True):
+        low, high = kind.interval
+        assert low < truth * (1.0 - RARE) < high
+        assert low < kind.probability < high
+    assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
+    assert sorted(k for kind in kinds for k in kind.members) == list(range(len(result.failures.robustness)))
+
+
+def test_a_kind_is_told_by_what_is_violated_and_by_the_noise_that_does_it(result):
+    likely, rare = result.kinds()
+    assert likely.text.startswith("u0 < 2 is violated first")
+    assert "noise 0 " in likely.text
+    assert "u1 <" in rare.text
+    assert "noise 1 " in rare.text
+    assert "noise 2 " not in likely.text + rare.text
+    tape = result.failures.noise[rare.representative, 0]
+    assert tape[1] > 2.5
+
+
+def test_one_mode_is_one_kind():
+    problem = avrare.Problem(Static(2), avrare.stl("always (u0 < 2)"), steps=0)
+    kinds = avrare.estimate(problem, rollouts=2000, seed=0).kinds()
+    assert len(kinds) == 1
+    assert kinds[0].share == pytest.approx(1.0)
+    assert kinds[0].probability == pytest.approx(kinds.probability)
+    assert kinds[0].interval == kinds.interval
+
+
+def test_the_most_kinds_are_as_asked(result):
+    assert len(result.kinds(max_kinds=1)) == 1
+
+
+def test_the_table_and_the_text_name_every_kind(result):
+    kinds = result.kinds()
+    assert [row["kind"] for row in kinds.table()] == [1, 2]
+    assert repr(kinds).splitlines()[0].startswith("specification: 2 kinds of failure, together 0.02")
+
+
+@pytest.mark.parametrize("estimator", ["ams", "is"])
+def test_weighted_and_related_failures_add_up_to_the_estimate(estimator):
+    options = {"particles": 40, "discard": 10, "runs": 4} if estimator == "ams" else {"runs": 2}
+    problem = walk(2.5).problem()
+    result = avrare.estimate(problem, estimator, seed=1, **options)
+    failures = result.failures
+    assert failures.weights.sum() == pytest.approx(result.probability)
+    kinds = result.kinds()
+    assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
+    assert all(kind.interval[0] <= kind.probability <= kind.interval[1] for kind in kinds)
+
+
+def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():
+    problem = two_modes()
+    noise = np.zeros((8, 1, 3))
+    noise[:6, 0, 0], noise[6:, 0, 1] = np.linspace(2.1, 2.4, 6), (4.0, 4.1)
+    result = avrare.estimate(problem, rollouts=500, seed=0)
+    ancestors = np.array(
+        [[r, k] for r, k in [(0, 1), (0, 2), (1, 3), (1, 4), (2, 5), (2, 6), (0, 9), (0, 9)]]
+    )
+    failures = Failures(noise, -np.ones(8), 8, np.full(8, result.probability / 8), ancestors)
+    splitting = dataclasses.replace(result, failures=failures, run_probabilities=np.full(3, 0.02))
+    likely, rare = splitting.kinds()
+    assert not likely.warnings
+    assert rare.ancestors == 1
+    assert "rests on one first rollout" in rare.warnings[0]
+
+
+def test_without_failures_there_are_no_kinds():
+    problem = avrare.Problem(Static(1), avrare.stl("always (u0 < 9)"), steps=0)
+    with pytest.raises(UsageError, match="no failure is kept"):
+        avrare.estimate(problem, rollouts=10).kinds()
+
+
+def test_a_result_of_another_process_says_so(result):
+    with pytest.raises(UsageError, match="not made in this process"):
+        dataclasses.replace(result, origin=None).kinds()
+
+
+def test_hdbscan_finds_the_modes_too(result):
+    pytest.importorskip("sklearn")
+    kinds = result.kinds(method="hdbscan")
+    assert len(kinds) >= 2
+    assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
+
+
+def test_an_unknown_method_is_refused(result):
+    with pytest.raises(UsageError, match="unknown method 'spectral'"):
+        result.kinds(method="spectral")
+
+
+@pytest.mark.slow
+def test_the_intervals_of_the_kinds_cover_their_probabilities():
+    problem, truths, covered = two_modes(), (LIKELY * (1.0 - RARE), RARE * (1.0 - LIKELY)), 0
+    for seed in range(60):
+        kinds = avrare.estimate(problem, rollouts=3500, seed=100 + seed).kinds()
+        assert len(kinds) == 2
+        covered += sum(k.interval[0] <= p <= k.interval[1] for k, p in zip(kinds, truths, strict=True))
+    assert covered >= 108  # of 120; 95 % intervals that cover less often than 0.95 would fall below
+
+
+def sample_of(noise, weights=None, ancestors=None, runs=1, trials=0):
+    failures = Failures(noise, np.zeros(len(noise)), len(noise), weights, ancestors)
+    return FailureSample(failures, 0.01, 0.1, trials, runs, 0, 0.95)
+
+
+def test_a_share_of_alike_failures_has_the_exact_binomial_interval():
+    chosen = np.arange(40) < 10
+    share, (low, high) = sample_of(np.zeros((40, 1, 1)), trials=4000).share_interval(chosen)
+    assert share == 0.25
+    assert (low, high) == pytest.approx((0.1269, 0.4120), abs=1e-4)
+
+
+def test_failures_of_few_runs_have_wider_shares():
+    rng = np.random.default_rng(0)
+    ancestors = np.stack([np.repeat(np.arange(5), 8), np.arange(40)], axis=1)
+    chosen = rng.random(40) < 0.5
+    noise, weights = np.zeros((40, 1, 1)), np.full(40, 0.01 / 40)
+    _, narrow = sample_of(noise, trials=4000).share_interval(chosen)
+    _, wide = sample_of(noise, weights, ancestors, runs=5).share_interval(chosen)
+    assert wide[1] - wide[0] > 1.5 * (narrow[1] - narrow[0])

@@ -1,0 +1,60 @@
+"""``avrare kinds`` on a run folder."""
+
+import json
+
+import pytest
+
+from avrare.cli.main import main
+
+PLANE = """
+name: plane
+steps: 20
+simulator:
+  plugin: linear
+  dt: 0.1
+  states: [x, v]
+  A: [[1, 0.1], [0, 1]]
+  process_noise: [0.0, 0.04]
+  initial: {mean: [0, 0], covariance: [0.01, 0.01]}
+specifications:
+  left: {stl: "always (x < 1.0)"}
+  kept: {stl: "always (x < 90)"}
+estimator: {plugin: mc, rollouts: 400}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kinds")
+    (folder / "plane.yaml").write_text(PLANE)
+    assert main(["run", str(folder / "plane.yaml"), "--out", str(folder / "run"), "--quiet"]) == 0
+    return folder / "run"
+
+
+def test_the_kinds_of_a_run_are_printed_and_written(run, tmp_path, capsys):
+    assert main(["kinds", str(run), "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("left: 1 kind of failure, together ")
+    assert "x < 1 is violated first" in out
+    written = json.loads((tmp_path / "kinds.json").read_text())
+    [kind] = written["kinds"]["left"]
+    assert kind["share"] == pytest.approx(1.0)
+    assert kind["low"] < kind["probability"] < kind["high"]
+
+
+def test_json_is_all_that_is_printed(run, capsys):
+    capsys.readouterr()
+    assert main(["kinds", str(run), "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["kinds"]) == {"left"}
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--specification", "lft"], "there is no specification 'lft'"),
+        (["--specification", "kept"], "no failure of kept is stored"),
+    ],
+)
+def test_a_wrong_specification_is_a_clear_error(run, words, text, capsys):
+    assert main(["kinds", str(run), *words]) == 4
+    assert text in capsys.readouterr().err
