@@ -6,7 +6,8 @@ Units: 10 m along the road, 1.75 m across it, 5 m/s, 2 m/s^2, 0.1 rad.
 import numpy as np
 import pytest
 
-from avrare.driving import Road
+from avrare.driving import Lane, Road
+from avrare.driving.reference_line import CurvedLine, Piece
 from avrare_traffic_rules.definitions import RECOMMENDED
 from avrare_traffic_rules.vocabulary import UNITS
 
@@ -253,6 +254,7 @@ def test_shapes_and_rows_bit_for_bit(lab, definitions, vehicles):
 MEET_BOTH = sorted(
     set(EVERY_PREDICATE)
     - {"other_than", "on_broad_road", "on_shoulder", "turns_around", "reverses", "time_to_collision"}
+    - {"right_of_broad_marking", "left_of_broad_marking"}  # this road has none
 )
 
 
@@ -275,3 +277,57 @@ def test_every_predicate_has_a_description():
         assert predicate.arguments in (("a",), ("a", "b"))
         assert predicate.scale == "" or predicate.unit == UNITS[predicate.scale]
         assert predicate.unit or predicate.scale == "mixed"
+
+
+class TestBroadMarking:
+    ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,), broad_markings=(1,))
+
+    def both(self, lab, y):
+        return [
+            lab.value(f"{side}_of_broad_marking(ego)", road=self.ROAD, y=y)[0] for side in ("right", "left")
+        ]
+
+    def test_wholly_on_a_side(self, lab):
+        assert self.both(lab, 1.75) == [pytest.approx(0.75 / 1.75), pytest.approx(-2.75 / 1.75)]
+        assert self.both(lab, 5.25) == [pytest.approx(-2.75 / 1.75), pytest.approx(0.75 / 1.75)]
+        assert max(self.both(lab, 3.4)) < 0.0  # upon it
+
+    def test_a_road_without_one(self, lab):
+        assert lab.value("right_of_broad_marking(ego)", y=1.75)[0] == -np.inf
+
+
+class TestLanesThatEnd:
+    MAIN = Lane(np.array([-100.0, 100.0]), np.full(2, 0.0), np.full(2, 3.5))
+    RAMP = Lane(np.array([-100.0, 10.0]), np.full(2, -3.5), np.full(2, 0.0))
+    ROAD = Road((-1.75, 1.75), 3.5, lanes=(RAMP, MAIN))
+
+    def test_the_rightmost_lane_is_that_of_the_place(self, lab):
+        beside, after = (lab.value("in_right_lane(ego)", road=self.ROAD, x=x)[0] for x in (0.0, 40.0))
+        assert beside < 0.0 < after
+
+    def test_the_road_is_as_broad_as_its_lanes_there(self, lab):
+        beside, after = (lab.value("on_broad_road(ego)", road=self.ROAD, x=x)[0] for x in (0.0, 40.0))
+        assert beside == np.inf
+        assert after == -np.inf
+
+    def test_nobody_is_in_a_lane_that_has_ended(self, lab):
+        found = lab.value("in_same_lane(ego, {o})", {"x": 60.0, "y": -1.75}, road=self.ROAD, y=-1.75)
+        assert found[0] < 0.0
+
+
+def test_oncoming_traffic_is_not_left_traffic(lab):
+    road = Road((1.75, 5.25), 3.5, opposing=(1,))
+    oncoming = {"y": 5.25, "heading": np.pi, "speed": 10.0}
+    rule = lab.rule("R_I2", road=road)
+    assert not lab.judge(rule, oncoming)[0]
+    assert lab.judge(rule, {**oncoming, "heading": 0.0})[0]
+
+
+def test_the_distance_on_a_bent_road_is_that_of_the_plane(lab):
+    road = Road((0.0,), 3.5, line=CurvedLine((Piece(200.0, 0.02, 0.02),)))
+    found = lab.value("distance(ego, {o})", {"x": 40.0, "y": 20.0}, road=road, x=40.0, y=-10.0)
+    assert found[0] == pytest.approx(30.0 - 2.0)
+    one, other = (road.line.to_plane(np.array([x]), np.array([20.0])) for x in (0.0, 40.0))
+    centres = np.hypot(*(np.array(other) - np.array(one)))[0]  # 24 m on the inner side of the bend
+    found = lab.value("distance(ego, {o})", {"x": 40.0, "y": 20.0}, road=road, x=0.0, y=20.0)
+    assert centres - 4.5 < found[0] < centres - 3.5

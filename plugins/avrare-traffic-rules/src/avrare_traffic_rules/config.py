@@ -78,6 +78,9 @@ class Parameters(BaseModel):
     turn_heading: float = _option(1.57, "rad", "more against the road is a U-turn", "[M20]", gt=0.0)
     broad_road: float = _option(7.0, "m", "main carriageway with room for an emergency lane", "[M20]", gt=0.0)
     border_distance: float = _option(0.2, "m", "nearer to the lane's border is kept to it", "[M20]", ge=0.0)
+    beside_distance: float = _option(
+        0.5, "m", "nearer to a vehicle beside is kept to it", "the authors' rule file", ge=0.0
+    )
     shoulder: tuple[Annotated[int, Field(ge=0)], ...] = _option(
         (), "", "lanes of the road that are a shoulder, counted from the right, from 0", "ours"
     )

@@ -10,12 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from avrare.driving import Road
+from avrare.driving.lanes import lane_borders, lane_exists
 from avrare.protocols import Floats
-from avrare_traffic_rules import predicates
+from avrare_traffic_rules import positions, predicates
 from avrare_traffic_rules.traffic import Bodies, bounding_box, overlap
 from avrare_traffic_rules.vocabulary import Definitions, Setting, named, predicate
 
-RECOMMENDED = Definitions(named(vars(predicates)), bounding_box, overlap, scaled=True)
+RECOMMENDED = Definitions(
+    named(vars(positions)) | named(vars(predicates)), bounding_box, overlap, scaled=True
+)
 
 
 def edge_midpoints(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
@@ -28,6 +31,10 @@ def inner_half(bodies: Bodies, road: Road) -> Floats:
     along = 0.5 * bodies.length * np.sin(bodies.heading)
     across = 0.5 * bodies.width * np.cos(bodies.heading)
     points = np.stack([bodies.y + d for d in (0.0 * along, along, -along, across, -across)])
+    if road.lanes:
+        right, left = lane_borders(road, bodies.x)
+        nearest = np.abs(points[:, None] - 0.5 * (right + left)).min(axis=0)
+        return np.where(lane_exists(road, bodies.x), 0.25 * (left - right) - nearest, -np.inf)
     centres = np.array(road.lane_centres).reshape(-1, *[1] * bodies.y.ndim)
     nearest = np.abs(points[:, None] - centres).min(axis=0)
     return np.asarray(0.25 * road.lane_width - nearest)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene
+from avrare.driving.lanes import lane_overlap
 from avrare.protocols import Bools, Floats, Signals
 
 Extents = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
@@ -119,9 +120,7 @@ def bounding_box(length: Floats, width: Floats, heading: Floats) -> tuple[Floats
 
 def overlap(bodies: Bodies, road: Road) -> Floats:
     """Return (L, ...) the overlap of the bounding box and each lane [m]."""
-    centres = np.array(road.lane_centres).reshape(-1, *[1] * bodies.y.ndim)
-    room = 0.5 * road.lane_width + bodies.half_width
-    return np.asarray(room - np.abs(bodies.y - centres))
+    return lane_overlap(road, bodies.x, bodies.y, bodies.half_length, bodies.half_width)
 
 
 def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents, lanes: Lanes) -> Traffic:

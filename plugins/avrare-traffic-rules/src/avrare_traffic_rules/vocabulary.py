@@ -46,8 +46,13 @@ class Setting:
     @property
     def main_lanes(self) -> list[int]:
         """Lanes of the main carriageway, from right to left."""
-        apart = (*self.road.access_ramp, *self.parameters.shoulder)
+        apart = (*self.road.access_ramp, *self.shoulders, *self.road.opposing)
         return [lane for lane in range(len(self.road.lane_centres)) if lane not in apart]
+
+    @property
+    def shoulders(self) -> list[int]:
+        """Lanes that are a shoulder, by the road or by the option."""
+        return sorted({*self.road.shoulder, *self.parameters.shoulder})
 
     def braking(self, bodies: Bodies) -> Floats:
         """Strongest braking of each vehicle [m/s^2]."""
