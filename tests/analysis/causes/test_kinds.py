@@ -10,6 +10,7 @@ import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.base.errors import UsageError
 from avrare.estimation.result import Failures
+from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
 from avrare.testing.walk_problems import walk
 
@@ -81,6 +82,11 @@ def test_weighted_and_related_failures_add_up_to_the_estimate(estimator):
     kinds = result.kinds()
     assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
     assert all(kind.interval[0] <= kind.probability <= kind.interval[1] for kind in kinds)
+
+
+def test_splitting_that_ends_with_its_pilot_keeps_weights_too():
+    result = avrare.estimate(avrare.Problem(Walk(scale=0.3), avrare.stl("always (x < 1)"), steps=5), "ams")
+    assert result.failures.weights.sum() == pytest.approx(result.probability)
 
 
 def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():

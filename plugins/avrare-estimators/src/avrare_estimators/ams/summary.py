@@ -128,7 +128,10 @@ def _interval(
 def _failures(state: AmsState, ended: EndedRuns) -> Failures:
     alive, retired = ended.failing, ended.retired_failures
     masses = (ended.weight * ended.violated.mean(axis=1), ended.retired)
-    parts = [_divide(mass, tapes.run[:, 0]) for mass, tapes in zip(masses, (alive, retired), strict=True)]
+    first = state.first_run if state.ended is None else 0
+    parts = [
+        _divide(mass, tapes.run[:, 0] - first) for mass, tapes in zip(masses, (alive, retired), strict=True)
+    ]
     chosen = spread(np.arange(len(alive.run) + len(retired.run)), state.plan.kept_failures)
     tapes, weights = batch.take(batch.concatenate([alive, retired]), chosen), np.concatenate(parts)[chosen]
     if weights.any():
