@@ -39,7 +39,7 @@ from avrare.scenario.schema import Scenario
 from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.nlp import build_problem, pack_parameters
-from avrare_mpc.plan import from_variables, shift, to_variables
+from avrare_mpc.plan import from_variables, shift, start_of, to_variables
 from avrare_mpc.riccati.solver import RiccatiSolver
 
 SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change_published.yaml"
@@ -83,7 +83,7 @@ def collect(rollouts: int, seed: int, settings: list[str]) -> tuple[Any, MpcConf
 
     def recorded(memory: Any, ego: Any, prediction: Any) -> Any:
         nodes, use = config.horizon + 1, memory.solved
-        start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+        start = start_of(ego, memory.plan_inputs[:, 0, 1])
         old = shift(memory.plan_states, memory.plan_inputs, scene.dt)
         parts = (start, prediction.x[:, :, :nodes], prediction.y[:, :, :nodes], *old)
         rows.append(tuple(part[use] for part in parts))

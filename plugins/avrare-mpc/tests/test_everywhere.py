@@ -7,7 +7,7 @@ from avrare.base.batch import concatenate, take
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.nlp import build_problem, pack_parameters
-from avrare_mpc.plan import to_variables
+from avrare_mpc.plan import start_of, to_variables
 from avrare_mpc.riccati.jit import COMPILED
 
 BACKENDS = [
@@ -42,7 +42,7 @@ def costs(lane_change, steps, memory):
     config, (_, ego, prediction) = MpcConfig(), steps
     nlp = build_problem(config, lane_change.scene)
     cost = ca.Function("cost", [nlp.variables, nlp.parameters], [nlp.cost])
-    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    start = start_of(ego)
     parameters = pack_parameters(lane_change.scene, start, prediction.x, prediction.y)
     plans = to_variables(memory.plan_states, memory.plan_inputs)
     return np.array([float(cost(*row)) for row in zip(plans, parameters, strict=True)])

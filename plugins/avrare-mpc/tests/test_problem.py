@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.nlp import build_problem, lane_cost, pack_parameters, softplus
-from avrare_mpc.plan import from_variables, lateral_bounds, shift, to_variables
+from avrare_mpc.plan import from_variables, lateral_bounds, shift, start_of, to_variables
 
 LANES = (1.75, 5.25)
 
@@ -61,7 +61,9 @@ def test_cost_equals_the_reference_cost(lane_change, lead):
         states = np.array([40.0, 3.5, 20.0, 0.0]) + spread * rng.standard_normal((21, 4))
         inputs = [2.0, 0.3] * rng.standard_normal((20, 2))
         others = rng.uniform(20, 60, (3, 21)), rng.uniform(-2, 6, (3, 21))
-        parameters = pack_parameters(scene, states[None, 0], others[0][None], others[1][None])[0]
+        parameters = pack_parameters(
+            scene, np.append(states[0], 0.0)[None], others[0][None], others[1][None]
+        )[0]
         ours = float(cost(to_variables(states, inputs), parameters))
         assert ours == pytest.approx(reference_cost(config, scene, states, inputs, *others), rel=1e-7)
 
@@ -100,7 +102,7 @@ def test_plans_survive_the_conversion_to_variables():
 def programmes(lane_change, drive):
     """Guess and parameters of every step but the first of a drive."""
     for memory, ego, prediction in drive.inputs[1:]:
-        start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+        start = start_of(ego)
         parameters = pack_parameters(lane_change.scene, start, prediction.x, prediction.y)
         guess = to_variables(*shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt))
         yield from zip(guess, parameters, strict=True)

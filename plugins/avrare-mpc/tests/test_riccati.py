@@ -12,7 +12,7 @@ from avrare.driving import Prediction, Vehicles
 from avrare_mpc import avrare_components
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
-from avrare_mpc.plan import cheapest, shift
+from avrare_mpc.plan import cheapest, shift, start_of
 from avrare_mpc.riccati import jit
 from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.solver import RiccatiSolver
@@ -41,7 +41,7 @@ def situations(lane_change):
 
 def given_to_the_solver(lane_change, situations):
     memory, ego, prediction = situations[0]
-    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    start = start_of(ego)
     guesses = shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt)[1]
     rows = np.flatnonzero(memory.solved)
     return start, prediction.x, prediction.y, rows, guesses[rows]
@@ -209,11 +209,11 @@ def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
     with pytest.warns(UserWarning, match="numba is not installed"):
         search = plain.solver.RiccatiSearch(MpcConfig(**RICCATI), lane_change.scene)
     assert not plain.jit.COMPILED
-    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    start = start_of(ego)
     old = memory.plan_states, memory.plan_inputs
     outcome = search(memory.solved, start, old, (prediction.x, prediction.y))
     assert outcome.found.tolist() == [True]
-    assert outcome.states[0, 0].tolist() == start[0].tolist()
+    assert outcome.states[0, 0].tolist() == start[0, :4].tolist()
 
 
 @needs_numba

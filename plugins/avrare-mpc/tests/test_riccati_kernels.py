@@ -15,8 +15,10 @@ VARIANTS = {
     "lead": {"lateral_lead": "speed", "heading_weight": 3.0},
     "three lanes": {"lanes": [0, 1, 2], "turn_rate_change_weight": 2000.0},
     "lateral": {"lateral_acceleration_max": 20.0},
+    "smooth start": {"smooth_start": True, "turn_rate_change_weight": 2000.0},
     "one lane": {"lanes": [1], "sharpness": 3.0, "turn_rate_weight": 0.0, "turn_rate_change_weight": 0.0},
 }
+LAST_TURN_RATE = 0.07
 
 
 @pytest.fixture(params=list(VARIANTS))
@@ -31,6 +33,7 @@ def drawn(config, lane_change, plain):
     _, path, _, work = plain.values.new_memory(config.horizon, 3)
     put(path.states[:4], [30.0, 3.3, 21.0, 0.1])
     put(path.inputs, [2.0, 0.2] * rng.standard_normal((config.horizon, 2)))
+    work.status[plain.values.LAST] = LAST_TURN_RATE
     shape = (config.horizon + 1, 3)
     put(work.others, np.stack([rng.uniform(28, 55, shape), rng.uniform(-1, 6, shape)], axis=-1))
     simulate(plain, p, path, work)
@@ -67,11 +70,13 @@ def test_cost_and_model_are_those_of_the_programme(config, lane_change, plain, d
     cost = ca.Function("cost", [nlp.variables, nlp.parameters], [nlp.cost])
     states, inputs = get(path.states, 4), get(path.inputs, 2)
     x, y = get(work.others, 6).reshape(-1, 3, 2).T  # (3, H + 1) each
-    parameters = pack_parameters(lane_change.scene, states[:1], x[None], y[None])[0]
-    expected = float(cost(to_variables(states, inputs), parameters))
+    start, variables = np.append(states[0], LAST_TURN_RATE), to_variables(states, inputs)
+    variables[4] = LAST_TURN_RATE
+    parameters = pack_parameters(lane_change.scene, start[None], x[None], y[None])[0]
+    expected = float(cost(variables, parameters))
     assert plain.cost.path_cost(p, path, work)[0] == pytest.approx(expected, rel=1e-12)
     dynamics = ca.Function("gaps", [nlp.variables, nlp.parameters], [nlp.constraints])
-    gaps = np.asarray(dynamics(to_variables(states, inputs), parameters)).ravel()
+    gaps = np.asarray(dynamics(variables, parameters)).ravel()
     assert np.abs(gaps[nlp.lower == nlp.upper]).max() < 1e-12
 
 
@@ -234,6 +239,7 @@ def turn_rate_hessian(p, steps):
             change = np.zeros(2 * steps)
             change[2 * k + 1], change[2 * k - 1] = 1.0, -1.0
             hessian += 2 * p.turn_rate_change_weight * np.outer(change, change)
+    hessian[1, 1] += 2 * p.start_change_weight
     hessian[-1, -1] += 2 * p.final_turn_rate
     return hessian
 

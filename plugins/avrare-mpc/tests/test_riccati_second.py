@@ -6,7 +6,7 @@ import pytest
 from avrare.base.batch import concatenate
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
-from avrare_mpc.plan import shift
+from avrare_mpc.plan import shift, start_of
 from avrare_mpc.riccati import solver as module
 from avrare_mpc.riccati.batch import solve_all
 from avrare_mpc.riccati.jit import COMPILED
@@ -27,7 +27,7 @@ def programmes(lane_change):
         build(MpcConfig(backend="riccati", search="follow"), lane_change.scene), noise, samples=31
     )
     memory, ego, prediction = (concatenate([step[i] for step in drive.inputs[1:]]) for i in range(3))
-    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    start = start_of(ego)
     guesses = shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt)[1]
     return start, prediction.x, prediction.y, np.arange(len(start)), guesses
 
@@ -145,7 +145,9 @@ def test_of_several_guesses_the_best_counts(lane_change, programmes, both):
 def test_neighbours_and_order_change_no_bit(lane_change, programmes, both, count):
     """Not even neighbours that overflow, or that never end."""
     start, x, y, rows, guesses = programmes
-    absurd = np.array([[0.0, 1e8, 1e8, 40.0], [0.0, 1.75, -30.0, 1.5], [40.0, 1.75, 20.0, 0.0]])
+    absurd = np.array(
+        [[0.0, 1e8, 1e8, 40.0, 9.0], [0.0, 1.75, -30.0, 1.5, 0.0], [40.0, 1.75, 20.0, 0.0, 0.0]]
+    )
     there = len(start) + np.arange(3)
     start, x, y = (np.concatenate(pair) for pair in ((start, absurd), (x, x[:3]), (y, y[:3])))
     guesses = np.concatenate([guesses, 1e3 * guesses[:3]])

@@ -12,7 +12,7 @@ import pytest
 from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.nlp import build_problem, pack_parameters
-from avrare_mpc.plan import shift, to_variables
+from avrare_mpc.plan import shift, start_of, to_variables
 from avrare_mpc.signal_guard import defer_signals
 
 
@@ -43,7 +43,7 @@ def interrupt_solves(solver, guess, parameters):
 def test_an_interrupted_solve_is_finished_before_the_interruption(lane_change, quiet, first):
     solver, scene = NlpSolver(build_problem(MpcConfig(), lane_change.scene), first), lane_change.scene
     memory, ego, prediction = quiet[1].inputs[5]
-    start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+    start = start_of(ego)
     (parameters,) = pack_parameters(scene, start, prediction.x, prediction.y)
     (guess,) = to_variables(*shift(memory.plan_states, memory.plan_inputs, scene.dt))
     # In a process of its own: on a busy machine a signal may come late, and must not hit another test.

@@ -118,6 +118,11 @@ class MpcConfig(PlannerConfig):
         description="Where each step after the first looks for its plan: near the old plan, or also near "
         "the first step's initial guesses (each lane, constant speed and braking); the cheapest plan counts.",
     )
+    smooth_start: bool = Field(
+        default=False,
+        description="Whether turn_rate_change_weight also ties the first planned turn rate to the last one, "
+        "as a steering that cannot jump; without it, a new plan may begin with any turn rate.",
+    )
     solver: Literal["fatrop", "ipopt"] = Field(
         default="fatrop",
         description="Solver of the casadi backend that is tried first; ipopt also stands behind fatrop when "

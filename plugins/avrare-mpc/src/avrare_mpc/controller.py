@@ -13,7 +13,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.plan import Memory, Search, shift
+from avrare_mpc.plan import Memory, Search, shift, start_of
 
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
 
@@ -65,7 +65,7 @@ class MpcController:
         Raises:
             UsageError: There is no prediction, or it is too short.
         """
-        start = np.stack([ego.x, ego.y, ego.speed, ego.heading], axis=1)
+        start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
         others = self._predicted(prediction)
         old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
         result = self._search(memory.solved, start, old, others)

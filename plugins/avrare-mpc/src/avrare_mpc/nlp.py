@@ -58,7 +58,7 @@ class Nlp:
 
     Attributes:
         variables: (8 H + 5,) symbols, stage by stage.
-        parameters: (4 + extra,) symbols: initial state, then what the node costs use.
+        parameters: (5 + extra,) symbols: initial state, then what the node costs use.
         cost: Scalar expression.
         constraints: (M,) expressions, stage by stage, the dynamics of a stage first.
         lower: (M,) lower bounds of the constraints.
@@ -108,16 +108,17 @@ def build_nlp(
         node_cost: Cost of node 0..H beyond the common terms.
         extra: Symbols of the parameters of ``node_cost``.
     """
-    start = ca.SX.sym("start", 4)
+    start = ca.SX.sym("start", STATES)
+    smooth = isinstance(planner, MpcConfig) and planner.smooth_start
     nodes = [_node(k, k == steps) for k in range(steps + 1)]
     cost = ca.SX(0.0)
     rows: list[tuple[ca.SX, float, float]] = []
     for k, node in enumerate(nodes):
-        cost += _common_cost(planner, node, first=k == 0) + node_cost(k, node)
+        cost += _common_cost(planner, node, free=k == 0 and not smooth) + node_cost(k, node)
         if k < steps:
             rows += [(defect, 0.0, 0.0) for defect in _defects(node, nodes[k + 1], dt)]
         if k == 0:
-            rows += [(row, 0.0, 0.0) for row in ca.vertsplit(node.state - ca.vertcat(start, 0.0))]
+            rows += [(row, 0.0, 0.0) for row in ca.vertsplit(node.state - start)]
         rows += _bounds(planner, node, dt, y_bounds, first=k == 0)
     return Nlp(
         variables=ca.vertcat(*(_symbols(node) for node in nodes)),
@@ -142,7 +143,7 @@ def _symbols(node: Node) -> ca.SX:
     return ca.vertcat(node.state, node.acceleration, node.turn_rate, node.slack)
 
 
-def _common_cost(planner: PlannerConfig, node: Node, first: bool) -> ca.SX:
+def _common_cost(planner: PlannerConfig, node: Node, free: bool) -> ca.SX:
     cost = (
         planner.y_goal_weight * (node.y - planner.y_goal) ** 2
         + planner.v_goal_weight * (node.speed - planner.v_goal) ** 2
@@ -154,7 +155,7 @@ def _common_cost(planner: PlannerConfig, node: Node, first: bool) -> ca.SX:
     cost += planner.acceleration_weight * node.acceleration**2
     cost += planner.braking_weight * ca.fmin(0.0, node.acceleration) ** 2
     cost += rate * node.turn_rate**2 + planner.y_penalty * node.slack
-    return cost if first else cost + change * (node.turn_rate - node.state[4]) ** 2
+    return cost if free else cost + change * (node.turn_rate - node.state[4]) ** 2
 
 
 def _defects(node: Node, following: Node, dt: float) -> list[ca.SX]:
@@ -235,7 +236,7 @@ def pack_parameters(scene: Scene, start: Floats, other_x: Floats, other_y: Float
 
     Args:
         scene: Sizes of the other vehicles.
-        start: (N, 4) x, y, speed, heading now.
+        start: (N, 5) x, y, speed, heading now, and the last turn rate.
         other_x: (N, V, H + 1) predicted positions [m].
         other_y: (N, V, H + 1) predicted positions [m].
     """

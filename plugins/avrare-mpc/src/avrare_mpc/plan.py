@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.driving import Scene
+from avrare.driving import Scene, Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
 
@@ -83,11 +83,16 @@ class Search(Protocol):
 
         Args:
             solved: (N,) True: search from the old plan; False: from the initial guesses.
-            start: (N, 4) x, y, speed, heading now.
+            start: (N, 5) x, y, speed, heading now, and the last turn rate.
             old: States (N, H + 1, 4) and inputs (N, H, 2) of the old plans, one step on.
             others: Predicted x and y, each (N, V, H + 1) [m].
         """
         ...
+
+
+def start_of(ego: Vehicles, turn_rate: Floats | float = 0.0) -> Floats:
+    """Return the states (N, 5) at which plans start: x, y, speed, heading and the last turn rate."""
+    return np.stack([ego.x, ego.y, ego.speed, ego.heading, np.broadcast_to(turn_rate, ego.x.shape)], axis=1)
 
 
 def shift(states: Floats, inputs: Floats, dt: float) -> tuple[Floats, Floats]:
@@ -127,7 +132,7 @@ def initial_guesses(
     from the last plan.
 
     Args:
-        start: (N, 4) x, y, speed, heading now.
+        start: (N, 5) x, y, speed, heading now, and the last turn rate, which does not matter.
         centres: y of the C lanes [m].
         steps: H.
         dt: Step [s].

@@ -70,7 +70,7 @@ def plan_trajectory(
     }
     problem = {"x": nlp.variables, "p": nlp.parameters, "f": nlp.cost, "g": nlp.constraints}
     solver = ca.nlpsol("trajectory", "ipopt", problem, options)
-    start = [start_x, start_y, start_speed, start_heading]
+    start = [start_x, start_y, start_speed, start_heading, 0.0]
     with defer_signals():
         found = solver(x0=0.0, p=start, lbg=nlp.lower, ubg=nlp.upper)
     stats = solver.stats()

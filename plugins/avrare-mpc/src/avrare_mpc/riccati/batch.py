@@ -9,7 +9,7 @@ from avrare_mpc.riccati.cost import penalties
 from avrare_mpc.riccati.jit import entry, kernel, sources_digest
 from avrare_mpc.riccati.lanes import WIDTH, Memory, any_of, load, peek, poke, splat, store
 from avrare_mpc.riccati.newton import AGE, COST, DAMPING, ENDED, EXCESS, FAILED, JOB, PENALTY, SPENT, tick
-from avrare_mpc.riccati.values import Bounds, Path, Programme, Tuning, Workspace
+from avrare_mpc.riccati.values import LAST, Bounds, Path, Programme, Tuning, Workspace
 
 GUESS_SHARE = 0.98
 """Share of the input bounds that a guess may use."""
@@ -19,7 +19,7 @@ class Jobs(NamedTuple):
     """M searches of N programmes.
 
     Attributes:
-        start: (N, 4) x, y, speed, heading now.
+        start: (N, 5) x, y, speed, heading now, and the last turn rate.
         other_x: (N, V, H + 1) predicted positions [m].
         other_y: (N, V, H + 1) predicted positions [m].
         rows: (M,) indices of the programmes.
@@ -65,8 +65,9 @@ def _begin(
     """Put a job into a lane."""
     row, nodes, speed = int(peek(jobs.rows, job)), p.steps + 1, 0.0
     for i in range(4):
-        poke(path.states, i * WIDTH + lane, peek(jobs.start, 4 * row + i))
-    speed = peek(jobs.start, 4 * row + 2)
+        poke(path.states, i * WIDTH + lane, peek(jobs.start, 5 * row + i))
+    poke(work.status, LAST * WIDTH + lane, peek(jobs.start, 5 * row + 4))
+    speed = peek(jobs.start, 5 * row + 2)
     for k in range(p.steps):
         place = 2 * (p.steps * job + k)
         a = _clip(peek(jobs.guesses, place), GUESS_SHARE * p.acceleration_max)

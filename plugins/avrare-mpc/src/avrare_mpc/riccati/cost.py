@@ -23,7 +23,7 @@ from avrare_mpc.riccati.lanes import (
     splat,
     store,
 )
-from avrare_mpc.riccati.values import Bounds, Path, Programme, Workspace
+from avrare_mpc.riccati.values import LAST, Bounds, Path, Programme, Workspace
 
 NEGLIGIBLE = -37.0
 """Scaled clearance below which a softplus is under 1e-16 and taken as 0."""
@@ -79,7 +79,7 @@ def lane_terms(p: Programme, y: Lanes) -> tuple[Lanes, Lanes, Lanes]:
 @kernel
 def path_cost(p: Programme, path: Path, work: Workspace) -> Lanes:
     """Return the cost of trajectories without bounds; fills the terms shared with the derivatives."""
-    before, cost = splat(0.0), splat(0.0)
+    before, cost = load(work.status, LAST), splat(0.0)
     for k in range(p.steps + 1):
         a, w = splat(0.0), splat(0.0)
         if k < p.steps:
@@ -87,8 +87,8 @@ def path_cost(p: Programme, path: Path, work: Workspace) -> Lanes:
             brake = smaller(a, 0.0)
             effort = p.acceleration_weight * a * a + p.braking_weight * brake * brake
             cost = cost + (effort + p.turn_rate_weight * w * w)
-            if k > 0:
-                cost = cost + p.turn_rate_change_weight * (w - before) * (w - before)
+            change = p.turn_rate_change_weight if k > 0 else p.start_change_weight
+            cost = cost + change * (w - before) * (w - before)
         else:
             cost = cost + p.final_turn_rate * before * before
         y, v, h = load(path.states, 4 * k + 1), load(path.states, 4 * k + 2), load(path.states, 4 * k + 3)

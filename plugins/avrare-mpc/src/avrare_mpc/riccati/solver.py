@@ -88,7 +88,7 @@ class RiccatiSolver:
             return
         with announced("note: the controller mpc is compiled, once for this machine and version (some 15 s)"):
             nobody = (len(scene.lengths), config.horizon + 1)
-            problems = np.zeros((0, 4)), np.zeros((0, *nobody)), np.zeros((0, *nobody))
+            problems = np.zeros((0, 5)), np.zeros((0, *nobody)), np.zeros((0, *nobody))
             self._run(self._bounds[0], quick, problems, np.zeros(0, int), np.zeros((0, config.horizon, 2)))
 
     def solve(
@@ -97,7 +97,7 @@ class RiccatiSolver:
         """Return local minima of programmes ``rows[m]`` near ``guesses[m]``; of two minima the cheaper one.
 
         Args:
-            start: (N, 4) x, y, speed, heading now; all arguments are finite.
+            start: (N, 5) x, y, speed, heading now, and the last turn rate; all arguments are finite.
             other_x: (N, V, H + 1) predicted positions [m].
             other_y: (N, V, H + 1) predicted positions [m].
             rows: (M,) indices of the programmes.
@@ -118,7 +118,7 @@ class RiccatiSolver:
         Args:
             found: Result of ``solve``, changed in place.
             index: (G,) entries to improve; only the best of an entry's rough plans is completed.
-            start: (N, 4) states as in ``solve``.
+            start: (N, 5) states as in ``solve``.
             other_x: (N, V, H + 1) predicted positions [m].
             other_y: (N, V, H + 1) predicted positions [m].
             rows: (G,) indices of the programmes.
@@ -239,6 +239,7 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
         reach_y=across + np.asarray(scene.widths, dtype=np.float64) / 2,
         lead_speed=dt + dt**2 if by_speed else dt,
         lead_acceleration=0.0 if by_speed else dt**2,
+        start_change_weight=change if config.smooth_start else 0.0,
         final_turn_rate=change * rate / (change + rate) if change + rate else 0.0,
         lateral_max=np.inf if lateral is None else lateral,
         low=np.array([low_high[0], config.speed_min, -config.heading_max]),

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from avrare_mpc.riccati.cost import Stage, stage_model
 from avrare_mpc.riccati.jit import kernel
 from avrare_mpc.riccati.lanes import Lanes, Memory, load, splat, store
-from avrare_mpc.riccati.values import Bounds, Path, Programme, Workspace
+from avrare_mpc.riccati.values import LAST, Bounds, Path, Programme, Workspace
 
 
 class Value(NamedTuple):
@@ -208,10 +208,13 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
 def _input_model(
     p: Programme, path: Path, work: Workspace, k: int, bounds: Bounds, mu: Lanes, damping: Lanes
 ) -> InputModel:
-    w, change, lag = load(path.inputs, 2 * k + 1), splat(0.0), splat(0.0)
+    w = load(path.inputs, 2 * k + 1)
     if k > 0:
         change = splat(2.0 * p.turn_rate_change_weight)
         lag = change * (w - load(path.inputs, 2 * k - 1))
+    else:
+        change = splat(2.0 * p.start_change_weight)
+        lag = change * (w - load(work.status, LAST))
     push_a, stiff_a = _hard_bound(work, 6 * k, mu)
     push_w, stiff_w = _hard_bound(work, 6 * k + 2, mu)
     speed, push, stiff = splat(0.0), splat(0.0), splat(0.0)

@@ -19,6 +19,8 @@ from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.lanes import WIDTH, Memory
 
 Floats = NDArray[np.float64]
+LAST = 12
+"""Row of ``Workspace.status`` with the turn rate before the plan; the others are those of ``newton``."""
 
 
 class Programme(NamedTuple):
@@ -34,6 +36,7 @@ class Programme(NamedTuple):
         reach_y: (V,) the same across the road.
         lead_speed: Factor of speed x sin(heading) in the lateral reach.
         lead_acceleration: Factor of acceleration x sin(heading) in the lateral reach.
+        start_change_weight: Weight of the difference of the first turn rate from the last one driven.
         final_turn_rate: Weight of the last turn rate: cost of the last node with its optimal input.
         lateral_max: Bound of |speed x turn rate|; infinite where there is none.
         low: (3,) lower soft bounds.
@@ -59,6 +62,7 @@ class Programme(NamedTuple):
     braking_weight: float
     turn_rate_weight: float
     turn_rate_change_weight: float
+    start_change_weight: float
     final_turn_rate: float
     lane_weight: float
     obstacle_weight: float
