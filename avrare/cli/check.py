@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import UNFINISHED, print_warnings, refuse_overwrite, say, write_file, write_files
 from avrare.estimation.budget import Budget
+from avrare.estimation.checkpoint import Checkpoint, resume_hint
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 from avrare.report.terminal.check_table import print_check, print_plan
@@ -37,21 +39,25 @@ def execute(args: argparse.Namespace) -> int:
     budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
     if budget and spend:
         raise UsageError("--budget cannot be combined with --spend", "remove one of them")
-    _make_folders(args)
+    out = _out_folder(args)
+    _make_folders(args, out)
     subjects = _subjects(args)
-    if args.out and not args.plan:
-        refuse_overwrite(Path(args.out), "check.json", [one.definition.name for one in subjects])
-    try:
-        with Stopping() as stop:
-            if args.plan:
-                return _plan(args, subjects, budget, _machine(args, stop))
-            outcome = check(subjects, plan_looks(budget, spend), _machine(args, stop), args.save)
-    except Interrupted:
-        raise Interrupted(
-            "interrupted, there is no verdict", "run the check again: it saves no chunks"
-        ) from None
-    outcome = with_next_steps(outcome, subjects, Path(args.out) if args.out else None)
-    _write(args, subjects, outcome)
+    if out and not args.plan:
+        names = [one.definition.name for one in subjects]
+        refuse_overwrite(out, "check.json", names, args.resume is not None)
+    with _saved_chunks(args, subjects, budget or spend) as saved:
+        try:
+            with Stopping() as stop:
+                machine = _machine(args, stop, saved)
+                if args.plan:
+                    return _plan(args, subjects, budget, machine)
+                outcome = check(subjects, plan_looks(budget, spend), machine, args.save)
+        except Interrupted:
+            raise Interrupted(*_explain_interruption(saved)) from None
+        outcome = with_next_steps(outcome, subjects, out)
+        _write(args, out, subjects, outcome)
+        if saved is not None:
+            saved.remove()
     if is_github_job():
         write_summary(outcome)
         for line in annotate_rows(outcome, subjects):
@@ -61,6 +67,40 @@ def execute(args: argparse.Namespace) -> int:
     else:
         print_check(outcome, display(args))
     return int(outcome.exit_code)
+
+
+def _out_folder(args: argparse.Namespace) -> Path | None:
+    if args.resume is None:
+        return Path(args.out) if args.out else None
+    if args.plan:
+        raise UsageError("--resume cannot be combined with --plan", "a plan saves nothing")
+    if args.out and Path(args.out).resolve() != Path(args.resume).resolve():
+        raise UsageError("--out cannot be combined with --resume", "results go to the check's folder")
+    return Path(args.resume)
+
+
+@contextmanager
+def _saved_chunks(
+    args: argparse.Namespace, subjects: Sequence[Any], budget: Budget | None
+) -> Iterator[Checkpoint | None]:
+    """Open the checkpoint of ``--resume``; a check with another baseline or other looks is another one."""
+    if args.resume is None:
+        yield None
+        return
+    baselines = {one.name: one.baseline.path.name if one.baseline else None for one in subjects}
+    identity = {"looks": len(plan_looks(None, budget if args.spend else None)), "baselines": baselines}
+    scenarios = [one.definition for one in subjects]
+    with rundir.begin_checkpoint(Path(args.resume), scenarios, budget, True, identity) as checkpoint:
+        yield checkpoint
+
+
+def _explain_interruption(saved: Checkpoint | None) -> tuple[str, str]:
+    if saved is None:
+        hint = "run the check again; --resume DIR in place of --out DIR saves finished work"
+        return "interrupted, there is no verdict", hint
+    count = saved.chunks
+    kept = f"{count} {'chunk is' if count == 1 else 'chunks are'} saved"
+    return f"interrupted, there is no verdict; {kept}", resume_hint(saved.folder.parent)
 
 
 def _subjects(args: argparse.Namespace) -> list[Any]:
@@ -83,10 +123,9 @@ def _subjects(args: argparse.Namespace) -> list[Any]:
     return found
 
 
-def _machine(args: argparse.Namespace, stop: Stopping) -> ExecutionSettings:
-    return ExecutionSettings(
-        args.workers, args.executor, partial(Progress, mode=display(args), stop=stop), stop
-    )
+def _machine(args: argparse.Namespace, stop: Stopping, saved: Checkpoint | None) -> ExecutionSettings:
+    watch = partial(Progress, mode=display(args), stop=stop)
+    return ExecutionSettings(args.workers, args.executor, watch, stop, saved.journal if saved else None)
 
 
 def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any, machine: ExecutionSettings) -> int:
@@ -118,27 +157,26 @@ def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
     return estimate_look(one.scenario, one.definition.estimated, Look(1, 1.0, budget), machine)
 
 
-def _make_folders(args: argparse.Namespace) -> None:
+def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
     for option, name in (("--junit", args.junit), ("--markdown", args.markdown)):
         if name and Path(name).is_dir():
             raise UsageError(f"{name}: is a folder, not a file", f"choose another {option}")
         if name:
             ensure_writable(Path(name).parent, option)
-    if args.out:
-        ensure_writable(Path(args.out), "--out")
+    if out:
+        ensure_writable(out, "--out" if args.resume is None else "--resume")
 
 
-def _write(args: argparse.Namespace, subjects: Sequence[Any], outcome: Any) -> None:
+def _write(args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], outcome: Any) -> None:
     for name, text in ((args.junit, junit), (args.markdown, markdown)):
         if name is not None:
             write_file(name, text(outcome), "choose another file")
-    if not args.out:
+    if not out:
         return
-    out = Path(args.out)
     write_files(out, {UNFINISHED: "avrare check was writing here\n"})
     for one in subjects:
         results = outcome.results[one.definition.name]
-        folder = rundir.choose(args.out, one.definition.name, len(subjects) > 1)
+        folder = rundir.choose(out, one.definition.name, len(subjects) > 1)
         rundir.write(folder, one.definition, rundir.document(one.definition, results), results)
         say(*call_back(folder), error=args.json)
     write_files(out, {"check.json": json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})

@@ -110,6 +110,7 @@ OPTIONS: dict[str, Options] = {
             "--junit FILE": "write JUnit XML",
             "--markdown FILE": "write a summary for a merge request",
             "--out DIR": "write check.json and the run folders",
+            "--resume DIR": "as --out; saves finished work there, from which an interrupted check resumes",
             "--json": "print check.json and nothing else on stdout",
         },
         **_DISPLAY,

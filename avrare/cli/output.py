@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -69,18 +68,17 @@ UNFINISHED = "unfinished"
 """File in a folder of results that a command has begun to write; what lies beside it may be replaced."""
 
 
-def refuse_overwrite(out: Path, summary: str, names: Sequence[str]) -> None:
+def refuse_overwrite(out: Path, summary: str, names: Sequence[str], resume: bool = False) -> None:
     """Refuse a folder that holds ``summary``, a result of a scenario, or an interrupted run.
 
     Several scenarios have their own folders in ``out``, which need not exist. A folder that a killed command
-    has left unfinished is taken.
+    has left unfinished is taken, and to ``resume`` one with an interrupted run.
     """
-    from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index
+    from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index, resume_hint
 
-    hint = "choose another --out, or remove it"
-    if read_index(out / FOLDER) is not None and Checkpoint(out / FOLDER, {}).chunks:
-        command = shlex.join(["avrare", "run", "--resume", str(out)])
-        raise UsageError(f"{out}: contains an interrupted run", f"resume it with {command}; else {hint}")
+    hint = "choose another folder, or remove it" if resume else "choose another --out, or remove it"
+    if not resume and read_index(out / FOLDER) is not None and Checkpoint(out / FOLDER, {}).chunks:
+        raise UsageError(f"{out}: contains an interrupted run", f"{resume_hint(out)}; else {hint}")
     if (out / UNFINISHED).exists():
         return
     folders = [out / name for name in names] if len(names) > 1 else [out]

@@ -14,6 +14,7 @@ import hashlib
 import io
 import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -208,6 +209,16 @@ def read_index(folder: Path) -> dict[str, Any] | None:
         raise UsageError(text, "resume with that version, or start afresh in another folder")
     check_seal(path, index, f"restore the file, or {_AFRESH}")
     return index
+
+
+def resume_hint(out: Path) -> str:
+    """Return how the run, or the check, that was interrupted in ``out`` is resumed."""
+    folder = shlex.quote(str(out))
+    with suppress(UsageError):  # a damaged index is told when it is read
+        index = read_index(out / FOLDER)
+        if index is not None and "check" in index["task"]:
+            return f"resume it with the same avrare check command and --resume {folder}"
+    return f"resume it with avrare run --resume {folder}"
 
 
 def differences(before: Any, after: Any, path: str = "") -> list[str]:

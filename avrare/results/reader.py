@@ -20,7 +20,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from avrare.base.errors import AvrareError, UsageError, did_you_mean
 from avrare.base.stored_files import check_seal, digest, read_arrays, read_json, read_regular
 from avrare.base.visible_text import spell_line
-from avrare.estimation.checkpoint import SCENARIO
+from avrare.estimation.checkpoint import SCENARIO, resume_hint
 from avrare.estimation.result import Failures, Worst
 from avrare.scenario.safe_mode import is_outside
 from avrare.scenario.yaml import MAX_BYTES
@@ -230,7 +230,7 @@ def read_run_folder(path: Path) -> RunFolder:
         inside = sorted(one.parent.name for one in path.glob("*/result.json")) if path.is_dir() else []
         hint = f"it holds several runs; give one of them: {', '.join(inside)}" if inside else None
         if (path / "checkpoint" / "checkpoint.json").is_file():
-            hint = f"the run is not finished: avrare run --resume {shlex.quote(str(path))} resumes it"
+            hint = f"it is not finished: {resume_hint(path)}"
         raise UsageError(
             f"{path}: no result.json in it", hint or "give the folder that `avrare run --out` has written"
         )

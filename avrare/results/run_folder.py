@@ -21,7 +21,7 @@ from avrare.base.atomic_files import explain_file_errors, remove_torn, write_ato
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.stored_files import digest, seal
 from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index
+from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index, resume_hint
 from avrare.estimation.result import Result
 from avrare.results.checkout import describe_checkout
 from avrare.results.reader import (
@@ -121,9 +121,13 @@ def write(
 
 @contextmanager
 def begin_checkpoint(
-    out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool
-) -> Iterator[Checkpoint]:
-    """Create, or resume if asked to, the checkpoint of a run in ``out``, and hold its lock."""
+    out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool,
+    check: Mapping[str, Any] | None = None,
+) -> Iterator[Checkpoint]:  # fmt: skip
+    """Create, or resume if asked to, the checkpoint of a run in ``out``, and hold its lock.
+
+    ``check`` is what else must be equal to resume `avrare check`.
+    """
     folder = out / FOLDER
     if len(scenarios) > 1 and any(one.name == FOLDER for one in scenarios):
         raise UsageError(
@@ -136,7 +140,8 @@ def begin_checkpoint(
         _remove_without_chunks(folder)
     paths = {one.name: str(Path(one.path).resolve()) for one in scenarios}
     files = {f"{one.name}/{SCENARIO}": dump(one.resolved).encode() for one in scenarios}
-    with Checkpoint.open(folder, _task(scenarios, budget), {"paths": paths}, files).held() as checkpoint:
+    task = _task(scenarios, budget) | ({"check": check} if check is not None else {})
+    with Checkpoint.open(folder, task, {"paths": paths}, files).held() as checkpoint:
         try:
             yield checkpoint
         except AvrareError as error:
@@ -149,7 +154,7 @@ def begin_checkpoint(
 def _remove_without_chunks(folder: Path) -> None:
     with Checkpoint(folder, {}).held() as old:
         if old.chunks:
-            resume = f"avrare run --resume {folder.parent} resumes it"
+            resume = resume_hint(folder.parent)
             raise UsageError(
                 f"{folder.parent}: contains an interrupted run",
                 f"{resume}; else remove {folder} or choose another --out",

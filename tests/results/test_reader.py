@@ -125,7 +125,7 @@ def test_the_hint_on_a_run_that_is_not_finished_names_its_folder(tmp_path):
     (tmp_path / "my run" / "checkpoint" / "checkpoint.json").write_text("{}")
     with pytest.raises(UsageError) as caught:
         read_run_folder(tmp_path / "my run")
-    assert f"avrare run --resume '{tmp_path}/my run' resumes it" in caught.value.hint
+    assert f"resume it with avrare run --resume '{tmp_path}/my run'" in caught.value.hint
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from avrare.analysis.check.pooling import SHARES
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import Watch, estimate_specifications
+from avrare.estimation.plan import Journal
 from avrare.estimation.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
@@ -149,6 +150,7 @@ class ExecutionSettings:
     executor: str | None  # name and options; None: serial, or processes for several workers
     watch: Watch  # shows the progress of each estimate
     stop: Callable[[], bool] | None = None  # tells whether the user asked to stop
+    journal: Callable[[str], Journal] | None = None  # saves the chunks of an estimate, given by name
 
 
 def estimate_look(
@@ -156,10 +158,13 @@ def estimate_look(
 ) -> list[Result]:
     """Estimate specifications of a scenario for one look; UsageError if the estimator cannot."""
     note = f"  look {look.number}" if look.share < 1.0 else ""
+    journal = execution.journal
+    saved = f"{scenario.definition.name}/look-{look.number}/{{}}"
     start_executor = partial(build_executor, execution.workers, execution.executor)
     results = estimate_specifications(
         scenario, specifications, look.budget, start_executor, execution.watch,
         seed=look.seed(scenario.definition.seed), note=note, stop=execution.stop,
+        journal=journal and (lambda name: journal(saved.format(name))),
     )  # fmt: skip
     # Rounding says nothing against an estimate: it must not make a check inconclusive.
     return [
