@@ -44,8 +44,8 @@ def stored(folder):
     return content
 
 
-@pytest.mark.parametrize("chunk", [1, 4])
-def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt, capfd, chunk):
+@pytest.mark.parametrize(("chunk", "workers"), [(1, "1"), pytest.param(4, "2", marks=pytest.mark.slow)])
+def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt, capfd, chunk, workers):
     # undecided at the first look, so that the interruption falls into the first look or the second
     words = ["check", drive(BOUND % "0.052"), "--spend", "rollouts=8000"]
     whole = main([*words, "--out", "whole"])
@@ -55,7 +55,7 @@ def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt,
     assert "saved\nhint: resume it with the same avrare check command and --resume torn" in err
     assert not Path("torn/check.json").exists()
     assert list(Path("torn/checkpoint").rglob("*.npz"))
-    assert main([*words, "--resume", "torn", "--workers", "2"]) == whole
+    assert main([*words, "--resume", "torn", "--workers", workers]) == whole
     assert stored("torn") == stored("whole")
     assert not Path("torn/checkpoint").exists()
     assert stored("torn")["looks"] > 1

@@ -163,7 +163,10 @@ def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
     assert run(scenario, "--out", "torn") == 4
-    assert "torn: contains an interrupted run\nhint: resume it with avrare run --resume torn;" in capsys.readouterr().err
+    assert (
+        "torn: contains an interrupted run\nhint: resume it with avrare run --resume torn;"
+        in capsys.readouterr().err
+    )
     assert len(night.saved("torn")) == 2
 
 
