@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import spread
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
 from avrare_estimators.fresh import FreshRows
@@ -257,9 +256,21 @@ class EndedRuns:
         return np.asarray(self.retired + self.weight * self.violated.mean(axis=1))
 
 
+def take_in_turn(run: Integers, most: int) -> Integers:
+    """Return the indices of at most so many entries with these runs (F,): the first of each, then the second.
+
+    Entries that are left out of a part are left out of the whole as well.
+    """
+    order = np.argsort(run, kind="stable")
+    _, begin, inverse = np.unique(run[order], return_index=True, return_inverse=True)
+    rank = np.empty(len(run), dtype=np.int64)
+    rank[order] = np.arange(len(run)) - begin[inverse]
+    return np.sort(np.lexsort((run, rank))[:most])
+
+
 def thin(tapes: TapeAddresses, most: int) -> TapeAddresses:
     """Return at most so many tapes, of all runs alike."""
-    return batch.take(tapes, spread(np.arange(len(tapes.run)), most))
+    return batch.take(tapes, take_in_turn(tapes.run[:, 0], most))
 
 
 def _least_robust(tapes: TapeAddresses) -> TapeAddresses:
@@ -352,7 +363,8 @@ class AmsState:
         alive = np.flatnonzero(~population.error)
         best = alive[np.argsort(population.robustness[alive], kind="stable")[:1]]
         own = population.addresses(best, self.particles, self.first_run)
-        failing = spread(np.flatnonzero(population.violated), most)
+        failing = np.flatnonzero(population.violated)
+        failing = failing[take_in_turn(failing // self.particles, most)]
         found = EndedRuns(
             self.weight, self.pairs, self.retired, self.error_weight, self.levels,
             population.violated.reshape(shape), population.error.reshape(shape),

@@ -10,11 +10,11 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.estimation import health, intervals
-from avrare.estimation.result import Failures, Interval, Result, Worst, spread
+from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses
+from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses, take_in_turn
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.looks import Looks
@@ -132,7 +132,8 @@ def _failures(state: AmsState, ended: EndedRuns) -> Failures:
     parts = [
         _divide(mass, tapes.run[:, 0] - first) for mass, tapes in zip(masses, (alive, retired), strict=True)
     ]
-    chosen = spread(np.arange(len(alive.run) + len(retired.run)), state.plan.kept_failures)
+    run = np.concatenate([alive.run, retired.run])[:, 0]
+    chosen = take_in_turn(run, state.plan.kept_failures)
     tapes, weights = batch.take(batch.concatenate([alive, retired]), chosen), np.concatenate(parts)[chosen]
     if weights.any():
         weights *= float(ended.probabilities.mean()) / weights.sum()
