@@ -18,6 +18,7 @@ from avrare.worlds.world import World
 from avrare.worlds.worlds_simulator import Worlds
 from avrare_gymnasium.actions import actions
 from avrare_gymnasium.config import OUTCOMES, GymnasiumConfig
+from avrare_gymnasium.registration import register_installed
 from avrare_gymnasium.stream import Stream
 
 _FREE = "its random numbers are not controlled by the noise (noise.stream.by: free)"
@@ -167,10 +168,10 @@ def state_size(world: GymWorld, attribute: str) -> int:
 def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[Any, Any]:
     name = config.env.rpartition(":")[2]
     if name not in gymnasium.registry and ":" not in config.env:
-        raise UsageError(
-            f"there is no environment {name!r}",
-            did_you_mean(name, gymnasium.registry) or "see gymnasium.pprint_registry()",
-        )
+        faults = register_installed()
+        if name not in gymnasium.registry:
+            near = did_you_mean(name, gymnasium.registry) or "see gymnasium.pprint_registry()"
+            raise UsageError(f"there is no environment {name!r}", "; ".join([near, *faults]))
     try:
         return gymnasium.make(config.env, disable_env_checker=True, **config.options)
     except (gymnasium.error.DependencyNotInstalled, ImportError) as error:
