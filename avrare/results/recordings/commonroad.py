@@ -9,16 +9,20 @@ from __future__ import annotations
 import importlib
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.base.visible_text import escape_xml
 from avrare.driving import Road
+from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
+from avrare.results.recordings.lanelet_road import ASIDE, find_road, is_broad
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
 
 _EGO_ID = 1
@@ -27,7 +31,7 @@ _MARGIN = 50.0  # length of the lanelets beyond the vehicles [m]
 _MAX_BEND = 0.3  # largest deviation of a centre line from straight, and of lane widths from each other [m]
 _LANE_TOLERANCE = 0.5  # centre lines nearer than this belong to one lane [m]
 
-_ROAD_HINT = "only one-way roads with straight, parallel lanes are supported; or give --lanes"
+_ROAD_HINT = "these are not straight, parallel lanes of one direction"
 
 
 @dataclass(frozen=True)
@@ -39,35 +43,128 @@ class _LaneSegment:
     begin: float
     end: float
     bend: float
+    crosses: bool  # it does not run along the road
     ramp: bool
+    shoulder: bool
+    broad: tuple[bool, bool]  # its left and its right marking
 
 
 def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Recording:
     """Read the obstacles of a scenario as vehicles, one of them as the ego.
 
-    The lanes are those of the lanelets, and x runs along them; or else ``road``, in the frame of the file.
-    Rules apply to the obstacle with the id ``ego``. Accelerations are differences of speed.
+    The lanes are those of the lanelets: all of them where they are straight and parallel, else those along
+    the ego's way, in whose frame the vehicles then are; or ``road``, in the frame of the file. Rules apply
+    to the obstacle with the id ``ego``. Accelerations are differences of speed.
     """
+    return open_commonroad(path, road).recording(ego)
+
+
+def open_commonroad(path: str, road: Road | None = None) -> CommonRoadDrives:
+    """Read a scenario once, for any number of egos."""
     scenario = _open_scenario(path)
-    moving = {str(obstacle.obstacle_id): obstacle for obstacle in scenario.dynamic_obstacles}
-    if ego not in moving:
-        known = ", ".join(sorted(moving, key=int)) or "none"
-        text = "no ego is chosen" if ego is None else f"there is no moving obstacle {ego!r}"
-        raise UsageError(f"{path}: {text}", f"choose it with --ego; there are: {known}")
-    angle = 0.0
-    if road is None:
-        road, angle = find_straight_lanes(path, scenario.lanelet_network.lanelets)
-    steps = [int(state.time_step) for state in _list_states(path, moving[ego])]
-    first, samples = min(steps), max(steps) - min(steps) + 1
-    if len(set(steps)) < samples:  # or else one step far off makes arrays of any size
-        raise UsageError(f"{path}: obstacle {ego} has gaps in time", "the ego needs a state at every step")
-    tracks = {
-        str(obstacle.obstacle_id): _read_track(path, obstacle, first, samples, angle)
-        for obstacle in scenario.obstacles
-    }
-    others = [track for name, track in tracks.items() if name != ego and track.present.any()]
-    dt = float(scenario.dt)
-    return assemble_recording(path, dt, dt * first, tracks[ego], others, road)
+    obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in scenario.obstacles}
+    moving = tuple(sorted((str(one.obstacle_id) for one in scenario.dynamic_obstacles), key=int))
+    return CommonRoadDrives(
+        path, float(scenario.dt), obstacles, moving, tuple(scenario.lanelet_network.lanelets), road
+    )
+
+
+@dataclass(frozen=True)
+class CommonRoadDrives:
+    """Scenario in whose traffic any moving obstacle can be the ego.
+
+    Attributes:
+        path: File.
+        dt: Step [s].
+        obstacles: Obstacles by name, in the plane.
+        names: The moving ones.
+        lanelets: The network.
+        road: The caller's own road, or None.
+    """
+
+    path: str
+    dt: float
+    obstacles: Mapping[str, Obstacle]
+    names: tuple[str, ...]
+    lanelets: tuple[Any, ...]
+    road: Road | None = None
+
+    def recording(self, ego: str | None) -> Recording:
+        """Return the drive of one ego; UsageError if it is not there, has gaps, or is on no road."""
+        if ego not in self.names:
+            known = ", ".join(self.names) or "none"
+            text = "no ego is chosen" if ego is None else f"there is no moving obstacle {ego!r}"
+            raise UsageError(f"{self.path}: {text}", f"choose it with --ego; there are: {known}")
+        own = self.obstacles[ego]
+        first, samples = int(own.steps.min()), int(own.steps.max() - own.steps.min()) + 1
+        if len(set(own.steps.tolist())) < samples:  # or else one step far off makes arrays of any size
+            raise UsageError(
+                f"{self.path}: obstacle {ego} has gaps in time", "the ego needs a state at every step"
+            )
+        road, angle = self._find_road(own)
+        tracks = {name: one.track(first, samples, angle, road.line) for name, one in self.obstacles.items()}
+        if not tracks[ego].present.all():
+            at = first + int(np.argmin(tracks[ego].present))
+            text = f"{self.path}: obstacle {ego} leaves the road at step {at}"
+            raise UsageError(text, f"it is more than {ASIDE:g} m from the line along its lanes")
+        others = [track for name, track in tracks.items() if name != ego and track.present.any()]
+        return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
+
+    def _find_road(self, ego: Obstacle) -> tuple[Road, float]:
+        if self.road is not None:
+            return self.road, 0.0
+        if self._straight is not None:
+            return self._straight
+        return find_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+
+    @cached_property
+    def _straight(self) -> tuple[Road, float] | None:
+        if not self.lanelets:
+            raise UsageError(f"{self.path}: there are no lanelets", "give --lanes")
+        try:
+            return find_straight_lanes(self.path, self.lanelets)
+        except UsageError:
+            return None
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Obstacle over time, in the plane.
+
+    Attributes:
+        name: Its id.
+        length: [m].
+        width: [m].
+        steps: (K,) steps at which it is known; empty: it stands there all the time.
+        states: (4, K), or (4, 1): x, y [m], heading [rad], speed [m/s].
+    """
+
+    name: str
+    length: float
+    width: float
+    steps: NDArray[np.int64]
+    states: Floats
+
+    def track(self, first: int, samples: int, angle: float, line: ReferenceLine | None) -> VehicleTrack:
+        """Return it from step ``first`` on, in the frame of a line, or turned by ``-angle``."""
+        present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
+        x, y = _rotate(self.states[:2].T, angle).T
+        if line is None:
+            turned = np.array([math.remainder(h - angle, 2.0 * math.pi) for h in self.states[2]])
+        else:
+            x, y = line.to_road(x, y)
+            turned = np.remainder(self.states[2] - line.heading(x) + math.pi, 2.0 * math.pi) - math.pi
+        known = np.isfinite(x) & ((np.abs(y) <= ASIDE) | (line is None))
+        rows = np.stack([x, y, turned, self.states[3]])
+        if not len(self.steps):
+            present[:] = known[0]
+            states[:4], states[4] = rows[:, [0]], 0.0
+        else:
+            at = self.steps - first
+            kept = known & (at >= 0) & (at < samples)
+            present[at[kept]] = True
+            states[:4, at[kept]] = rows[:, kept]
+        return VehicleTrack(self.name, self.length, self.width, present, states)
 
 
 def to_commonroad(recording: Recording, name: str) -> str:
@@ -123,24 +220,16 @@ def _list_states(path: str, obstacle: Any) -> list[Any]:
     return [obstacle.initial_state, *prediction.trajectory.state_list]
 
 
-def _read_track(path: str, obstacle: Any, first: int, samples: int, angle: float) -> VehicleTrack:
-    # from step ``first`` on, rotated by ``-angle`` into the frame of the road
-    present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
-    if str(obstacle.obstacle_role.value) == "static":
-        present[:] = True
-        pose = _read_pose(path, obstacle, obstacle.initial_state, angle)
-        states[:] = np.array([*pose[:3], 0.0, 0.0])[:, None]
-    else:
-        for state in _list_states(path, obstacle):
-            k = int(state.time_step) - first
-            if 0 <= k < samples:
-                present[k] = True
-                states[:4, k] = _read_pose(path, obstacle, state, angle)
+def _read_obstacle(path: str, obstacle: Any) -> Obstacle:
     length, width = _read_size(path, obstacle)
-    return VehicleTrack(str(obstacle.obstacle_id), length, width, present, states)
+    static = str(obstacle.obstacle_role.value) == "static"
+    states = [obstacle.initial_state] if static else _list_states(path, obstacle)
+    poses = np.array([_read_pose(path, obstacle, state) for state in states]).T
+    steps = [] if static else [int(state.time_step) for state in states]
+    return Obstacle(str(obstacle.obstacle_id), length, width, np.array(steps, dtype=np.int64), poses)
 
 
-def _read_pose(path: str, obstacle: Any, state: Any, angle: float) -> Floats:
+def _read_pose(path: str, obstacle: Any, state: Any) -> list[float]:
     values: list[Any] = [getattr(state, name, None) for name in ("position", "orientation", "velocity")]
     position, heading, speed = values
     if str(obstacle.obstacle_role.value) == "static":
@@ -148,9 +237,7 @@ def _read_pose(path: str, obstacle: Any, state: Any, angle: float) -> Floats:
     if not isinstance(position, np.ndarray) or not _is_number(heading) or not _is_number(speed):
         text = f"obstacle {obstacle.obstacle_id} has no exact position, orientation and velocity"
         raise UsageError(f"{path}: {text} at step {state.time_step}")
-    x, y = _rotate(position, angle)
-    turned = math.remainder(float(heading) - angle, 2.0 * math.pi)
-    return np.array([x, y, turned, float(speed)])
+    return [float(position[0]), float(position[1]), float(heading), float(speed)]
 
 
 def _is_number(value: Any) -> bool:
@@ -230,7 +317,7 @@ def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float
     for segment in segments:
         if segment.end < segment.begin:
             raise UsageError(f"{path}: lanelet {segment.name} runs against the others", _ROAD_HINT)
-        if segment.bend > _MAX_BEND and not _is_covered(segment, straight):
+        if segment.bend > _MAX_BEND and (segment.crosses or not _is_covered(segment, straight)):
             raise UsageError(f"{path}: lanelet {segment.name} is curved", _ROAD_HINT)
     return _join_segments(path, straight), angle
 
@@ -254,7 +341,10 @@ def _make_segment(lanelet: Any, angle: float) -> _LaneSegment:
         float(centre[0, 0]),
         float(centre[-1, 0]),
         float(np.abs(centre[:, 1] - y).max()),
+        bool(np.ptp(centre[:, 0]) < np.ptp(centre[:, 1])),
         "accessRamp" in kinds,
+        "shoulder" in kinds,
+        (is_broad(lanelet, "left"), is_broad(lanelet, "right")),
     )
 
 
@@ -275,12 +365,21 @@ def _join_segments(path: str, segments: Sequence[_LaneSegment]) -> Road:
             lanes.append([segment])
     widths = [segment.width for segment in segments]
     if max(widths) - min(widths) > _MAX_BEND:
-        text = f"{path}: the lanes are {min(widths):.2f} to {max(widths):.2f} m wide"
-        raise UsageError(text, "only roads with lanes of one width are supported; or give --lanes")
+        raise UsageError(f"{path}: the lanes are {min(widths):.2f} to {max(widths):.2f} m wide", _ROAD_HINT)
     return Road(
         tuple(round(float(np.mean([segment.y for segment in lane])), 6) for lane in lanes),
         round(float(np.mean(widths)), 6),
         tuple(index for index, lane in enumerate(lanes) if any(segment.ramp for segment in lane)),
         min(segment.begin for segment in segments),
         max(segment.end for segment in segments),
+        shoulder=tuple(index for index, lane in enumerate(lanes) if any(one.shoulder for one in lane)),
+        broad_markings=tuple(
+            index
+            for index, lane in enumerate(lanes)
+            if any(one.broad[0] for one in lane) or any(one.broad[1] for one in _after(lanes, index))
+        ),
     )
+
+
+def _after(lanes: Sequence[Sequence[_LaneSegment]], index: int) -> Sequence[_LaneSegment]:
+    return lanes[index + 1] if index + 1 < len(lanes) else ()

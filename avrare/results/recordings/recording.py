@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
+from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.driving.lanes import lane_overlap
 from avrare.protocols import Bools, Floats
 
 FIELDS = ("x", "y", "heading", "speed", "acceleration")
@@ -117,25 +119,45 @@ def assemble_recording(
         rows = np.array([values[field] for values in filled], dtype=np.float64)
         signals[f"others_{field}"] = rows.reshape(len(others), len(ego.present)).T.copy()
     lengths, widths = (np.array([getattr(other, key) for other in others]) for key in ("length", "width"))
-    signals |= _compute_distances(signals, ego, lengths, widths)
+    signals |= _compute_distances(signals, ego, lengths, widths, road)
     names = tuple(other.name for other in others)
     scene = None
     if road is not None:
         speeds = (other.states[3][other.present] for other in others)
         moving = np.array([bool(np.any(np.abs(speed) > _PARKED_SPEED)) for speed in speeds], dtype=bool)
         scene = Scene(dt, road, ego.length, ego.width, names, lengths, widths, moving)
+        _require_lanes(source, signals, scene)
     return Recording(source, dt, start, signals, scene, names)
 
 
+def _require_lanes(source: str, signals: Mapping[str, Floats], scene: Scene) -> None:
+    # Where nobody is in a lane, no rule can be broken: a verdict would say nothing.
+    hint = "the lanes and the vehicles are in different coordinates, or the lanes are those of another road"
+    if not _is_in_lane(scene.road, signals, "ego", scene.ego_length, scene.ego_width).any():
+        raise UsageError(f"{source}: the ego is in no lane at any time", hint)
+    if scene.road.lanes or not scene.moving.any():  # of a network along the ego's own way
+        return
+    inside = _is_in_lane(scene.road, signals, "others", scene.lengths, scene.widths).any(axis=0)
+    if not inside[scene.moving].any():
+        raise UsageError(f"{source}: no moving vehicle but the ego is ever in a lane", hint)
+
+
+def _is_in_lane(road: Road, signals: Mapping[str, Floats], who: str, length: Any, width: Any) -> Any:
+    x, y = signals[f"{who}_x"], signals[f"{who}_y"]
+    half_length, half_width = (np.broadcast_to(0.5 * np.asarray(size), x.shape) for size in (length, width))
+    return np.asarray(lane_overlap(road, x, y, half_length, half_width) > 0.0).any(axis=0)
+
+
 def _compute_distances(
-    signals: Mapping[str, Floats], ego: VehicleTrack, lengths: Floats, widths: Floats
+    signals: Mapping[str, Floats], ego: VehicleTrack, lengths: Floats, widths: Floats, road: Road | None
 ) -> dict[str, Floats]:
     # (T, V) to each other vehicle, and the least of them (T,)
+    places = (Vehicles(*(signals[f"{who}_{field}"] for field in FIELDS)) for who in ("ego", "others"))
+    one, other = places if road is None else (to_plane(road, vehicles) for vehicles in places)
     own = Rectangle(
-        signals["ego_x"][:, None], signals["ego_y"][:, None], signals["ego_heading"][:, None],
-        np.array(ego.length), np.array(ego.width),
-    )  # fmt: skip
-    theirs = Rectangle(signals["others_x"], signals["others_y"], signals["others_heading"], lengths, widths)
+        one.x[:, None], one.y[:, None], one.heading[:, None], np.array(ego.length), np.array(ego.width)
+    )
+    theirs = Rectangle(other.x, other.y, other.heading, lengths, widths)
     distance = signed_distance(own, theirs)
     return {"distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 

@@ -38,11 +38,11 @@ def other_than(s: Setting, a: Bodies, b: Bodies) -> Floats:
 
 @predicate("mixed")
 def left_of(s: Setting, a: Bodies, b: Bodies) -> Floats:
-    """A is beside b, wholly to its left, and does not come towards it where lanes are opposing."""
+    """A is beside b, wholly to its left; oncoming or crossing traffic does not count."""
     aside = (a.y - a.half_width - b.y - b.half_width) / s.scales.lateral
     beside = np.minimum(b.front - a.rear, a.front - b.rear)
     left = np.minimum(aside, beside / s.scales.longitudinal)
-    return np.minimum(left, _same_way(a, b)) if s.road.opposing else left
+    return np.minimum(left, _same_way(a, b)) if s.road.opposing or s.road.lanes else left
 
 
 @predicate("lateral")
@@ -150,7 +150,7 @@ def _beside_broad_marking(s: Setting, a: Bodies, room: Callable[[Floats], Floats
 
 
 def _same_way(a: Bodies, b: Bodies) -> Floats:
-    return np.where(np.cos(a.heading - b.heading) > 0.0, np.inf, -np.inf)
+    return np.where(np.cos(a.heading - b.heading) > 0.5, np.inf, -np.inf)
 
 
 def _touches_outermost(s: Setting, a: Bodies, side: float) -> Floats:

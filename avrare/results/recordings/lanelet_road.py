@@ -1,0 +1,277 @@
+"""Road of a lanelet network along the way of one vehicle: a reference line, and lanes that begin and end.
+
+The reference line runs along the centres of successive lanelets on which the vehicle drives, or beside which
+it does after a change of lanes. Lanelets that can be reached from these and run along the line, either way,
+become lanes; those that cross it or turn off do not. Only attributes of lanelets of commonroad-io are read,
+so that any object with these will do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.driving import Lane, Road
+from avrare.driving.reference_line import PolygonalLine, ReferenceLine
+from avrare.protocols import Bools, Floats
+
+ASIDE = 30.0
+"""Largest distance from the reference line of what belongs to the road [m]."""
+
+_ALONG = 0.8  # least advance of a lane along the line, as a share of its length: crossings turn away
+_WITH = 0.5  # least cosine between a vehicle and the lanelet that it drives on
+_BROAD = ("broad_dashed", "broad_solid")
+
+
+@dataclass(frozen=True)
+class _Section:
+    # an accepted lanelet in the frame of the line; right and left are those of the line
+    name: int
+    right: Floats
+    left: Floats
+    opposing: bool
+    kind: str
+    source: Any
+
+
+def find_road(path: str, lanelets: Sequence[Any], positions: Floats, headings: Floats) -> Road:
+    """Return the road along a drive.
+
+    Args:
+        path: File, for messages.
+        lanelets: The network.
+        positions: (T, 2) places of the vehicle in the plane [m].
+        headings: (T,) its headings [rad].
+
+    Raises:
+        UsageError: The vehicle drives on no lanelet.
+    """
+    known = {int(one.lanelet_id): one for one in lanelets}
+    used = _count_samples(known, positions, headings)
+    if not used:
+        text = f"{path}: the ego drives on no lanelet, or against all that it touches"
+        raise UsageError(text, "choose another ego, or give the lanes with --lanes in the file's coordinates")
+    names = _find_path(known, used)
+    line = _join_centres([known[name] for name in names])
+    sections = _collect_sections(known, names, line)
+    chains = [chain for way in (False, True) for chain in _chain(sections, names, way)]
+    return _assemble(line, sorted(chains, key=_mean_offset))
+
+
+def _count_samples(known: Mapping[int, Any], positions: Floats, headings: Floats) -> dict[int, int]:
+    # lanelet -> samples in it that go its way
+    direction = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    found = {}
+    for name, lanelet in known.items():
+        outline = np.concatenate([lanelet.left_vertices, lanelet.right_vertices[::-1]])
+        inside = _is_inside(outline[:, :2], positions)
+        if inside.any():
+            centre = np.asarray(lanelet.center_vertices)[:, :2]
+            s, _ = (line := PolygonalLine(centre)).to_road(*positions[inside].T)
+            angle = line.heading(s)
+            along = direction[inside] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            if count := int((along.sum(axis=1) > _WITH).sum()):
+                found[name] = count
+    return found
+
+
+def _is_inside(outline: Floats, points: Floats) -> Bools:
+    # even-odd rule
+    inside = np.zeros(len(points), dtype=np.bool_)
+    near = ((points >= outline.min(axis=0)) & (points <= outline.max(axis=0))).all(axis=1)
+    if near.any():
+        x, y = points[near, None, 0], points[near, None, 1]
+        (x0, y0), (x1, y1) = outline.T, np.roll(outline, -1, axis=0).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+        inside[near] = (((y0 > y) != (y1 > y)) & (x < crossing)).sum(axis=1) % 2 == 1
+    return inside
+
+
+def _find_path(known: Mapping[int, Any], used: Mapping[int, int]) -> list[int]:
+    # successive lanelets beside which, or on which, the vehicle is for most samples
+    beside = {name: _find_neighbours(known, name) for name in known}
+
+    def weight(name: int) -> tuple[int, int]:
+        return sum(used.get(other, 0) for other in beside[name]), used.get(name, 0)
+
+    def total(names: Sequence[int]) -> tuple[int, int]:
+        every = {other for name in names for other in beside[name]}
+        return sum(used.get(other, 0) for other in every), sum(used.get(name, 0) for name in names)
+
+    paths = []
+    for start in sorted(used):
+        path = [start]
+        for links, at in (("successor", -1), ("predecessor", 0)):
+            while choices := [name for name in _links(known, path[at], links) if name not in path]:
+                here = known[path[at]]
+                best = max(choices, key=lambda name: (*weight(name), _straightness(here, known[name]), -name))
+                path.insert(len(path) if at else 0, best)
+        paths.append(path)
+    return max(paths, key=lambda path: (*total(path), -path[0]))
+
+
+def _find_neighbours(known: Mapping[int, Any], name: int) -> set[int]:
+    # itself and all lanelets of the same direction beside it
+    found = {name}
+    for side in ("left", "right"):
+        at = name
+        while True:
+            other = _neighbour(known, at, side)
+            if other is None or other in found or not getattr(known[at], f"adj_{side}_same_direction"):
+                break
+            found.add(at := other)
+    return found
+
+
+def _neighbour(known: Mapping[int, Any], name: int, side: str) -> int | None:
+    other = getattr(known[name], f"adj_{side}", None)
+    return int(other) if other is not None and other in known else None
+
+
+def _links(known: Mapping[int, Any], name: int, kind: str) -> list[int]:
+    return [int(other) for other in getattr(known[name], kind, None) or () if other in known]
+
+
+def _straightness(one: Any, other: Any) -> float:
+    # minus the angle between the directions of two lanelets where they are nearest to each other
+    ends = [np.asarray(lanelet.center_vertices)[:, :2] for lanelet in (one, other)]
+    forward = np.hypot(*(ends[0][-1] - ends[1][0])) <= np.hypot(*(ends[0][0] - ends[1][-1]))
+    at = (-1, 0) if forward else (0, -1)
+    steps = [np.diff(points, axis=0)[index] for points, index in zip(ends, at, strict=True)]
+    turned = np.arctan2(steps[1][1], steps[1][0]) - np.arctan2(steps[0][1], steps[0][0])
+    return -float(abs(np.remainder(turned + np.pi, 2.0 * np.pi) - np.pi))
+
+
+def _join_centres(lanelets: Iterable[Any]) -> PolygonalLine:
+    return PolygonalLine(np.concatenate([np.asarray(one.center_vertices)[:, :2] for one in lanelets]))
+
+
+def _collect_sections(
+    known: Mapping[int, Any], names: Sequence[int], line: ReferenceLine
+) -> dict[int, _Section]:
+    # from lanelet to lanelet that touches it, as far as they run along the line
+    found: dict[int, _Section] = {}
+    pending, seen = list(names), set(names)
+    while pending:
+        name = pending.pop()
+        section = _make_section(name, known[name], line)
+        if section is None:
+            continue
+        found[name] = section
+        beside = (_neighbour(known, name, side) for side in ("left", "right"))
+        linked = (_links(known, name, kind) for kind in ("successor", "predecessor"))
+        near = [one for one in beside if one is not None] + [one for several in linked for one in several]
+        pending += [one for one in near if one not in seen]
+        seen.update(near)
+    return found
+
+
+def _make_section(name: int, lanelet: Any, line: ReferenceLine) -> _Section | None:
+    borders = []
+    for vertices in (lanelet.right_vertices, lanelet.left_vertices):
+        border = np.stack(line.to_road(*np.asarray(vertices)[:, :2].T), axis=1)
+        length = np.hypot(*np.diff(np.asarray(vertices)[:, :2], axis=0).T).sum()
+        advance = border[-1, 0] - border[0, 0]
+        if not (np.isfinite(border).all() and np.abs(border[:, 1]).max() <= ASIDE):
+            return None
+        if abs(advance) < _ALONG * length:
+            return None
+        borders.append(border)
+    opposing = bool(borders[0][-1, 0] < borders[0][0, 0])
+    right, left = (border[::-1] for border in reversed(borders)) if opposing else borders
+    kinds = {str(kind.value) for kind in lanelet.lanelet_type or ()}
+    kind = next((one for one in ("accessRamp", "shoulder") if one in kinds), "")
+    return _Section(name, right, left, opposing, kind, lanelet)
+
+
+def _chain(sections: Mapping[int, _Section], path: Sequence[int], opposing: bool) -> list[list[_Section]]:
+    # one after another, in the direction of the line; a merge or a fork continues where it is straightest
+    mine = {name: one for name, one in sections.items() if one.opposing == opposing}
+    pairs = [
+        (one.name, other)
+        for one in mine.values()
+        for other in map(int, getattr(one.source, "successor", None) or ())
+        if other in mine and mine[other].kind == one.kind and _follows(one, mine[other], opposing)
+    ]
+
+    def rank(pair: tuple[int, int]) -> tuple[bool, float]:
+        on_path = pair[0] in path and pair[1] in path
+        return on_path, _straightness(mine[pair[0]].source, mine[pair[1]].source)
+
+    following: dict[int, int] = {}
+    for before, after in sorted(pairs, key=rank, reverse=True):
+        if before not in following and after not in following.values():
+            following[before] = after
+    chains = []
+    for first in sorted(set(mine) - set(following.values())):
+        chain = [first]
+        while chain[-1] in following:
+            chain.append(following[chain[-1]])
+        chains.append([mine[name] for name in (reversed(chain) if opposing else chain)])
+    return chains
+
+
+def _follows(before: _Section, after: _Section, opposing: bool) -> bool:
+    # on a ring the last one does not
+    advance = after.right[0, 0] - before.right[0, 0]
+    return bool(advance < 0.0 if opposing else advance > 0.0)
+
+
+def _mean_offset(chain: Sequence[_Section]) -> float:
+    return float(np.mean([border[:, 1].mean() for one in chain for border in (one.right, one.left)]))
+
+
+def _assemble(line: ReferenceLine, chains: Sequence[Sequence[_Section]]) -> Road:
+    lanes = tuple(_make_lane(chain) for chain in chains)
+    lane_of = {one.name: index for index, chain in enumerate(chains) for one in chain}
+    centres = tuple(round(float(np.median(0.5 * (lane.right + lane.left))), 6) for lane in lanes)
+    widths = np.concatenate([lane.left - lane.right for lane in lanes])
+    kinds = [chain[0].kind for chain in chains]
+    return Road(
+        centres,
+        round(float(np.median(widths)), 6),
+        tuple(index for index, kind in enumerate(kinds) if kind == "accessRamp"),
+        float(min(lane.stations[0] for lane in lanes)),
+        float(max(lane.stations[-1] for lane in lanes)),
+        line,
+        lanes,
+        tuple(index for index, kind in enumerate(kinds) if kind == "shoulder"),
+        tuple(index for index, chain in enumerate(chains) if chain[0].opposing),
+        tuple(sorted(_find_broad_markings(chains, lane_of))),
+    )
+
+
+def _make_lane(chain: Sequence[_Section]) -> Lane:
+    borders = [np.concatenate([getattr(one, side) for one in chain]) for side in ("right", "left")]
+    ascending = [np.maximum.accumulate(border[:, 0]) for border in borders]
+    begin, end = (float(np.mean([s[at] for s in ascending])) for at in (0, -1))
+    stations = np.unique(np.concatenate([[begin, end], *ascending]))
+    stations = stations[(stations >= begin) & (stations <= end)]
+    right, left = (np.interp(stations, s, border[:, 1]) for s, border in zip(ascending, borders, strict=True))
+    return Lane(stations, right, np.maximum(left, right))
+
+
+def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[int, int]) -> set[int]:
+    # lanes whose left border is broad, by their own marking or by that of the lane on their left
+    found = set()
+    for index, chain in enumerate(chains):
+        for one in chain:
+            if one.opposing:
+                continue
+            if is_broad(one.source, "left"):
+                found.add(index)
+            neighbour = getattr(one.source, "adj_right", None)
+            if is_broad(one.source, "right") and neighbour is not None and neighbour in lane_of:
+                found.add(lane_of[int(neighbour)])
+    return found
+
+
+def is_broad(lanelet: Any, side: str) -> bool:
+    """Tell whether the marking of a lanelet's side is broad."""
+    marking = getattr(lanelet, f"line_marking_{side}_vertices", None)
+    return str(getattr(marking, "value", marking)) in _BROAD
