@@ -1,6 +1,6 @@
 """Table II of "Adaptive splitting of reusable temporal monitors" again, on our lane change with its truth.
 
-    OMP_NUM_THREADS=1 python benchmarks/table2.py [--workers 2] [--only PATTERN] [--report-only]
+    OMP_NUM_THREADS=1 python benchmarks/table2.py [SCENARIO] [--workers 2] [--only PATTERN] [--report-only]
 
 For each rule, 20 repetitions of the paper's four methods at its settings (N = 250 rollouts, K = 25 discarded,
 10 stages of cross-entropy), and the same with what avrare does better at the cost of its own splitting run.
@@ -11,6 +11,9 @@ The truth is 100,000 Monte Carlo rollouts, kept in docs/ground-truth by
 with the settings printed by --truth-command. Cells are files in the results folder, named after the
 truth's fingerprint; what is there is not run again. Writes docs/table2.md and its pictures from
 what there is.
+
+With another scene, `scenarios/lane_change.yaml` say, the methods are those of SCENE_METHODS, the rules those
+of its truth, and the page is docs/table2-NAME.md.
 """
 
 from __future__ import annotations
@@ -47,6 +50,15 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "AMS 500/50": ("ams", {"particles": 500, "discard": 50, "runs": 1}),
 }
 """Name in the paper -> estimator and its options."""
+SCENE_METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    **{name: METHODS[name] for name in ("Raw-MC", "STL-AMS", "MC 900", "AMS 500/50")},
+    "CE gaussian": ("ce", {"rollouts": 250, "stages": 10, "elite": 0.1}),
+    "ESS": ("ess", {"chains": 50}),
+    "IS learned": ("is", {"rollouts": 9000, "proposal": "learned"}),
+    "MC 9000": ("mc", {"rollouts": 9000}),
+}
+"""Methods for scenes whose errors last: there the densities of observations are not known."""
+PUBLISHED = "lane_change_published"
 DISCARDS = (2, 25, 125, 225)
 """K of the paper's Figure 4."""
 
@@ -71,7 +83,7 @@ class Cell:
 
     def outcome(self) -> dict[str, Any]:
         """Run it."""
-        problem = LoadedScenario(load(self.scenario, SETTINGS)).problem(self.rule)
+        problem = LoadedScenario(load(self.scenario, settings_of(self.scenario))).problem(self.rule)
         seed = zlib.crc32(f"{self.rule} {self.method} {self.number}".encode())
         began = time.process_time()
         result = avrare.estimate(problem, self.estimator, seed=seed, **dict(self.options))
@@ -85,12 +97,21 @@ def _kept(result: Result) -> dict[str, Any]:
     return {name: whole[name] for name in names} | {"diagnostics": whole["diagnostics"]}
 
 
-def cells(scenario: str, digest: str) -> Iterator[Cell]:
+def settings_of(scenario: str) -> tuple[str, ...]:
+    """Return the overrides of a scenario file."""
+    return SETTINGS if Path(scenario).stem == PUBLISHED else ()
+
+
+def cells(scenario: str, truth: dict[str, Any]) -> Iterator[Cell]:
     """All of them: the repetitions in turn, so that an interrupted study is a fair one; then the figures'."""
+    digest, published = truth["fingerprint"], truth["scenario"] == PUBLISHED
+    rules = RULES if published else table2_page.rules_of(truth)
     for number in range(REPEAT):
-        for rule in RULES:
-            for method, (name, options) in METHODS.items():
+        for rule in rules:
+            for method, (name, options) in (METHODS if published else SCENE_METHODS).items():
                 yield Cell(scenario, digest, rule, method, name, tuple(options.items()), number)
+    if not published:
+        return
     for discard in DISCARDS:
         for rule in RULES:
             options = {"particles": 250, "discard": discard, "runs": 1}
@@ -118,14 +139,15 @@ def main() -> None:
     parser.add_argument("--truth-command", action="store_true", help="print how the truth is made, and leave")
     args = parser.parse_args()
     if args.truth_command:
-        settings = " ".join(f"--set {setting}" for setting in SETTINGS)
+        settings = " ".join(f"--set {setting}" for setting in settings_of(args.scenario))
         print(f"python benchmarks/ground_truth.py {args.scenario} --rollouts 100000 {settings}")
         return
-    truth = table2_page.ground_truth(ROOT / "docs" / "ground-truth", load(args.scenario, SETTINGS))
+    loaded = load(args.scenario, settings_of(args.scenario))
+    truth = table2_page.ground_truth(ROOT / "docs" / "ground-truth", loaded)
     args.results.mkdir(parents=True, exist_ok=True)
     todo = [
         cell
-        for cell in cells(args.scenario, truth["fingerprint"])
+        for cell in cells(args.scenario, truth)
         if args.only in cell.file and not (args.results / cell.file).exists()
     ]
     if todo and not args.report_only:
@@ -134,7 +156,10 @@ def main() -> None:
             for done, line in enumerate(pool.imap_unordered(run, tasks), 1):
                 print(f"{done}/{len(tasks)}  {line}", flush=True)
     study = table2_page.read(args.results, truth)
-    if pages.put(ROOT / "docs" / "table2.md", table2_page.page(study), args.results):
+    if study.scenario != PUBLISHED:
+        text = table2_page.page_of_scene(study, tuple(SCENE_METHODS))
+        pages.put(ROOT / "docs" / f"table2-{study.scenario}.md", text, args.results)
+    elif pages.put(ROOT / "docs" / "table2.md", table2_page.page(study), args.results):
         table2_figures.draw(study, ROOT / "docs" / "table2")
 
 

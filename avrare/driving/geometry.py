@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -29,13 +31,15 @@ class Rectangle:
 
     def corners(self) -> tuple[Floats, Floats]:
         """Return x and y (..., 4) of the corners: front left, front right, rear right, rear left."""
-        along = np.array([0.5, 0.5, -0.5, -0.5]) * np.expand_dims(self.length, -1)
-        across = np.array([0.5, -0.5, -0.5, 0.5]) * np.expand_dims(self.width, -1)
-        cos, sin = np.expand_dims(np.cos(self.heading), -1), np.expand_dims(np.sin(self.heading), -1)
-        return (
-            np.expand_dims(self.x, -1) + cos * along - sin * across,
-            np.expand_dims(self.y, -1) + sin * along + cos * across,
-        )
+        x, y = zip(*self.each_corner(), strict=True)
+        return np.stack(x, axis=-1), np.stack(y, axis=-1)
+
+    def each_corner(self) -> Iterator[tuple[Floats, Floats]]:
+        """Yield x and y of one corner after another, in the same order."""
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        for front, left in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5)):
+            along, across = front * self.length, left * self.width
+            yield self.x + cos * along - sin * across, self.y + sin * along + cos * across
 
 
 def signed_distance(a: Rectangle, b: Rectangle) -> Floats:
@@ -47,18 +51,21 @@ def signed_distance(a: Rectangle, b: Rectangle) -> Floats:
 
 
 def _corner_distances(a: Rectangle, b: Rectangle) -> tuple[Floats, Floats]:
-    # The distance of b's nearest corner to ``a``, and the separation along the axes of ``a``.
-    x, y = b.corners()
-    dx, dy = x - np.expand_dims(a.x, -1), y - np.expand_dims(a.y, -1)
-    cos, sin = np.expand_dims(np.cos(a.heading), -1), np.expand_dims(np.sin(a.heading), -1)
-    along, across = cos * dx + sin * dy, cos * dy - sin * dx
+    # The distance of b's nearest corner to ``a``, and the separation along the axes of ``a``. One corner
+    # after another: NumPy is slow at reducing an axis of four.
+    cos, sin = np.cos(a.heading), np.sin(a.heading)
     half_length, half_width = 0.5 * a.length, 0.5 * a.width
-    beyond_x = np.maximum(np.abs(along) - np.expand_dims(half_length, -1), 0.0)
-    beyond_y = np.maximum(np.abs(across) - np.expand_dims(half_width, -1), 0.0)
-    nearest = np.sqrt(beyond_x**2 + beyond_y**2).min(axis=-1)
-    gap_x = np.maximum(along.min(axis=-1) - half_length, -half_length - along.max(axis=-1))
-    gap_y = np.maximum(across.min(axis=-1) - half_width, -half_width - across.max(axis=-1))
-    return nearest, np.maximum(gap_x, gap_y)
+    along, across, squares = [], [], []
+    for x, y in b.each_corner():
+        dx, dy = x - a.x, y - a.y
+        along.append(cos * dx + sin * dy)
+        across.append(cos * dy - sin * dx)
+        beyond_x = np.maximum(np.abs(along[-1]) - half_length, 0.0)
+        beyond_y = np.maximum(np.abs(across[-1]) - half_width, 0.0)
+        squares.append(beyond_x**2 + beyond_y**2)
+    gap_x = np.maximum(reduce(np.minimum, along) - half_length, -half_length - reduce(np.maximum, along))
+    gap_y = np.maximum(reduce(np.minimum, across) - half_width, -half_width - reduce(np.maximum, across))
+    return np.sqrt(reduce(np.minimum, squares)), np.maximum(gap_x, gap_y)
 
 
 def ego_rectangle(ego: Vehicles, scene: Scene) -> Rectangle:

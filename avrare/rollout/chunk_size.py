@@ -10,8 +10,8 @@ from avrare.base import batch
 from avrare.protocols import HasLimits, Specification, System, find_ability, find_simulator
 
 LEAST, MOST = 25, 4096
-_BYTES = 2**20
-"""Bytes of the rows of a chunk, states and monitors: about what a core keeps at hand."""
+_BYTES = 2**22
+"""Bytes of the rows of a chunk, states and monitors; fewer rows cost more overhead than a cache saves."""
 _STEPS = 2**17
 """Simulated steps of a chunk, so that progress is seen and saved now and then."""
 

@@ -35,12 +35,14 @@ class Study:
     Attributes:
         scenario: Its name.
         digest: Its fingerprint.
+        steps: Of a rollout.
         truth: Rule -> the entry of the ground truth's file.
         outcomes: (rule, method) -> what its repetitions gave.
     """
 
     scenario: str
     digest: str
+    steps: int
     truth: dict[str, dict[str, Any]]
     outcomes: dict[tuple[str, str], list[dict[str, Any]]]
 
@@ -76,16 +78,31 @@ def read(results: Path, kept: dict[str, Any]) -> Study:
         key = (rule, method.replace("_", " ").replace(":", "/"))
         outcomes.setdefault(key, []).append(json.loads(file.read_text(encoding="utf-8")))
     truth = {entry["specification"]: entry for entry in kept["estimates"]}
-    return Study(kept["scenario"], digest, truth, outcomes)
+    return Study(kept["scenario"], digest, kept["system"]["steps"], truth, outcomes)
 
 
 def page(study: Study) -> str:
     """The whole of docs/table2.md."""
     text = TEMPLATE.read_text(encoding="utf-8")
-    parts = {"table": _table(study), "accuracy": _accuracy(study), "weights": _weights(study)}
+    parts = {"table": _table(study), "accuracy": _accuracy(study, RULES, METHODS), "weights": _weights(study)}
     for name, lines in parts.items():
         text = text.replace(f"[{name}]", "\n".join(lines))
     return text
+
+
+def rules_of(kept: dict[str, Any]) -> tuple[str, ...]:
+    """Return the rules of a ground truth."""
+    return tuple(entry["specification"] for entry in kept["estimates"])
+
+
+def page_of_scene(study: Study, methods: tuple[str, ...]) -> str:
+    """Return the tables for a scene that is not the paper's."""
+    rules = tuple(study.truth)
+    lines = [f"# Table II on {study.scenario}", "", f"Mean ± standard deviation; truth {study.digest}.", ""]
+    lines += [f"| | {' | '.join(rules)} |", "|---|" + "---|" * len(rules)]
+    lines += [_row(name, [_mean_and_spread(study, rule, name) for rule in rules]) for name in methods]
+    lines += [_row("**truth**, 95 % interval", [_with_interval(study.truth[rule]) for rule in rules]), ""]
+    return "\n".join([*lines, *_accuracy(study, rules, methods), ""])
 
 
 def _table(study: Study) -> Iterator[str]:
@@ -112,16 +129,17 @@ def _mean_and_spread(study: Study, rule: str, method: str) -> str:
     return f"{_short(values.mean())} ± {_short(values.std(ddof=1))}{number}"
 
 
-def _accuracy(study: Study) -> Iterator[str]:
+def _accuracy(study: Study, rules: tuple[str, ...], methods: tuple[str, ...]) -> Iterator[str]:
     yield "| rule | method | mean / truth | z | relative RMSE | steps, in rollouts | relMSE x steps |"
     yield "|---|---|---|---|---|---|---|"
-    for rule in RULES:
+    for rule in rules:
         truth, error = _truth(study, rule)
-        for method in METHODS:
+        for method in methods:
             values = _values(study, rule, method)
-            if len(values) < 2:
+            if len(values) < 2 or not truth:
                 continue
-            steps = np.array([one["simulated_steps"] for one in study.outcomes[rule, method]]).mean() / 39
+            spent = [one["simulated_steps"] / study.steps for one in study.outcomes[rule, method]]
+            steps = np.array(spent).mean()
             z = (values.mean() - truth) / math.hypot(values.std(ddof=1) / math.sqrt(len(values)), error)
             square = ((values / truth - 1.0) ** 2).mean()
             cells = (f"{values.mean() / truth:.2f}", f"{z:+.1f}", f"{math.sqrt(square):.2f}")
