@@ -95,11 +95,7 @@ class Checkpoint:
 
     def journal(self, name: str) -> FileJournal:
         """Return the journal of one of the estimates of the task."""
-        folder = self.folder / name
-        with _explain_folder_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            for temporary in folder.glob(".*.npz.*"):  # left by a killed process
-                temporary.unlink()
+        folder = _prepared(self.folder / name)
         owner = hashlib.sha256(json.dumps([self.task, name], sort_keys=True).encode()).hexdigest()[:32]
         return FileJournal(folder, owner, self.sealed)
 
@@ -151,6 +147,11 @@ class FileJournal:
             hint = "remove this file: its rollouts are then run again"
             raise UsageError(f"{path}: {error}", hint) from None
 
+    def part(self, name: str) -> FileJournal:
+        """Return the journal of a part of the estimate, in a folder of its own."""
+        owner = hashlib.sha256(f"{self.owner} {name}".encode()).hexdigest()[:32]
+        return FileJournal(_prepared(self.folder / name), owner, self.sealed)
+
     def rows(self, stage: int, index: int) -> int | None:
         """Return the number of rows of a stored chunk, None where it is not stored."""
         path = self._path(stage, index)
@@ -168,18 +169,31 @@ class FileJournal:
 
     @property
     def seconds(self) -> float:
-        """Wall time of the estimate when the newest chunk was stored [s]; 0 where there is none."""
-        newest = max(self.folder.glob("*.npz"), default=None)
-        try:
-            return decode_seconds(read_regular(newest)) if newest else 0.0
-        except (OSError, ValueError, TypeError):  # reported when the chunk is read
-            return 0.0
+        """Wall time of the estimate and its parts when their newest chunks were stored [s]."""
+        folders = [self.folder, *(path for path in self.folder.iterdir() if path.is_dir())]
+        return sum(map(_newest_seconds, folders))
 
     def _path(self, stage: int, index: int) -> Path:
         return self.folder / f"{stage:06d}-{index:06d}.npz"
 
     def _key(self, chunk: Request) -> str:
         return f"{self.owner}-{digest(chunk)}"
+
+
+def _prepared(folder: Path) -> Path:
+    with _explain_folder_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for temporary in folder.glob(".*.npz.*"):  # left by a killed process
+            temporary.unlink()
+    return folder
+
+
+def _newest_seconds(folder: Path) -> float:
+    newest = max(folder.glob("*.npz"), default=None)
+    try:
+        return decode_seconds(read_regular(newest)) if newest else 0.0
+    except (OSError, ValueError, TypeError):  # reported when the chunk is read
+        return 0.0
 
 
 def _remove_own_files(folder: Path) -> None:

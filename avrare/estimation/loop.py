@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from avrare.base.errors import Interrupted, UsageError
@@ -15,7 +15,7 @@ from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import forecast
 from avrare.estimation.pace import Pace
-from avrare.estimation.plan import Estimator, Info, Journal, Plan, UsesFinalScores
+from avrare.estimation.plan import DelegatesEstimates, Estimator, Info, Journal, Plan, UsesFinalScores
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import examined
 from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
@@ -60,6 +60,10 @@ def run(
     called before every chunk: once it returns True, none begins and ``Interrupted`` is raised. A probe of
     the system before, and a replay of the least robust rollout after, are not counted in the cost.
     """
+    delegating = find_ability(estimator, DelegatesEstimates)
+    if delegating is not None:
+        execute = _Parts(executor, progress, journal, stop)
+        return delegating.estimate_by(problem, settings, execute)
     given = problem
     problem, plan = planned(given, estimator, settings)
     warnings = check_system(problem, estimator)
@@ -121,6 +125,31 @@ def prepare_problem(estimator: Estimator, problem: Problem) -> Problem:
 def _stops_early(estimator: Estimator) -> bool:
     stopping = find_ability(estimator, StopsEarly)
     return stopping is not None and stopping.stops_early
+
+
+@dataclass
+class _Parts:
+    """The parts of an estimate, run one after another; the progress goes on from one to the next."""
+
+    executor: Executor
+    progress: Progress | None
+    journal: Journal | None
+    stop: Callable[[], bool] | None
+    before: Info = field(default_factory=Info)
+
+    def __call__(self, problem: Problem, estimator: Estimator, settings: Settings, name: str) -> list[Result]:
+        journal, before, last = self.journal and self.journal.part(name), self.before, Info()
+
+        def watch(info: Info) -> None:
+            nonlocal last
+            last = info
+            if self.progress is not None:
+                self.progress(before.before(info))
+
+        try:
+            return run(problem, estimator, self.executor, settings, watch, journal, self.stop)
+        finally:
+            self.before = before.before(last)
 
 
 class _Loop:

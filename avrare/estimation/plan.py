@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from avrare import protocols
+from avrare.base.errors import AvrareError
 from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.result import Result
@@ -108,9 +109,52 @@ class Info:
             messages=(*self.messages, *outcome.messages)[:_MAX_MESSAGES],
         )
 
+    def before(self, other: Info) -> Info:
+        """Return what to show of a later part of the same estimate: its progress, at the cost of both."""
+        counts = Counter(self.counts)
+        counts.update(other.counts)
+        return replace(
+            other,
+            rollouts=self.rollouts + other.rollouts,
+            steps=self.steps + other.steps,
+            failures=self.failures + other.failures,
+            errors=self.errors + other.errors,
+            goal=None if other.goal is None else self.rollouts + other.goal,
+            counts=dict(sorted(counts.items())),
+            messages=(*self.messages, *other.messages)[:_MAX_MESSAGES],
+        )
+
 
 Estimator = protocols.Estimator[Plan, Request, Rollouts, Info, Result]
 """An estimator of failure probabilities."""
+
+
+Execute = Callable[[Any, Estimator, Any, str], list[Result]]
+"""Runs an estimator on a problem with some settings, as the part of an estimate that has this name."""
+
+
+class DelegatesEstimates(Protocol):
+    """Estimator that leaves the estimates to others, which it chooses."""
+
+    def estimate_by(self, problem: Any, settings: Any, execute: Execute) -> list[Result]:
+        """Return one result per specification of a problem, estimated by calls of ``execute``."""
+
+
+class GaveUp(AvrareError):
+    """An estimator's word that it has nothing to gain on a problem, before any rollout that would count.
+
+    Attributes:
+        info: Cost until then.
+    """
+
+    info = Info()
+
+    @classmethod
+    def after(cls, info: Info, message: str, hint: str) -> GaveUp:
+        """Return the error with the cost until then."""
+        error = cls(message, hint)
+        error.info = info
+        return error
 
 
 class UsesFinalScores(Protocol):
@@ -129,6 +173,9 @@ class Journal(Protocol):
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
         """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
+
+    def part(self, name: str) -> Journal:
+        """Return the journal of a part of the estimate."""
 
     def rows(self, stage: int, index: int) -> int | None:
         """Return the number of rows of a stored chunk, None where it is not stored."""

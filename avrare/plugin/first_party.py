@@ -7,7 +7,7 @@ from avrare.plugin.component import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """Return plain Monte Carlo and the executors that need no further package."""
+    """Return Monte Carlo, the choice among estimators, and executors that need no further package."""
     return [
         Component(
             kind="estimator",
@@ -15,6 +15,13 @@ def avrare_components() -> list[Component]:
             config="avrare.estimation.monte_carlo_config:McConfig",
             factory="avrare.estimation.monte_carlo:build",
             summary="plain Monte Carlo, with Clopper-Pearson intervals",
+        ),
+        Component(
+            kind="estimator",
+            name="auto",
+            config="avrare.estimation.auto_config:AutoConfig",
+            factory="avrare.estimation.auto:build",
+            summary="chooses for each specification by a Monte Carlo pilot",
         ),
         Component(
             kind="executor",

@@ -99,9 +99,9 @@ class ScenarioProblem(Problem):
         score = _choose_score(scenario, names[0])
         super().__init__(stack.loop, specifications, definition.steps, score, chunk=definition.chunk)
 
-    def separate(self) -> list[Problem]:
-        """Return a problem for each specification, with that specification's own score."""
-        return [self] if len(self.names) == 1 else [self.scenario.problem(name) for name in self.names]
+    def subset(self, names: Sequence[str]) -> Problem:
+        """Return the problem of some specifications, with the score of the first of them."""
+        return self if tuple(names) == self.names else self.scenario.problem(names)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild_problem, (self.scenario.definition, self.names, self.score, self._sizes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -127,16 +127,18 @@ class Problem:
 
     def separate(self) -> list[Problem]:
         """Return a problem for each specification; the only one of a problem is the problem itself."""
-        if len(self.names) == 1:
-            return [self]
-        parts = []
-        for index, name in enumerate(self.names):
-            part = object.__new__(type(self))
-            part.__dict__.update(self.__dict__)
-            part.names, part.monitors = (name,), (self.monitors[index],)
-            part._scored, part._sizes = None, self._sizes and (self._sizes[index],)
-            parts.append(part)
-        return parts
+        return [self.subset([name]) for name in self.names]
+
+    def subset(self, names: Sequence[str]) -> Problem:
+        """Return the problem of some specifications; of all of them it is the problem itself."""
+        if tuple(names) == self.names:
+            return self
+        rows = [self.names.index(name) for name in names]
+        part = object.__new__(type(self))
+        part.__dict__.update(self.__dict__)
+        part.names, part.monitors = tuple(names), tuple(self.monitors[row] for row in rows)
+        part._scored, part._sizes = None, self._sizes and tuple(self._sizes[row] for row in rows)
+        return part
 
     def trace(self, noise: Any = None) -> Any:
         """Run one rollout and return its signals over time, an ``avrare.report.session.trace.Trace``.

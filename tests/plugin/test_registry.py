@@ -155,7 +155,7 @@ def test_unknown_names_get_a_hint():
             "unknown controller 'straight'",
             "'straight' is a tracker; no controller plugin",
         ),
-        ("estimator", "quux", "unknown estimator 'quux'", "known: ams, ce, ess, ess_linear, is, mc"),
+        ("estimator", "quux", "unknown estimator 'quux'", "known: ams, auto, ce, ess, ess_linear, is, mc"),
     ]:
         with pytest.raises(PluginError) as caught:
             registry.get(kind, name)

@@ -202,6 +202,11 @@ class IsConfig(_WeightedConfig):
         "estimate; learned",
     )  # fmt: skip
 
+    fall_back: bool = Field(
+        default=True,
+        description="draw from the target where learning finds nothing; false: end with an error; learned",
+    )
+
     @property
     def learns(self) -> bool:
         """The proposal is on the noise tape, and is learnt or was."""

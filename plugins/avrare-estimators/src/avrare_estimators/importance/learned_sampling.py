@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.plan import Info, Plan
+from avrare.estimation.plan import GaveUp, Info, Plan
 from avrare.estimation.result import Result
 from avrare.rollout.problem import Problem
 from avrare_estimators.config import IsConfig
@@ -30,6 +30,7 @@ from avrare_estimators.weights import stratified_variance
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half."""
 _LEAST_LOOK = 1000
+_WORTHLESS = "learning found no proposal that beats Monte Carlo by a factor of two"
 
 
 @dataclass(frozen=True)
@@ -87,10 +88,7 @@ class LearnedSampling(WeightedSampler):
         mixtures = [mixture for sample in samples if (mixture := mixture_of(sample)) is not None]
         artifacts = {}
         if not mixtures:
-            told["note"] = (
-                "learning found no proposal that beats Monte Carlo by a factor of two: the rollouts that "
-                "count are drawn from the target"
-            )
+            told["note"] = f"{_WORTHLESS}: the rollouts that count are drawn from the target"
         else:
             frozen = blend(mixtures, [1.0 / len(mixtures)] * len(mixtures))
             told["proposal"] = frozen.digest
@@ -133,6 +131,8 @@ class LearnedSampling(WeightedSampler):
         if self._learnt(state):
             # 2. What the stages have seen decides from where to draw, once and for all.
             plain = is_worthless(state.stages[-1])
+            if plain and not self.config.fall_back:
+                raise GaveUp.after(state.tally, _WORTHLESS, "leave fall_back true, or use another estimator")
             return self._begin_final(state, None if plain else lessons.final())
         return self._learn(replace(state, lessons=lessons.learn()))
 

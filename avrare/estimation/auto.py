@@ -1,0 +1,285 @@
+"""Estimator ``auto``: a Monte Carlo pilot of all specifications, then the estimator that suits each of them.
+
+Pilot, learning and trials draw from seeds of their own and count in no estimate, only in the cost.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.estimation.auto_config import AutoConfig
+from avrare.estimation.auto_rules import (
+    GOAL,
+    ROLLOUTS,
+    Aim,
+    Evidence,
+    monte_carlo_cost,
+    pays,
+    promised_gain,
+)
+from avrare.estimation.budget import Budget
+from avrare.estimation.cross_check import ScalesToCost
+from avrare.estimation.loop import Settings
+from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.plan import Estimator, Execute, GaveUp, Info, Plan
+from avrare.estimation.result import Result
+from avrare.estimation.stopping_rules import AtFailures, Stopping
+from avrare.plugin.registry import default_registry
+from avrare.protocols import find_ability
+from avrare.rollout.problem import Problem
+
+_SEED_KEY = 0xA070
+_PHASES = ("pilot", "learning", "trial")
+"""Phases with seeds of their own; what counts has the seed of the estimate, but for learning, which counts
+only rows of stages that come later."""
+_TRIAL = 2000
+"""Most rollouts of a trial."""
+_BY_STEPS = ("smc", "ams")
+_BY_TAPE = ("ess",)
+"""Estimators to try where learning a proposal gave up: with steps to branch at, and without."""
+
+
+def build(config: AutoConfig, scene: object | None = None) -> Auto:
+    """Build the estimator."""
+    return Auto(config)
+
+
+class Auto(MonteCarlo):
+    """Choice among the installed estimators; whoever drives it step by step gets Monte Carlo.
+
+    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.DelegatesEstimates``).
+    """
+
+    name = "auto"
+
+    def __init__(self, config: AutoConfig) -> None:
+        self.choice = config
+        options = config.model_dump() | {"rollouts": config.rollouts or ROLLOUTS}
+        super().__init__(McConfig(**options))
+
+    def estimate_by(self, problem: Problem, settings: Settings, execute: Execute) -> list[Result]:
+        """Return one result per specification, by the estimator that suits it."""
+        aim, refusal = self._aim(problem, settings)
+        work = _Work(problem, settings, execute, aim, self.choice)
+        if refusal:
+            return [work.told(result, refusal, [], shared=len(problem.names)) for result in work.plain()]
+        return work.estimate()
+
+    def _aim(self, problem: Problem, settings: Settings) -> tuple[Aim, str]:
+        """Return what to reach, and why no pilot is worth its cost (empty where it is)."""
+        given, budget = self.choice, settings.budget
+        goal, rollouts = given.relative_error, float(given.rollouts or ROLLOUTS)
+        if goal is None and given.rollouts is None and budget is None:
+            goal = GOAL
+        if budget is not None and budget.kind != "seconds":
+            cost = max(problem.steps, 1) if budget.kind == "steps" else 1
+            most = budget.amount / cost
+            rollouts = min(rollouts, most) if given.rollouts is not None else most
+        aim = Aim(goal, rollouts)
+        if given.threshold is not None:
+            return aim, "only Monte Carlo stops at a threshold"
+        if budget is not None and budget.kind == "seconds":
+            return aim, "only Monte Carlo can be stopped by the clock"
+        if aim.small:
+            return aim, "too few rollouts are allowed to choose from a pilot"
+        return aim, ""
+
+
+class _Pilot(MonteCarlo):
+    """Monte Carlo until each specification has some failures, or up to a number of rollouts."""
+
+    def __init__(self, aim: Aim, memory: float | None) -> None:
+        super().__init__(McConfig(rollouts=aim.pilot, relative_error=0.5, memory=memory))
+        self.failures = aim.failures
+
+    def _stopping(self, plan: Plan) -> Stopping:
+        return AtFailures(self.failures)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What was tried for a specification and did not count."""
+
+    estimator: str
+    reason: str
+    rollouts: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    errors: int = 0
+    counts: Mapping[str, int] | None = None
+
+    @staticmethod
+    def of(result: Result, reason: str) -> _Attempt:
+        return _Attempt(
+            result.estimator, reason, result.rollouts, result.simulated_steps, result.seconds, result.errors,
+            result.counts,
+        )  # fmt: skip
+
+    @staticmethod
+    def given_up(estimator: str, info: Info, reason: str) -> _Attempt:
+        return _Attempt(estimator, reason, info.rollouts, info.steps, 0.0, info.errors, info.counts)
+
+
+@dataclass(frozen=True)
+class _Work:
+    problem: Problem
+    settings: Settings
+    execute: Execute
+    aim: Aim
+    config: AutoConfig
+
+    def estimate(self) -> list[Result]:
+        # 1. The pilot decides who is frequent enough for Monte Carlo, on one set of rollouts.
+        pilot = _Pilot(self.aim, self.config.memory)
+        seen = self.execute(self.problem, pilot, self._of_phase("pilot"), "pilot")
+        evidence = {
+            one.specification: Evidence(one.diagnostics["used_rollouts"], one.failures.count) for one in seen
+        }
+        before = [_Attempt.of(seen[0], "pilot")]
+        frequent = [name for name, found in evidence.items() if self.aim.is_frequent(found)]
+        # 2. Those share rollouts again; the others are taken one by one.
+        found: dict[str, Result] = {}
+        if frequent:
+            group = self.problem.subset(frequent)
+            for result in self._monte_carlo(group, before, "mc"):
+                reason = self.aim.describe(evidence[result.specification])
+                found[result.specification] = self.told(result, reason, before, shared=len(frequent))
+        for name, one in evidence.items():
+            if name not in found:
+                found[name] = self._rare(self.problem.subset([name]), one, before)
+        return [found[name] for name in self.problem.names]
+
+    def plain(self) -> list[Result]:
+        """Return the results of Monte Carlo without a pilot."""
+        return self._monte_carlo(self.problem, [], "mc")
+
+    def told(self, result: Result, reason: str, spent: Sequence[_Attempt], shared: int = 1) -> Result:
+        """Return a result with the cost of what was tried before, and why its estimator was chosen."""
+        counts = sum((Counter(one.counts or {}) for one in spent), Counter(result.counts))
+        choice = {
+            "estimator": result.estimator,
+            "reason": reason,
+            "tried": [
+                {
+                    "estimator": one.estimator,
+                    "reason": one.reason,
+                    "rollouts": one.rollouts,
+                    "steps": one.steps,
+                }
+                for one in spent
+            ],
+            "counting_rollouts": result.rollouts,
+            "monte_carlo_rollouts": monte_carlo_cost(result.probability, result.relative_error),
+            "shared_by": shared,
+        }
+        return replace(
+            result,
+            rollouts=result.rollouts + sum(one.rollouts for one in spent),
+            simulated_steps=result.simulated_steps + sum(one.steps for one in spent),
+            errors=result.errors + sum(one.errors for one in spent),
+            seconds=result.seconds + sum(one.seconds for one in spent),
+            counts=dict(sorted(counts.items())),
+            diagnostics={**result.diagnostics, "choice": choice},
+        )
+
+    def _rare(self, problem: Problem, evidence: Evidence, before: list[_Attempt]) -> Result:
+        spent, reason = list(before), self.aim.describe(evidence)
+        # 3. A proposal is learned; where nothing is, it gives up before any rollout counts.
+        result = self._learned(problem, spent)
+        # 4. A small trial of what climbs or branches decides on the rest by the gain it promises.
+        for name in _BY_STEPS if problem.steps else _BY_TAPE:
+            if result is None and self._trial(name, problem, evidence, spent):
+                result = self._counted(name, problem, spent)
+        if result is not None:
+            return self.told(result, reason, spent)
+        # 5. Nothing pays.
+        tried = ", ".join(one.estimator for one in spent[1:])
+        (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
+        return self.told(result, f"{reason}; {tried or 'no other estimator'} does not pay", spent)
+
+    def _learned(self, problem: Problem, spent: list[_Attempt]) -> Result | None:
+        options: dict[str, Any] = {"pilot": max(200, self.aim.pilot), "fall_back": False}
+        if self.aim.goal is not None:
+            options |= {"relative_error": self.aim.goal}
+        try:
+            estimator = self._build("is", options)
+            if estimator is None:
+                return None
+            settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent))
+            return self.execute(problem, estimator, settings, f"{problem.names[0]}+is")[0]
+        except GaveUp as end:
+            spent.append(_Attempt.given_up("is", end.info, end.message))
+        except UsageError as error:
+            spent.append(_Attempt("is", error.message))
+        return None
+
+    def _trial(self, name: str, problem: Problem, evidence: Evidence, spent: list[_Attempt]) -> bool:
+        built = find_ability(self._build(name, {}), ScalesToCost)
+        probability = max(evidence.failures, 0.3) / evidence.rollouts
+        sized = built.scaled(min(_TRIAL, self.aim.pilot), probability) if built is not None else None
+        if sized is None:
+            return False
+        try:
+            settings = self._of_phase("trial")
+            found = self.execute(problem, sized, settings, f"{problem.names[0]}+try-{name}")[0]
+        except UsageError as error:
+            spent.append(_Attempt(name, error.message))
+            return False
+        cost = found.simulated_steps / problem.steps if problem.steps else found.rollouts
+        gain = promised_gain(evidence, found.probability, found.relative_error, cost)
+        spent.append(_Attempt.of(found, f"a trial promises {gain:.2g} times less than Monte Carlo"))
+        return pays(gain)
+
+    def _counted(self, name: str, problem: Problem, spent: list[_Attempt]) -> Result | None:
+        options = {} if self.aim.goal is None else {"relative_error": self.aim.goal}
+        settings = replace(self.settings, budget=self._budget(problem, spent))
+        try:
+            estimator = self._build(name, options)
+            return self.execute(problem, estimator, settings, f"{problem.names[0]}+{name}")[0]  # type: ignore[arg-type]
+        except UsageError as error:
+            spent.append(_Attempt(name, error.message))
+            return None
+
+    def _monte_carlo(self, problem: Problem, spent: Sequence[_Attempt], name: str) -> list[Result]:
+        given, budget = self.config, self.settings.budget
+        options: dict[str, Any] = {"memory": given.memory}
+        if given.threshold is not None:
+            options |= {"threshold": given.threshold}
+            options |= {"rollouts": given.rollouts} if given.rollouts else {}
+        else:
+            options |= {"relative_error": self.aim.goal, "rollouts": self._left(spent)}
+        if budget is not None and budget.kind != "seconds":
+            budget = self._budget(problem, spent)
+        return self.execute(
+            problem, MonteCarlo(McConfig(**options)), replace(self.settings, budget=budget), name
+        )
+
+    def _left(self, spent: Sequence[_Attempt]) -> int:
+        return max(1, int(self.aim.rollouts) - sum(one.rollouts for one in spent))
+
+    def _budget(self, problem: Problem, spent: Sequence[_Attempt]) -> Budget:
+        rollouts = max(1.0, self.aim.rollouts - sum(one.rollouts for one in spent))
+        if not problem.steps:
+            return Budget("rollouts", rollouts)
+        steps = self.aim.rollouts * problem.steps - sum(one.steps for one in spent)
+        return Budget("steps", max(float(problem.steps), steps))
+
+    def _of_phase(self, phase: str) -> Settings:
+        key = (_SEED_KEY, _PHASES.index(phase))
+        seed = np.random.SeedSequence(self.settings.seed, spawn_key=key).generate_state(1, np.uint64)[0]
+        return replace(self.settings, seed=int(seed), budget=None)
+
+    def _build(self, name: str, options: dict[str, Any]) -> Estimator | None:
+        if name not in default_registry().names("estimator"):
+            return None
+        component = default_registry().get("estimator", name)
+        model = component.load_config()
+        options |= {"memory": self.config.memory} if "memory" in model.model_fields else {}
+        return component.load_factory()(model(**options), None)  # type: ignore[no-any-return]

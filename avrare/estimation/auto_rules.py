@@ -1,0 +1,121 @@
+"""Rules of ``auto``: what a pilot's failures say about the estimator to use. All are fixed before it runs.
+
+The pilot never counts in an estimate, and no rule compares estimates: the estimate of whatever is chosen is
+as unbiased as without the choice.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from avrare.base.number_format import format_percent
+
+GOAL = 0.2
+"""Relative error aimed at where nothing is given."""
+ROLLOUTS = 50_000
+"""Most rollouts where nothing is given."""
+PILOT = 3000
+"""Most rollouts of the pilot, and of the pilot from which a proposal is learned."""
+_SHARE = 15
+"""Where rollouts are spent, the pilot takes at most 1 / 15 of them, and learning in vain twice as much."""
+_LEAST = 5000
+"""Rollouts below which the pilot and learning would find too little: Monte Carlo takes them all."""
+_TIMES = 5
+"""Learning is tried where Monte Carlo would cost so many times what learning in vain costs."""
+_ENOUGH = 100
+"""Failures that make Monte Carlo exact enough where rollouts are spent: a relative error of 10 %."""
+_GAIN = 3.0
+"""Gain over Monte Carlo that a trial of another estimator must promise."""
+_DOUBT = 2.0
+"""Factor by which the variance of a single run, and so of a trial, may be too small."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What an estimate is to reach, and what it may cost.
+
+    Attributes:
+        goal: Relative error to reach; None: the rollouts are spent.
+        rollouts: Most rollouts of a specification, pilot and learning included.
+    """
+
+    goal: float | None
+    rollouts: float
+
+    @property
+    def small(self) -> bool:
+        """Too few rollouts to choose anything but Monte Carlo."""
+        return self.rollouts < _LEAST
+
+    @property
+    def pilot(self) -> int:
+        """Most rollouts of the pilot."""
+        return min(PILOT, int(self.rollouts / _SHARE))
+
+    @property
+    def failures(self) -> int:
+        """Failures of a specification that end its pilot: a fifth of those that Monte Carlo will need."""
+        needed = _ENOUGH if self.goal is None else self.goal**-2
+        return min(10, max(3, round(needed / 5)))
+
+    def needed(self, evidence: Evidence) -> float:
+        """Return the rollouts that Monte Carlo is expected to need; of no failure it is the least."""
+        wanted = _ENOUGH if self.goal is None else self.goal**-2 + 2.0
+        return wanted * evidence.rollouts / max(evidence.failures, 1)
+
+    def is_frequent(self, evidence: Evidence) -> bool:
+        """Return whether Monte Carlo is the estimator: nothing can pay for the attempt to learn."""
+        if self.goal is None:
+            return self.needed(evidence) <= self.rollouts
+        return self.needed(evidence) <= _TIMES * 2 * self.pilot
+
+    def describe(self, evidence: Evidence) -> str:
+        """Return what the pilot saw, and what Monte Carlo would need after it."""
+        seen = f"{evidence.failures:,} failures" if evidence.failures != 1 else "1 failure"
+        at_least = "" if evidence.failures else "at least "
+        wanted = format_percent(0.1 if self.goal is None else self.goal)
+        return (
+            f"{seen} in {evidence.rollouts:,} rollouts of the pilot: Monte Carlo needs {at_least}about "
+            f"{_rounded(self.needed(evidence)):,} rollouts for a relative error of {wanted}"
+        )
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Failures of a specification among the first rollouts of the pilot."""
+
+    rollouts: int
+    failures: int
+
+
+def promised_gain(evidence: Evidence, probability: float, relative_error: float, cost: float) -> float:
+    """Return the gain over Monte Carlo that a trial promises, at its pessimistic end; 0 where it failed.
+
+    Args:
+        evidence: The pilot's.
+        probability: Estimate of the trial.
+        relative_error: Its relative error.
+        cost: Its rollouts.
+    """
+    if not probability > 0.0 or not math.isfinite(relative_error):
+        return 0.0
+    frequent = max(probability, evidence.failures / evidence.rollouts)
+    return (1.0 - frequent) / frequent / (_DOUBT * max(relative_error, 1e-6) ** 2 * cost)
+
+
+def pays(gain: float) -> bool:
+    """Return whether a promised gain is large enough to leave Monte Carlo."""
+    return gain >= _GAIN
+
+
+def monte_carlo_cost(probability: float, relative_error: float) -> int | None:
+    """Return the rollouts with which Monte Carlo is as exact; None where that is not known."""
+    if not (probability > 0.0 and relative_error > 0.0 and math.isfinite(relative_error)):
+        return None
+    return _rounded((1.0 - probability) / probability / relative_error**2)
+
+
+def _rounded(number: float) -> int:
+    """Round to two digits."""
+    return int(float(f"{number:.1e}"))

@@ -1,0 +1,174 @@
+"""``auto``: a pilot chooses the estimator; what counts is as unbiased as without the choice."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.estimation.auto_rules import Aim, Evidence, promised_gain
+from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
+from avrare.testing.repeated_estimates import coverage_at_most, deviation
+from avrare.testing.static_problems import four_branch
+from avrare.testing.walk_problems import walk
+
+pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
+FREQUENT, RARE = "always (x < 2.5)", "always (x < 8)"
+STEPS = 20
+
+
+@dataclass(frozen=True)
+class _Sum:
+    total: np.ndarray
+    t: np.ndarray
+
+
+class Scrambled:
+    """System whose failures no score and no proposal lead to: the last digits of a sum decide."""
+
+    noise_size = 1
+
+    def __init__(self, steps, probability):
+        self.steps, self.probability = steps, probability
+
+    def initial(self, noise):
+        return _Sum(noise[:, 0], np.zeros(len(noise)))
+
+    def step(self, state, noise):
+        return _Sum(state.total + noise[:, 0], state.t + 1)
+
+    def signals(self, state):
+        x = np.mod(state.total * 1e4, 1.0) / self.probability
+        return {"x": np.where(state.t < self.steps, 2.0, x)}
+
+
+def problem(*limits, system=None, chunk=None, steps=STEPS):
+    specifications = {f"below_{k}": avrare.stl(text) for k, text in enumerate(limits)}
+    return avrare.Problem(system or Walk(scale=0.5), specifications, steps=steps, chunk=chunk)
+
+
+def plain(results):
+    return [
+        (json.loads(one.to_json()) | {"seconds": 0}, one.failures.noise.tobytes()) for one in results.values()
+    ]
+
+
+def chosen(result):
+    return result.diagnostics["choice"]
+
+
+def test_each_specification_gets_its_own():
+    both = problem(FREQUENT, RARE)
+    results = avrare.estimate_all(both, "auto", seed=1, rollouts=5000)
+    frequent, rare = results["below_0"], results["below_1"]
+    assert list(results) == ["below_0", "below_1"]
+    assert (frequent.estimator, rare.estimator) == ("mc", "is")
+    assert "rollouts of the pilot" in chosen(frequent)["reason"]
+    assert [one["estimator"] for one in chosen(rare)["tried"]] == ["mc"]
+    low, high = rare.interval
+    assert low < walk(8.0, STEPS, 0.5).probability < high
+
+
+def test_monte_carlo_has_the_bits_of_mc():
+    result = avrare.estimate(problem("always (x < 1)"), "auto", seed=3, relative_error=0.3)
+    same = avrare.estimate(problem("always (x < 1)"), "mc", seed=3, relative_error=0.3)
+    assert (result.estimator, result.probability, result.interval) == ("mc", same.probability, same.interval)
+    pilot = chosen(result)["tried"][0]["rollouts"]
+    assert result.rollouts == same.rollouts + pilot
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"rollouts": 500}, "too few rollouts"),
+        ({"budget": "steps=9000"}, "too few rollouts"),
+        ({"threshold": 0.3, "rollouts": 2000}, "threshold"),
+        ({"budget": "seconds=0.01"}, "clock"),
+    ],
+)
+def test_without_a_pilot_it_is_mc(options, reason):
+    result = avrare.estimate(problem(FREQUENT), "auto", seed=3, **options)
+    assert result.estimator == "mc"
+    assert reason in chosen(result)["reason"]
+    assert chosen(result)["tried"] == []
+    if "budget" not in options or "seconds" not in options["budget"]:
+        same = avrare.estimate(problem(FREQUENT), "mc", seed=3, **options)
+        assert (result.probability, result.rollouts) == (same.probability, same.rollouts)
+
+
+def test_cost_is_honest_and_budget_kept():
+    counting = Counting(Walk(scale=0.5))
+    result = avrare.estimate(problem(RARE, system=counting), "auto", seed=1, budget=f"steps={5000 * STEPS}")
+    assert result.estimator == "is"
+    assert result.simulated_steps <= 5000 * STEPS
+    assert result.simulated_steps <= counting.rows <= 1.01 * result.simulated_steps  # probes and a replay
+    tried = sum(one["rollouts"] for one in chosen(result)["tried"])
+    assert result.rollouts == chosen(result)["counting_rollouts"] + tried
+
+
+def test_falls_back_where_nothing_pays():
+    system = Scrambled(5, 2e-3)
+    result = avrare.estimate(problem("always (x > 1)", system=system, steps=5), "auto", seed=2, rollouts=6000)
+    assert result.estimator == "mc"
+    assert [one["estimator"] for one in chosen(result)["tried"]] == ["mc", "is", "ams"]
+    assert "does not pay" in chosen(result)["reason"]
+    assert result.interval[0] <= 2e-3 <= result.interval[1]
+
+
+@pytest.mark.parametrize("limits", [(FREQUENT, RARE), (FREQUENT,)])
+def test_chunks_and_order_change_no_bit(limits):
+    large, small = (
+        avrare.estimate_all(problem(*limits, chunk=size), "auto", seed=4, rollouts=5000)
+        for size in (4096, 333)
+    )
+    assert plain(large) == plain(small)
+
+
+@pytest.mark.slow
+def test_killed_it_goes_on(tmp_path):
+    both = problem(FREQUENT, RARE, chunk=500)
+    whole = avrare.estimate_all(both, "auto", seed=4, rollouts=5000)
+    folder, lives, deaths = tmp_path / "kept", 500, 0
+    for _ in range(50):
+        mortal = problem(FREQUENT, RARE, chunk=500, system=Mortal(Walk(scale=0.5), lives))
+        try:
+            results = avrare.estimate_all(mortal, "auto", seed=4, rollouts=5000, checkpoint=folder)
+            break
+        except Killed:
+            deaths += 1
+    assert deaths > 1
+    assert plain(results) == plain(whole)
+    assert not folder.exists()
+
+
+def test_cross_check_is_of_another_family():
+    result = avrare.estimate(problem(RARE), "auto", seed=1, rollouts=5000, cross_check=True)
+    assert (result.estimator, result.cross_check.estimator) == ("is", "ess")
+
+
+def test_rules():
+    goal, spend = Aim(0.2, 50_000), Aim(None, 30_000)
+    assert (goal.failures, goal.pilot, spend.pilot) == (5, 3000, 2000)
+    assert goal.is_frequent(Evidence(3000, 3))
+    assert not goal.is_frequent(Evidence(3000, 2))
+    assert spend.is_frequent(Evidence(2000, 7))
+    assert not spend.is_frequent(Evidence(2000, 6))
+    # learning in vain costs at most 0.3 of what Monte Carlo then needs
+    assert 3 * goal.pilot / goal.needed(Evidence(3000, 2)) < 0.3
+    assert promised_gain(Evidence(3000, 0), 0.0, float("nan"), 100.0) == 0.0
+    assert promised_gain(Evidence(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
+    assert promised_gain(Evidence(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reference", [walk(0.74, 10), four_branch(5.2)], ids=["steps", "static"])
+def test_unbiased_where_the_choice_is_a_toss(reference):
+    """Pilot failures decide between two estimators: none of them may count."""
+    runs = [avrare.estimate(reference.problem(), "auto", seed=s, rollouts=5000) for s in range(40)]
+    share = np.mean([one.estimator == "mc" for one in runs])
+    assert 0.1 < share < 0.9
+    values = np.array([one.probability for one in runs])
+    assert abs(deviation(values, reference.probability)) < 3.5
+    hits = sum(one.interval[0] <= reference.probability <= one.interval[1] for one in runs)
+    assert coverage_at_most(hits, len(runs), 0.95) > 1e-3
