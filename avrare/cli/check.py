@@ -149,11 +149,13 @@ def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any, machin
 
 
 def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
-    """Run a first estimate: short for Monte Carlo, otherwise as the scenario says."""
+    """Run a first estimate: short for Monte Carlo and auto, otherwise as the scenario says."""
     estimator = one.definition.estimator
     if budget is None and estimator.plugin == "mc":
         runs = estimator.config.runs
         budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.rollouts * runs)))
+    elif budget is None and estimator.plugin == "auto":
+        budget = Budget("rollouts", _PILOT_ROLLOUTS)
     return estimate_look(one.scenario, one.definition.estimated, Look(1, 1.0, budget), machine)
 
 

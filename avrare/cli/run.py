@@ -30,6 +30,7 @@ from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import (
     blind_lines,
     check_lines,
+    choice_lines,
     learnt_lines,
     note_lines,
     result_table,
@@ -244,10 +245,11 @@ def _show(
         say(*verdict_lines(definition.name, results))
         return
     console = make_console(mode)
-    settings = f"{results[0].estimator}, seed {definition.seed}, {definition.confidence:.0%} intervals"
+    settings = f"{definition.estimator.plugin}, seed {definition.seed}, {definition.confidence:.0%} intervals"
     title = f"{definition.name}  {settings}"
     print_table(console, result_table(title, results))
     print_lines(console, note_lines(results), "yellow")
+    print_lines(console, choice_lines(results))
     print_lines(console, learnt_lines(results))
     print_lines(console, blind_lines(results))
     print_lines(console, check_lines(results))

@@ -179,9 +179,11 @@ class _Work:
             "monte_carlo_rollouts": monte_carlo_cost(result.probability, result.relative_error),
             "shared_by": shared,
         }
+        rollouts = result.rollouts + sum(one.rollouts for one in spent)
+        choice["text"] = f"{result.estimator}, because {reason}{_describe_cost(result, rollouts)}"
         return replace(
             result,
-            rollouts=result.rollouts + sum(one.rollouts for one in spent),
+            rollouts=rollouts,
             simulated_steps=result.simulated_steps + sum(one.steps for one in spent),
             errors=result.errors + sum(one.errors for one in spent),
             seconds=result.seconds + sum(one.seconds for one in spent),
@@ -283,3 +285,13 @@ class _Work:
         model = component.load_config()
         options |= {"memory": self.config.memory} if "memory" in model.model_fields else {}
         return component.load_factory()(model(**options), None)  # type: ignore[no-any-return]
+
+
+def _describe_cost(result: Result, rollouts: int) -> str:
+    if rollouts == result.rollouts:
+        return ""
+    text = f"; {rollouts - result.rollouts:,} of {rollouts:,} rollouts went into the choice"
+    needed = monte_carlo_cost(result.probability, result.relative_error)
+    if result.estimator == "mc" or needed is None:
+        return text
+    return f"{text}, and Monte Carlo would need about {needed:,} for the same relative error"

@@ -112,6 +112,12 @@ def cross_checked(
     return _with(result, compared)
 
 
+def shared_by(result: Result, group: int) -> int:
+    """Return the number of specifications that share a result's cost, of a group estimated together."""
+    choice = result.diagnostics.get("choice")
+    return group if choice is None else int(choice["shared_by"])
+
+
 def _choose(
     check: CrossCheck, problem: Problem, result: Result, settings: Settings
 ) -> tuple[str, ScalesToCost | None]:

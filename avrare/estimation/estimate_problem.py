@@ -18,7 +18,7 @@ from avrare.base.errors import HealthWarning, UsageError
 from avrare.base.late_import import late_import
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.cross_check import cross_checked, parse_cross_check, without_check
+from avrare.estimation.cross_check import cross_checked, parse_cross_check, shared_by, without_check
 from avrare.estimation.loop import Progress, Settings, check_system, planned, run
 from avrare.estimation.memory import Forecast, forecast
 from avrare.estimation.plan import Estimator, Journal
@@ -140,7 +140,8 @@ class _Call:
                 for part, result in zip(group.separate(), results, strict=True):
                     if check is not None:
                         one = partial(_first, execute)
-                        result = cross_checked(part, result, check, settings, one, parts=len(results))
+                        parts = shared_by(result, len(results))
+                        result = cross_checked(part, result, check, settings, one, parts=parts)
                     origin = Origin(part, built, self.seed, self.options)
                     found.append(dataclasses.replace(result, origin=origin))
             return found
@@ -280,6 +281,7 @@ def estimate_specifications(
         for name, result in zip(group, found, strict=True):
             if check is not None:
                 alone = problem if len(group) == 1 else scenario.problem(name)
-                result = cross_checked(alone, result, check, settings, execute, parts=len(group))
+                parts = shared_by(result, len(group))
+                result = cross_checked(alone, result, check, settings, execute, parts=parts)
             results.append(result)
     return results

@@ -45,7 +45,7 @@ def _with_estimator(tree: Node, name: str | None) -> Node:
     if name is None and own is not None and own.value is not None:
         return tree
     mark = tree.mark if name is None else Mark("--estimator")
-    block = Node({"plugin": Node("mc" if name is None else name, mark, mark)}, mark, mark)
+    block = Node({"plugin": Node("auto" if name is None else name, mark, mark)}, mark, mark)
     return Node({**tree.entries, "estimator": block}, tree.mark, tree.key)
 
 

@@ -189,7 +189,7 @@ class Document(_Model):
         max_length=1000,
         description="name -> {stl: formula} or {plugin: name, ...}; more need a scenario of their own",
     )
-    estimator: dict[str, Any] = Field({"plugin": "mc"}, description="estimator of the failure probability")
+    estimator: dict[str, Any] = Field({"plugin": "auto"}, description="estimator of the failure probability")
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
     regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
     seed: int = Field(0, ge=0, lt=2**63, description="seed of all random numbers")
@@ -272,6 +272,8 @@ class Scenario:
     def versions(self) -> dict[str, str]:
         """Versions of avrare and of every distribution that the scenario uses."""
         used = {part.distribution: part.version for part in self.blocks.values() if part.distribution}
+        for part in self.blocks.values():  # of parts that choose further ones
+            used |= getattr(part.config, "used_versions", {})
         if self.cross_check is not None:
             used |= self.cross_check.versions
         return dict(sorted({**used, "avrare": version.__version__}.items()))

@@ -32,9 +32,9 @@ def test_a_valid_scenario_has_checked_blocks(read, good):
     assert scenario.versions["avrare-fake"] == "1.2"
 
 
-def test_the_estimator_is_monte_carlo_by_default(read, good):
+def test_the_estimator_is_chosen_by_default(read, good):
     text = "\n".join(line for line in good.splitlines() if not line.startswith("estimator"))
-    assert read(text).estimator.plugin == "mc"
+    assert read(text).estimator.plugin == "auto"
     assert read(text, ["estimator.rollouts=7"]).estimator.config.rollouts == 7
 
 

@@ -308,7 +308,9 @@ def _render_facts(entry: StoredEstimate) -> Markup:
     notes = [] if entry.blind_bound is None else [describe_blind_bound(entry.blind_bound)]
     if check := entry.cross_check:
         notes.append(f"{check.text} ({check.rollouts:,} rollouts, {check.seconds:,.1f} s)")
-    notes += [cause["text"] for cause in (entry.diagnostics or {}).get("learnt", ())]
+    diagnostics = entry.diagnostics or {}
+    notes += [diagnostics["choice"]["text"]] if "choice" in diagnostics else []
+    notes += [cause["text"] for cause in diagnostics.get("learnt", ())]
     shown = [tag("p", f"{note[0].upper()}{note[1:]}.", class_="muted") for note in notes]
     return tag("div", tag("dl", rows, class_="facts"), shown)
 

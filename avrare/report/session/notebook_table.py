@@ -20,6 +20,7 @@ def render_results(results: Sequence[Result]) -> str:
     head = "".join(f"<th>{name}</th>" for name in _COLUMNS if name != "verdict" or _judged(results))
     rows = "".join(f"<tr>{_row(one, _judged(results))}</tr>" for one in results)
     notes = [_note(one, f"{name}: {text}") for one in results for name, text in one.health.items()]
+    notes += [_note(one, one.diagnostics["choice"]["text"]) for one in results if "choice" in one.diagnostics]
     notes += [_note(one, describe_blind_bound(one.blind_bound)) for one in results if one.blind_bound]
     notes += [_note(one, one.cross_check.text) for one in results if one.cross_check]
     lines = "".join(f"<li>{note}</li>" for note in notes)

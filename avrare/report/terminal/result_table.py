@@ -74,6 +74,15 @@ def blind_lines(results: Sequence[Result]) -> list[str]:
     return _name_specifications(lines, results)
 
 
+def choice_lines(results: Sequence[Result]) -> list[str]:
+    """Return which estimator was chosen for each result, why, and at what cost; each line once."""
+    lines: dict[str, list[str]] = {}
+    for result in results:
+        if choice := result.diagnostics.get("choice"):
+            lines.setdefault(choice["text"], []).append(result.specification)
+    return _name_specifications(lines, results)
+
+
 def learnt_lines(results: Sequence[Result]) -> list[str]:
     """Return what the estimator has learnt of the failures; each line once."""
     lines: dict[str, list[str]] = {}
