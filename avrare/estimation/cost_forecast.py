@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 
@@ -21,3 +21,8 @@ class CostForecast:
     least: float
     most: float
     given: str = ""
+
+    def after(self, rollouts: int, steps: int) -> CostForecast:
+        """Return the forecast of an estimate of which parts at this cost are done."""
+        done = {"rollouts": rollouts, "steps": steps, "seconds": 0}[self.kind]
+        return replace(self, least=self.least + done, most=self.most + done)

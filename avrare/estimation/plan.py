@@ -120,6 +120,7 @@ class Info:
             failures=self.failures + other.failures,
             errors=self.errors + other.errors,
             goal=None if other.goal is None else self.rollouts + other.goal,
+            forecast=other.forecast and other.forecast.after(self.rollouts, self.steps),
             counts=dict(sorted(counts.items())),
             messages=(*self.messages, *other.messages)[:_MAX_MESSAGES],
         )
