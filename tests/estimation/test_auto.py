@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.estimation.auto import Auto
+from avrare.estimation.auto_config import AutoConfig
 from avrare.estimation.auto_rules import Aim, Evidence, promised_gain
+from avrare.estimation.budget import Budget
+from avrare.estimation.loop import Settings
+from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
 from avrare.testing.static_problems import four_branch
@@ -84,7 +89,6 @@ def test_monte_carlo_has_the_bits_of_mc():
         ({"rollouts": 500}, "too few rollouts"),
         ({"budget": "steps=9000"}, "too few rollouts"),
         ({"threshold": 0.3, "rollouts": 2000}, "threshold"),
-        ({"budget": "seconds=0.01"}, "clock"),
     ],
 )
 def test_without_a_pilot_it_is_mc(options, reason):
@@ -92,9 +96,20 @@ def test_without_a_pilot_it_is_mc(options, reason):
     assert result.estimator == "mc"
     assert reason in chosen(result)["reason"]
     assert chosen(result)["tried"] == []
-    if "budget" not in options or "seconds" not in options["budget"]:
-        same = avrare.estimate(problem(FREQUENT), "mc", seed=3, **options)
-        assert (result.probability, result.rollouts) == (same.probability, same.rollouts)
+    same = avrare.estimate(problem(FREQUENT), "mc", seed=3, **options)
+    assert (result.probability, result.rollouts) == (same.probability, same.rollouts)
+
+
+def test_a_budget_of_seconds_is_for_monte_carlo():
+    settings, calls = Settings(budget=Budget("seconds", 60.0)), []
+
+    def execute(problem, estimator, settings, name):
+        calls.append((type(estimator), settings.budget.kind))
+        return [avrare.estimate(problem, "mc", rollouts=10)]
+
+    (result,) = Auto(AutoConfig()).estimate_by(problem(FREQUENT), settings, execute)
+    assert calls == [(MonteCarlo, "seconds")]
+    assert "clock" in chosen(result)["reason"]
 
 
 def test_cost_is_honest_and_budget_kept():
