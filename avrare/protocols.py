@@ -57,7 +57,7 @@ class Simulator(Protocol):
     """Simulator: the world without the stack under test.
 
     A driving simulator also has a scene (``HasScene``) and worlds with ``ego`` and ``others`` (``Vehicles``).
-    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``HasLimits``, ``NamesNoise``.
+    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``HasLimits``, ``NamesNoise``, ``TakesDraws``
     """
 
     dt: float

@@ -9,7 +9,7 @@ N is the number of particles, V the number of other vehicles, H the number of pr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,12 +117,14 @@ class World:
         ego: State of the ego, fields (N,).
         others: States of the other vehicles, fields (N, V).
         steering: (N,) steering angle of the ego [rad].
+        weather: (N,) factor on the errors of perception and on the odds of a miss; None: 1 everywhere.
     """
 
     step: NDArray[np.int64]
     ego: Vehicles
     others: Vehicles
     steering: Floats
+    weather: Floats | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)

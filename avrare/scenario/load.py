@@ -9,6 +9,8 @@ from pydantic import BaseModel
 
 from avrare.base.errors import ExitCode, PluginError, did_you_mean
 from avrare.plugin.registry import Registry, Row, default_registry
+from avrare.scenario.drawn_options import find_draws
+from avrare.scenario.draws import KEY
 from avrare.scenario.extends import read
 from avrare.scenario.overrides import override
 from avrare.scenario.safe_mode import check_import_path, find_refusals
@@ -17,7 +19,7 @@ from avrare.scenario.specification_checks import check_block, check_formula, ste
 from avrare.scenario.validation import Mistake, check, describe, scenario_error
 from avrare.scenario.value_positions import Mark, Node, Path
 
-_CORE_KEYS = {"estimator": ("plugin", "specifications")}
+_CORE_KEYS = {"estimator": ("plugin", "specifications"), "simulator": ("plugin", KEY)}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
 _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications"))
 
@@ -118,12 +120,16 @@ def _resolve_block(
         model = _options_model(row)
     except PluginError as error:
         return None, [Mistake(plugin.mark, plugin_path, error.message, error.hint, ExitCode.PLUGIN)]
+    draws, found = None, []
+    if kind == "simulator":
+        node, draws, found = find_draws(model, node, path, folder)
     if refusals := find_refusals(row, model, node, path, folder):
         return None, refusals
     config, mistakes = check(model, node, path, _CORE_KEYS.get(kind, ("plugin",)))
+    mistakes += found
     if config is None or row.component is None:
         return None, mistakes
-    return Block(plugin.value, row.component, config, row.distribution, row.version), mistakes
+    return Block(plugin.value, row.component, config, row.distribution, row.version, draws), mistakes
 
 
 def _options_model(row: Row) -> type[BaseModel]:

@@ -23,6 +23,7 @@ from avrare.base.errors import UsageError
 from avrare.base.health_messages import MESSAGES, check_names
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
+from avrare.scenario.draws import Draws
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
 """Keys of a scenario that hold one component block each; the key is the component's kind."""
@@ -214,18 +215,24 @@ class Document(_Model):
 
 @dataclass(frozen=True)
 class Block:
-    """Component of a scenario with its checked options, an instance of its own pydantic model."""
+    """Component of a scenario with its checked options, an instance of its own pydantic model.
+
+    Options that are drawn stand in ``config`` with the medians of their laws, and in ``draws``.
+    """
 
     plugin: str
     component: Component
     config: Any
     distribution: str = ""
     version: str = ""
+    draws: Draws | None = None
 
     @property
     def resolved(self) -> dict[str, Any]:
         """Block as plain data with all defaults."""
         options = self.config.model_dump(mode="json", by_alias=True, warnings=False)
+        if self.draws is not None:
+            self.draws.write_into(options)
         return {"plugin": self.plugin, **options}
 
 

@@ -142,9 +142,14 @@ def _reword(message: str, node: Node) -> str:
     return f"{text}, found {describe(node)}"
 
 
-def _option_help(model: type[BaseModel], path: Path) -> str | None:
+def fields_at(model: type[BaseModel], path: Path) -> list[FieldInfo]:
+    """Return the fields that the value at ``path`` may belong to, through lists, mappings and unions."""
     parts = _models_at(model, path[:-1])
-    info = next((info for part in parts for name, info in _fields(part) if path[-1:] == (name,)), None)
+    return [info for part in parts for name, info in _fields(part) if path[-1:] == (name,)]
+
+
+def _option_help(model: type[BaseModel], path: Path) -> str | None:
+    info = next(iter(fields_at(model, path)), None)
     return f"{path[-1]}: {' '.join(info.description.split())}" if info and info.description else None
 
 

@@ -15,13 +15,20 @@ from avrare.driving import Scene
 from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, stl
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
-from avrare.protocols import ExplainsViolation, HasMargin, Specification, find_ability, find_scene
+from avrare.protocols import (
+    ExplainsViolation,
+    HasMargin,
+    Specification,
+    find_ability,
+    find_scene,
+)
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import Block, Formula, Scenario
 from avrare.scenario.specification_checks import reach_warnings
 from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.closed_loop import ClosedLoop
+from avrare.stack.drawn_start import DrawnStart, TakesDraws
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,7 @@ def build_stack(scenario: Scenario) -> Stack:
             "add a `tracker:` block, or remove the perception",
         )
     with _located(scenario, "simulator"):
-        simulator = build_block(scenario.simulator, None)
+        simulator = _build_simulator(scenario.simulator)
     scene = find_scene(simulator)
     parts = []
     for kind in ("perception", "tracker", "controller"):
@@ -58,7 +65,22 @@ def build_stack(scenario: Scenario) -> Stack:
     for name, part in scenario.specifications.items():
         with _located(scenario, f"specifications.{name}"):
             specifications[name] = build_specification(part, scene, simulator.dt)
-    return Stack(ClosedLoop(simulator, *parts), scene, specifications)
+    draws = scenario.simulator.draws
+    start = DrawnStart(draws, simulator, specifications) if draws is not None else None
+    return Stack(ClosedLoop(simulator, *parts, start=start), scene, specifications)
+
+
+def _build_simulator(block: Block) -> Any:
+    simulator = build_block(block, None)
+    if block.draws is None:
+        return simulator
+    drawing = find_ability(simulator, TakesDraws)
+    if drawing is None:
+        raise PluginError(
+            f"simulator {block.plugin!r} marks options as drawable, but has no `drawing` and `reset_drawn`",
+            "see avrare.stack.drawn_start.TakesDraws",
+        )
+    return drawing.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True)))
 
 
 def check_start(scenario: Scenario, stack: Stack) -> None:

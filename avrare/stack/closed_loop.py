@@ -29,6 +29,7 @@ from avrare.protocols import (
     Tracker,
     find_ability,
 )
+from avrare.stack.drawn_start import DrawnStart, DrawnValues
 from avrare.stack.features import HasFeatures, flattened, plan_features, track_features, vehicle_features
 from avrare.stack.noise_names import find_noise_names
 
@@ -43,6 +44,7 @@ class LoopState:
         track: State of the tracker, or None.
         memory: State of the controller, or None.
         latent: Memory of a persistent perception error model, or None.
+        drawn: What was drawn at the start, or None.
     """
 
     world: Any
@@ -50,10 +52,11 @@ class LoopState:
     track: Any
     memory: Any
     latent: Any = None
+    drawn: DrawnValues | None = None
 
 
 class ClosedLoop:
-    """System whose noise is the simulator's followed by the perception error model's.
+    """System whose noise is that of drawn options, if any, the simulator's and the perception error model's.
 
     Each step: predict the others, act, advance the world, observe it, update the track. Nothing is
     observed at t = 0. Without perception the tracker observes the true world.
@@ -65,56 +68,71 @@ class ClosedLoop:
         perception: PerceptionErrorModel | None = None,
         tracker: Tracker | None = None,
         controller: Controller | None = None,
+        start: DrawnStart | None = None,
     ) -> None:
         self.simulator = simulator
+        self.start = start
         self.perception = perception
         self.tracker = tracker
         self.controller = controller
         self._persistent = perception if isinstance(perception, PersistentPerceptionErrorModel) else None
-        self.noise_size = simulator.noise_size + (perception.noise_size if perception is not None else 0)
+        self._drawn = start.size if start is not None else 0
+        self.world_noise = self._drawn + simulator.noise_size
+        self.noise_size = self.world_noise + (perception.noise_size if perception is not None else 0)
 
     @property
     def noise_names(self) -> tuple[str, ...]:
-        """Names of the noise numbers: the simulator's, then the perception error model's."""
-        names = find_noise_names(self.simulator, "noise of the simulator:")
+        """Names of the noise numbers: of draws, of the simulator, then of the perception error model."""
+        names = self.start.noise_names if self.start is not None else ()
+        names += find_noise_names(self.simulator, "noise of the simulator:")
         if self.perception is not None:
             names += find_noise_names(self.perception, "noise of perception:")
         return names
 
     def initial(self, noise: Floats) -> LoopState:
         """Return the state at t = 0 from noise (N, noise_size)."""
-        own = self.simulator.noise_size
-        world = self.simulator.reset(noise[:, :own])
+        own, drawn = self.world_noise, None
+        if self.start is not None:
+            world, drawn = self.start.reset(noise[:, :own])
+        else:
+            world = self.simulator.reset(noise[:, :own])
         track = self.tracker.start(world) if self.tracker is not None else None
         memory = self.controller.start(len(noise)) if self.controller is not None else None
         latent = self._persistent.start(noise[:, own:]) if self._persistent is not None else None
-        return LoopState(world, None, track, memory, latent)
+        return LoopState(world, None, track, memory, latent, drawn)
 
     def step(self, state: LoopState, noise: Floats) -> LoopState:
         """Return the state one step later."""
         action, memory = self._act(state)
-        own = self.simulator.noise_size
-        world = self.simulator.step(state.world, action, noise[:, :own])
+        own = self.world_noise
+        world = self.simulator.step(state.world, action, noise[:, self._drawn : own])
         observation, latent = self._observe(world, noise[:, own:], state.latent)
         track = state.track
         if self.tracker is not None and observation is not None:
             track = self.tracker.update(track, observation)
-        return LoopState(world, observation, track, memory, latent)
+        return LoopState(world, observation, track, memory, latent, state.drawn)
 
     def signals(self, state: LoopState) -> Signals:
-        """Return the simulator's signals."""
-        return self.simulator.signals(state.world)
+        """Return the simulator's signals, and what was drawn."""
+        found = self.simulator.signals(state.world)
+        if self.start is None or state.drawn is None:
+            return found
+        return {**found, **self.start.signals(state.drawn)}
 
     def faults(self, state: LoopState) -> Bools:
-        """Return (N,) rows that the simulator reports as broken down."""
+        """Return (N,) rows that the simulator reports as broken down, or whose scene is impossible."""
         simulator = find_ability(self.simulator, ReportsFaults)
         if simulator is None:
-            return np.zeros(len(next(iter(self.signals(state).values()))), dtype=bool)
-        return np.asarray(simulator.faults(state.world), dtype=bool)
+            broken = np.zeros(len(next(iter(self.signals(state).values()))), dtype=bool)
+        else:
+            broken = np.asarray(simulator.faults(state.world), dtype=bool)
+        return broken if state.drawn is None else broken | state.drawn.refused
 
     def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:
-        """Return counters (N,) of the simulator and of the controller, such as solver fallbacks."""
+        """Return counters (N,) of draws, simulator and controller, such as solver fallbacks."""
         found: dict[str, NDArray[np.int64]] = {}
+        if state.drawn is not None:
+            found["scenes_redrawn"] = state.drawn.redraws
         for part, own in ((self.simulator, state.world), (self.controller, state.memory)):
             counting = find_ability(part, CountsEvents)
             found |= counting.counts(own) if counting is not None else {}
@@ -199,8 +217,10 @@ class WeightedLoop:
         self._density = self._proposal_density(law)
         self._drawn = target
         if law is not None and not law.from_target:
-            self._drawn = ClosedLoop(target.simulator, self._density, target.tracker, target.controller)
-        own = target.simulator.noise_size
+            self._drawn = ClosedLoop(
+                target.simulator, self._density, target.tracker, target.controller, target.start
+            )
+        own = target.world_noise
         self.noise_size = max(target.noise_size, own + (proposal.noise_size if proposal is not None else 0))
 
     def _proposal_density(self, law: SamplingLaw | None) -> Any:

@@ -11,6 +11,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from avrare.plugin import Drawable
+
 Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -149,6 +151,12 @@ class LaneSchedule(BaseModel):
 class TrajectoryPlan(PlannerConfig):
     """Plan of a scripted vehicle over all its steps; it ignores other vehicles."""
 
+    y_goal: Annotated[Drawable, Field(allow_inf_nan=False)] = Field(
+        default=1.75, description="Preferred lateral position [m]."
+    )
+    v_goal: Annotated[Drawable, Field(allow_inf_nan=False)] = Field(
+        default=31.29, description="Preferred speed [m/s]."
+    )
     steps: int = Field(
         default=80, ge=3, le=2000,
         description="Number of samples of the trajectory, the start included; then the vehicle keeps its "

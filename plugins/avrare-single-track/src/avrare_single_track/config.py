@@ -7,6 +7,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from avrare.plugin import Drawable
 from avrare_mpc.config import TrajectoryPlan
 
 _RESERVED = ("ego", "others")
@@ -42,10 +43,10 @@ class RoadConfig(_Options):
 class EgoConfig(_Options):
     """Start and body of the ego; the defaults are a mid-size car (CommonRoad vehicle 1)."""
 
-    x: float = Field(description="centre at the start [m]")
-    y: float = Field(description="centre at the start [m]")
-    speed: float = Field(ge=0.0, description="at the start [m/s]")
-    heading: float = Field(default=0.0, description="at the start [rad]")
+    x: Drawable = Field(description="centre at the start [m]")
+    y: Drawable = Field(description="centre at the start [m]")
+    speed: Drawable = Field(ge=0.0, description="at the start [m/s]")
+    heading: Drawable = Field(default=0.0, description="at the start [rad]")
     length: float = Field(default=4.298, gt=0.0, description="[m]")
     width: float = Field(default=1.674, gt=0.0, description="[m]")
     wheelbase: float = Field(default=2.391, gt=0.0, description="distance of the axles [m]")
@@ -53,7 +54,7 @@ class EgoConfig(_Options):
     steering_rate_max: float = Field(default=0.4, gt=0.0, description="bound of its rate [rad/s]")
     acceleration_max: float = Field(default=11.5, gt=0.0, description="bound of |acceleration| [m/s^2]")
     speed_max: float = Field(default=45.8, gt=0.0, description="top speed [m/s]; the plant never reverses")
-    friction: float | None = Field(
+    friction: Drawable | None = Field(
         default=None,
         gt=0.0,
         description="friction coefficient, which bounds the combined acceleration, in 9.81 m/s^2",
@@ -70,9 +71,9 @@ class VehicleConfig(_Options):
     """Other vehicle: parked, at constant velocity, or following a plan made before the run."""
 
     name: str = Field(min_length=1, description="as it is called in messages and pictures")
-    x: float = Field(description="centre at the start [m]")
-    y: float = Field(description="centre at the start [m]")
-    speed: float = Field(default=0.0, ge=0.0, description="at the start [m/s]")
+    x: Drawable = Field(description="centre at the start [m]")
+    y: Drawable = Field(description="centre at the start [m]")
+    speed: Drawable = Field(default=0.0, ge=0.0, description="at the start [m/s]")
     heading: float = Field(default=0.0, description="at the start [rad]")
     length: float = Field(default=4.298, gt=0.0, description="[m]")
     width: float = Field(default=1.674, gt=0.0, description="[m]")
@@ -98,6 +99,13 @@ class SingleTrackConfig(_Options):
     ego: EgoConfig = Field(description="the vehicle under test")
     vehicles: tuple[VehicleConfig, ...] = Field(
         default=(), max_length=1000, description="the other vehicles; leave out those that stay far away"
+    )
+
+    weather: Drawable | None = Field(
+        default=None,
+        gt=0.0,
+        description="factor on the errors of perception and on the odds of a miss; 1: as the perception "
+        "error model was fitted",
     )
 
     @model_validator(mode="after")

@@ -23,12 +23,18 @@ _MIN_SPEED = 0.1
 
 
 def advance(
-    config: EgoConfig, dt: float, ego: Vehicles, steering: Floats, action: Action
+    config: EgoConfig,
+    dt: float,
+    ego: Vehicles,
+    steering: Floats,
+    action: Action,
+    friction: Floats | None = None,
 ) -> tuple[Vehicles, Floats, Bools]:
     """Return ego, steering angle and slipping rows (N,) one ``dt`` later, by a fourth-order step.
 
     It is a step of Runge and Kutta: the steering angle moves linearly from its old to its new value, the
-    speed under constant acceleration. A row slips whose demand is beyond the friction circle.
+    speed under constant acceleration. A row slips whose demand is beyond the friction circle
+    of ``friction`` (N,), or of the options' coefficient; without either the tyres hold whatever is demanded.
     """
     bound = config.acceleration_max
     wanted = np.clip(action.acceleration, -bound, bound)
@@ -36,8 +42,9 @@ def advance(
     acceleration = (speed - ego.speed) / dt
     target = _steer(config, dt, ego.speed, steering, action.yaw_rate)
     beyond = np.zeros(len(speed), dtype=np.bool_)
-    if config.friction is not None:
-        speed, target, beyond = _grip(config, config.friction, dt, ego.speed, speed, target)
+    held = config.friction if friction is None else friction
+    if held is not None:
+        speed, target, beyond = _grip(config, held, dt, ego.speed, speed, target)
         acceleration = (speed - ego.speed) / dt
     slope = (target - steering) / dt
 
@@ -56,7 +63,7 @@ def advance(
 
 
 def _grip(
-    config: EgoConfig, friction: float, dt: float, before: Floats, speed: Floats, steering: Floats
+    config: EgoConfig, friction: Floats | float, dt: float, before: Floats, speed: Floats, steering: Floats
 ) -> tuple[Floats, Floats, Bools]:
     # Speed and angle at the end of the step, of which the tyres hold the share ``share``.
     along, across = (speed - before) / dt, lateral_acceleration(speed, steering, config.wheelbase)

@@ -1,8 +1,11 @@
-"""Simulator: a single-track ego among scripted vehicles, without randomness of its own."""
+"""Simulator: a single-track ego among scripted vehicles; options may be drawn, nothing else is random."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +15,7 @@ from avrare.driving import Action, Road, Scene, Vehicles, World
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.protocols import Bools, Floats, Signals
 from avrare_single_track.config import SingleTrackConfig, VehicleConfig
+from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture
 from avrare_single_track.levels import lateral_acceleration, time_to_collision
 from avrare_single_track.plant import advance
 
@@ -28,10 +32,14 @@ class TrackWorld(World):
     Attributes:
         jerk: (N,) change of the acceleration, along and across the ego, over the last step [m/s^3].
         slips: (N,) number of steps so far whose demand was beyond the friction circle.
+        friction: (N,) drawn friction coefficient; None: that of the options.
+        plans: Place among the plans of the scripted vehicles, where they are drawn.
     """
 
     jerk: Floats
     slips: NDArray[np.int64]
+    friction: Floats | None = None
+    plans: Mixture | None = None
 
 
 class SingleTrack:
@@ -63,6 +71,7 @@ class SingleTrack:
             ),
         )
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
+        self.drawn_traffic: DrawnTraffic | None = None
 
     def reset(self, noise: Floats) -> TrackWorld:
         """Return the worlds at the scenario's start."""
@@ -70,7 +79,36 @@ class SingleTrack:
         ego = self.config.ego
         start = Vehicles(*(np.full(n, value) for value in (ego.x, ego.y, ego.heading, ego.speed, 0.0)))
         step = np.zeros(n, dtype=np.int64)
-        return TrackWorld(step, start, self.traffic.at(step), np.zeros(n), np.zeros(n), np.zeros_like(step))
+        weather = None if self.config.weather is None else np.full(n, self.config.weather)
+        return TrackWorld(
+            step, start, self.traffic.at(step), np.zeros(n), np.zeros(n), np.zeros_like(step), weather=weather
+        )
+
+    def drawing(self, laws: Mapping[str, Any]) -> SingleTrack:
+        """Return the same simulator, whose vehicles are planned for draws by these laws."""
+        found = SingleTrack(self.config)
+        if any(path.startswith("vehicles.") for path in laws):
+            road, vehicles = self.scene.road, self.config.vehicles
+            found.drawn_traffic = DrawnTraffic(vehicles, road, self.dt, laws, ScriptedTraffic)
+        return found
+
+    def reset_drawn(self, noise: Floats, values: Mapping[str, Floats]) -> TrackWorld:
+        """Return the worlds at the start with drawn values (N,) of some options."""
+        world = self.reset(noise)
+        own = {path.removeprefix("ego."): value for path, value in values.items() if path.startswith("ego.")}
+        friction = own.pop("friction", None)
+        world = replace(world, ego=replace(world.ego, **own), friction=friction)
+        if (weather := values.get("weather")) is not None:
+            world = replace(world, weather=weather)
+        if self.drawn_traffic is not None:
+            world = replace(world, plans=self.drawn_traffic.mix(values, len(noise)))
+            world = replace(world, others=self._others(world.step, world.plans))
+        return world
+
+    def _others(self, step: NDArray[np.int64], plans: Mixture | None) -> Vehicles:
+        if self.drawn_traffic is None or plans is None:
+            return self.traffic.at(step)
+        return self.drawn_traffic.at(step, plans)
 
     def step(self, world: TrackWorld, action: Action | None, noise: Floats) -> TrackWorld:
         """Return the world one ``dt`` later.
@@ -80,11 +118,21 @@ class SingleTrack:
         """
         if action is None:
             raise UsageError("single_track needs a controller", "add a `controller:` block to the scenario")
-        ego, steering, slips = advance(self.config.ego, self.dt, world.ego, world.steering, action)
+        ego, steering, slips = advance(
+            self.config.ego, self.dt, world.ego, world.steering, action, world.friction
+        )
         before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
         jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
         step = world.step + 1
-        return TrackWorld(step, ego, self.traffic.at(step), steering, jerk, world.slips + slips)
+        return replace(
+            world,
+            step=step,
+            ego=ego,
+            others=self._others(step, world.plans),
+            steering=steering,
+            jerk=jerk,
+            slips=world.slips + slips,
+        )
 
     def _lateral(self, ego: Vehicles, steering: Floats) -> Floats:
         return lateral_acceleration(ego.speed, steering, self.config.ego.wheelbase)
@@ -150,6 +198,7 @@ class ScriptedTraffic:
         )
 
 
+@lru_cache(maxsize=256)
 def _samples(vehicle: VehicleConfig, road: Road, dt: float) -> tuple[Floats, Floats, Floats, Floats]:
     if vehicle.drive is None:
         start = (vehicle.x, vehicle.y, vehicle.heading, vehicle.speed)

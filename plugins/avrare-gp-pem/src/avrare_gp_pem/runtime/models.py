@@ -47,11 +47,11 @@ class LawPem(ABC):
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
-        return self.law(world).draw(world, noise)
+        return self.law(world).in_weather(world.weather).draw(world, noise)
 
     def log_prob(self, world: World, observation: Observation) -> Floats:
         """Return the (N,) log density of ``observation``."""
-        return self.law(world).log_prob(world, observation)
+        return self.law(world).in_weather(world.weather).log_prob(world, observation)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class ObservationLaw:
     speed_sd: float
     in_ego_frame: bool = False
     power: Floats | None = None
+
+    def in_weather(self, factor: Floats | None) -> ObservationLaw:
+        """Return the distribution with errors and odds of a miss this many times as large; None: the same."""
+        if factor is None:
+            return self
+        times = factor[:, None]
+        total = self.detect + times * self.miss
+        scale = self.scale * times[..., None]
+        return replace(self, detect=self.detect / total, miss=times * self.miss / total, scale=scale)
 
     def draw(self, world: World, noise: Floats) -> Observation:
         """Map standard normal noise (N, 4 V) to an observation.

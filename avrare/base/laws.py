@@ -1,0 +1,265 @@
+"""Laws of random numbers, each a map from a standard normal number to a drawn value.
+
+A law is known by two increasing functions that are inverse to each other: ``at(z)`` is F^-1(Φ(z)), and
+``score(x)`` is Φ^-1(F(x)), the normal score of a value. Both keep their precision in either tail, since no
+probability close to 1 is ever formed.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from typing import Annotated, Any, Literal, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Floats: TypeAlias = NDArray[np.float64]
+Positive = Annotated[float, Field(gt=0.0)]
+
+MOST_VALUES = 1001
+"""Most values that an empirical law keeps; a longer column is kept as this many quantiles."""
+_SEARCH = 64
+"""Halvings in the search for a quantile of a mixture: beyond the last bit of a bracket."""
+
+
+class _Law(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @abstractmethod
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value that stands where ``z`` stands in a standard normal distribution."""
+
+    @abstractmethod
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the standard normal number that stands where ``value`` stands in this law."""
+
+
+class Normal(_Law):
+    """Normal distribution."""
+
+    law: Literal["normal"]
+    mean: float = Field(description="mean of the value")
+    sd: float = Field(gt=0.0, description="standard deviation of the value")
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number."""
+        return np.asarray(self.mean + self.sd * np.asarray(z, dtype=np.float64))
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value."""
+        return np.asarray((np.asarray(value, dtype=np.float64) - self.mean) / self.sd)
+
+
+class Lognormal(_Law):
+    """Distribution of a positive value whose logarithm is normal."""
+
+    law: Literal["lognormal"]
+    mean: float = Field(gt=0.0, description="mean of the value, not of its logarithm")
+    sd: float = Field(gt=0.0, description="standard deviation of the value, not of its logarithm")
+
+    def _log(self) -> tuple[float, float]:
+        variance = math.log1p((self.sd / self.mean) ** 2)
+        return math.log(self.mean) - 0.5 * variance, math.sqrt(variance)
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number."""
+        centre, spread = self._log()
+        return np.asarray(np.exp(centre + spread * np.asarray(z, dtype=np.float64)))
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value."""
+        centre, spread = self._log()
+        with np.errstate(divide="ignore"):
+            return np.asarray((np.log(np.maximum(value, 0.0)) - centre) / spread)
+
+
+class Uniform(_Law):
+    """Uniform distribution."""
+
+    law: Literal["uniform"]
+    low: float = Field(description="least value")
+    high: float = Field(description="greatest value")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        return _ordered(self)
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number."""
+        number = np.asarray(z, dtype=np.float64)
+        near, share = np.where(number < 0.0, self.low, self.high), _below(-np.abs(number))
+        return np.asarray(near + np.where(number < 0.0, 1.0, -1.0) * (self.high - self.low) * share)
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value."""
+        number, width = np.asarray(value, dtype=np.float64), self.high - self.low
+        share = np.clip((number - self.low) / width, 0.0, 1.0)
+        left = np.clip((self.high - number) / width, 0.0, 1.0)
+        return _number_at(share, left)
+
+
+class Truncated(_Law):
+    """Another law, given that its value lies between two bounds."""
+
+    law: Literal["truncated"]
+    of: Law = Field(description="the law whose values are kept")
+    low: float | None = Field(default=None, description="least value; none: no lower bound")
+    high: float | None = Field(default=None, description="greatest value; none: no upper bound")
+
+    @model_validator(mode="after")
+    def _something_left(self) -> Self:
+        if self.low is None and self.high is None:
+            raise ValueError("give low, high or both: where the law is cut")
+        _ordered(self)
+        low, high = self._bounds()
+        if not _below(low) < _below(high) and not _below(-high) < _below(-low):
+            raise ValueError("the law has no values between low and high")
+        return self
+
+    def _bounds(self) -> tuple[float, float]:
+        low = -math.inf if self.low is None else float(self.of.score(self.low))
+        high = math.inf if self.high is None else float(self.of.score(self.high))
+        return low, high
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number."""
+        low, high = self._bounds()
+        number = np.asarray(z, dtype=np.float64)
+        # In the half that has the smaller probabilities, so that a far tail keeps its digits.
+        share, left = _below(number), _below(-number)
+        if low > 0.0:
+            inner = -_number(_below(-low) * left + _below(-high) * share)
+        else:
+            inner = _number_at(
+                _below(low) * left + _below(high) * share, _below(-low) * left + _below(-high) * share
+            )
+        bounds = -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+        return np.clip(self.of.at(np.clip(inner, low, high)), *bounds)
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value."""
+        low, high = self._bounds()
+        inner = np.clip(self.of.score(value), low, high)
+        above = _below(-low) - _below(-high), _below(-inner) - _below(-high)
+        below = _below(high) - _below(low), _below(inner) - _below(low)
+        whole = max(above[0], below[0])
+        return _number_at(np.clip(below[1] / whole, 0.0, 1.0), np.clip(above[1] / whole, 0.0, 1.0))
+
+
+class Part(BaseModel):
+    """One law of a mixture and how much of the values it gives."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    weight: Positive = Field(description="share of the values, in proportion to the other parts'")
+    of: Law = Field(description="the law of this part")
+
+
+class Mixture(_Law):
+    """Value of one of several laws, chosen by their weights."""
+
+    law: Literal["mixture"]
+    parts: tuple[Part, ...] = Field(min_length=2, max_length=50, description="laws with their weights")
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number, by bisection between the parts' own values."""
+        number = np.asarray(z, dtype=np.float64)
+        values = np.stack([part.of.at(number) for part in self.parts])
+        low, high = values.min(axis=0), values.max(axis=0)
+        for _ in range(_SEARCH):
+            middle = 0.5 * (low + high)
+            under = self.score(middle) < number
+            low, high = np.where(under, middle, low), np.where(under, high, middle)
+        return np.asarray(high)
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value."""
+        weights = np.array([part.weight for part in self.parts])
+        scores = np.stack([part.of.score(value) for part in self.parts])
+        shape = (-1, *(1,) * (scores.ndim - 1))
+        share = (weights / weights.sum()).reshape(shape)
+        return _number_at((share * _below(scores)).sum(axis=0), (share * _below(-scores)).sum(axis=0))
+
+
+class Empirical(_Law):
+    """Values that were seen: the quantiles between them are joined by straight lines.
+
+    In a scenario the values are ``file`` and ``column``, a CSV file beside it, or ``values``.
+    """
+
+    law: Literal["empirical"]
+    values: tuple[float, ...] = Field(
+        min_length=2, description="values that were seen, in any order; or give file and column"
+    )
+
+    @model_validator(mode="after")
+    def _different(self) -> Self:
+        if min(self.values) == max(self.values):
+            raise ValueError("all values are the same: write the number itself")
+        return self
+
+    def _sorted(self) -> tuple[Floats, Floats]:
+        values = np.sort(np.array(self.values))
+        return values, np.linspace(0.0, 1.0, len(values))
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number."""
+        values, places = self._sorted()
+        return np.asarray(np.interp(_below(np.asarray(z, dtype=np.float64)), places, values))
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value; of a value that was seen often, the middle of its scores."""
+        values, places = self._sorted()
+        levels, first = np.unique(values, return_index=True)
+        last = np.append(first[1:], len(values)) - 1
+        share = np.interp(np.asarray(value, dtype=np.float64), levels, 0.5 * (places[first] + places[last]))
+        return _number_at(share, 1.0 - share)
+
+
+Law: TypeAlias = Annotated[
+    Normal | Lognormal | Uniform | Truncated | Mixture | Empirical, Field(discriminator="law")
+]
+LAWS: dict[str, type[_Law]] = {
+    "normal": Normal,
+    "lognormal": Lognormal,
+    "uniform": Uniform,
+    "truncated": Truncated,
+    "mixture": Mixture,
+    "empirical": Empirical,
+}
+"""Name after ``law:`` -> model of its options."""
+for _kind in (Truncated, Part, Mixture):
+    _kind.model_rebuild()
+
+
+def condense(values: Floats) -> Floats:
+    """Return at most ``MOST_VALUES`` values with the same quantiles."""
+    if len(values) <= MOST_VALUES:
+        return values
+    return np.asarray(np.quantile(values, np.linspace(0.0, 1.0, MOST_VALUES)))
+
+
+def _ordered(law: Any) -> Any:
+    if law.low is not None and law.high is not None and law.low >= law.high:
+        raise ValueError(f"low ({law.low:g}) must be below high ({law.high:g})")
+    return law
+
+
+def _below(z: ArrayLike) -> Floats:
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(np.asarray(z, dtype=np.float64)))
+
+
+def _number(share: ArrayLike) -> Floats:
+    from scipy.special import ndtri
+
+    return np.asarray(ndtri(np.asarray(share, dtype=np.float64)))
+
+
+def _number_at(share: ArrayLike, left: ArrayLike) -> Floats:
+    # Φ^-1 from the probability below and the one above, of which the smaller has the digits.
+    share, left = np.asarray(share), np.asarray(left)
+    return np.where(share <= left, _number(np.minimum(share, 0.5)), -_number(np.minimum(left, 0.5)))
