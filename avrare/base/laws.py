@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,7 +84,8 @@ class Uniform(_Law):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        return _ordered(self)
+        _check_order(self.low, self.high)
+        return self
 
     def at(self, z: ArrayLike) -> Floats:
         """Return the value of a standard normal number."""
@@ -112,7 +113,7 @@ class Truncated(_Law):
     def _something_left(self) -> Self:
         if self.low is None and self.high is None:
             raise ValueError("give low, high or both: where the law is cut")
-        _ordered(self)
+        _check_order(self.low, self.high)
         low, high = self._bounds()
         if not _below(low) < _below(high) and not _below(-high) < _below(-low):
             raise ValueError("the law has no values between low and high")
@@ -241,10 +242,9 @@ def condense(values: Floats) -> Floats:
     return np.asarray(np.quantile(values, np.linspace(0.0, 1.0, MOST_VALUES)))
 
 
-def _ordered(law: Any) -> Any:
-    if law.low is not None and law.high is not None and law.low >= law.high:
-        raise ValueError(f"low ({law.low:g}) must be below high ({law.high:g})")
-    return law
+def _check_order(low: float | None, high: float | None) -> None:
+    if low is not None and high is not None and low >= high:
+        raise ValueError(f"low ({low:g}) must be below high ({high:g})")
 
 
 def _below(z: ArrayLike) -> Floats:

@@ -17,24 +17,24 @@ def execute(args: argparse.Namespace) -> int:
     return min(failed, default=int(ExitCode.PASS))
 
 
-def _build(scenario: Scenario) -> str:
-    """Build the stack, run a few steps and return the memory of a run in words."""
+def _build(scenario: Scenario) -> list[str]:
+    """Build the stack, run a few steps and return what there is to say of draws and memory."""
     from avrare.estimation.estimate_problem import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.loaded_scenario import LoadedScenario
-    from avrare.stack.builder import try_stack
+    from avrare.stack.builder import try_draws, try_stack
 
     built = LoadedScenario(scenario)
     print_warnings(try_stack(scenario, built.stack, steps=3))
     found, memory = check_scenario(built)
     print_warnings((f"{scenario.path}: {name}: {text}", None) for name, text in found.items())
-    return memory.describe()
+    return [*try_draws(scenario, built.stack), memory.describe()]
 
 
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
         scenario = load(path, args.set, args.estimator)
         print_warnings(scenario.warnings)
-        memory = _build(scenario) if args.build else ""
+        found = _build(scenario) if args.build else []
     except AvrareError as error:
         say("\n".join(error.lines()), error=True)
         return int(error.exit_code)
@@ -47,6 +47,6 @@ def _check(path: str, args: argparse.Namespace) -> int:
         *(["built and run for 3 steps"] if args.build else []),
     ]
     say(f"{path}: ok  {', '.join(parts)}")
-    if memory:
-        say(f"  {memory}")
+    for line in found:
+        say(f"  {line}")
     return int(ExitCode.PASS)

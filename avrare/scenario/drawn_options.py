@@ -151,20 +151,24 @@ def _read_settings(
     if not names:
         hint = "write a law in place of a number, such as {law: normal, mean: 20.0, sd: 1.0}"
         return None, [Mistake(node.name_mark, path, "no option of this simulator is drawn", hint)]
-    pairs = node.entries.get("correlations", node)
-    mistakes = []
-    for index, item in enumerate(pairs.items):
-        for place, one in enumerate(item.entries["between"].items):
-            if one.value not in names:
-                at = (*path, "correlations", index, "between", place)
-                hint = did_you_mean(str(one.value), names)
-                mistakes.append(Mistake(one.mark, at, f"no drawn option is called {one.value!r}", hint))
-        if len({one.value for one in item.entries["between"].items}) == 1:
-            mistakes.append(Mistake(item.mark, (*path, "correlations", index), "these are one and the same"))
+    mistakes = _check_pairs(node.entries.get("correlations", node), (*path, "correlations"), names)
     if not mistakes and np.linalg.eigvalsh(correlation_matrix(names, settings.correlations)).min() < -1e-9:
         text, hint = "these correlations contradict each other", "bring them nearer to 0, or leave one out"
-        mistakes.append(Mistake(pairs.name_mark, (*path, "correlations"), text, hint))
+        mistakes = [Mistake(node.entries["correlations"].name_mark, (*path, "correlations"), text, hint)]
     return settings, mistakes
+
+
+def _check_pairs(pairs: Node, path: Path, names: Sequence[str]) -> list[Mistake]:
+    mistakes = []
+    for index, item in enumerate(pairs.items):
+        ends = item.entries["between"].items
+        for place, end in enumerate(ends):
+            if end.value not in names:
+                text, hint = f"no drawn option is called {end.value!r}", did_you_mean(str(end.value), names)
+                mistakes.append(Mistake(end.mark, (*path, index, "between", place), text, hint))
+        if ends[0].value == ends[1].value:
+            mistakes.append(Mistake(item.mark, (*path, index), "these are one and the same"))
+    return mistakes
 
 
 def _check_tails(

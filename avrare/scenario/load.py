@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from avrare.base.errors import ExitCode, PluginError, did_you_mean
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.drawn_options import find_draws
-from avrare.scenario.draws import KEY
+from avrare.scenario.draws import KEY, Draws
 from avrare.scenario.extends import read
 from avrare.scenario.overrides import override
 from avrare.scenario.safe_mode import check_import_path, find_refusals
@@ -120,7 +120,8 @@ def _resolve_block(
         model = _options_model(row)
     except PluginError as error:
         return None, [Mistake(plugin.mark, plugin_path, error.message, error.hint, ExitCode.PLUGIN)]
-    draws, found = None, []
+    draws: Draws | None = None
+    found: list[Mistake] = []
     if kind == "simulator":
         node, draws, found = find_draws(model, node, path, folder)
     if refusals := find_refusals(row, model, node, path, folder):

@@ -56,7 +56,7 @@ def build_stack(scenario: Scenario) -> Stack:
     with _located(scenario, "simulator"):
         simulator = _build_simulator(scenario.simulator)
     scene = find_scene(simulator)
-    parts = []
+    parts: list[Any] = []
     for kind in ("perception", "tracker", "controller"):
         block = getattr(scenario, kind)
         with _located(scenario, kind):
@@ -67,7 +67,8 @@ def build_stack(scenario: Scenario) -> Stack:
             specifications[name] = build_specification(part, scene, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
-    return Stack(ClosedLoop(simulator, *parts, start=start), scene, specifications)
+    perception, tracker, controller = parts
+    return Stack(ClosedLoop(simulator, perception, tracker, controller, start), scene, specifications)
 
 
 def _build_simulator(block: Block) -> Any:
@@ -138,6 +139,30 @@ def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[st
         for name, spec in stack.specifications.items():
             monitors[name], _ = spec.update(monitors[name], signals)
     return [warning for name, spec in stack.specifications.items() for warning in _lint(scenario, name, spec)]
+
+
+def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3) -> list[str]:
+    """Draw scenes, run each for a few steps and return what there is to say; nothing where none is drawn.
+
+    Raises:
+        ScenarioError: A scene cannot be drawn or driven.
+    """
+    start, loop = stack.loop.start, stack.loop
+    if start is None:
+        return []
+    noise = np.random.default_rng(0).standard_normal((steps + 1, scenes, loop.noise_size))
+    with _located(scenario, "simulator"):
+        state = loop.initial(noise[0])
+        drawn = state.drawn
+        for row in noise[1 : scenario.steps + 1]:
+            state = loop.step(state, row)
+    broken = int(loop.faults(state).sum())
+    if broken == scenes:
+        text = f"{scenario.path}: simulator: each of {scenes} drawn scenes is impossible or breaks down"
+        raise ScenarioError([(text, "bring the laws nearer to a scene that can be driven")])
+    again = 0 if drawn is None else int((drawn.redraws > 0).sum())
+    count = f"{start.size} option{'s' * (start.size != 1)} drawn"
+    return [f"{count}, {scenes} scenes tried: {again} of them drawn again, {broken} in error"]
 
 
 def _lint(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str, str | None]]:

@@ -17,6 +17,7 @@ from avrare.base import batch
 from avrare.protocols import Bools, Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import replay_tape
+from avrare.scenario.draws import Draws
 from avrare.stack.closed_loop import LoopState
 
 _MAX_DISTURBANCES = 8
@@ -24,6 +25,8 @@ _NEUTRAL_FACTOR = 3.0
 """Errors are reported above this multiple of the largest neutral error."""
 _MIN_ERRORS = (0.1, 0.1, 0.3)
 """Smallest reported errors along and across the road [m] and of the speed [m/s]."""
+_USUAL_DRAW = 0.5
+"""Normal score above which a drawn option is reported."""
 _DIRECTIONS = (
     ("m too far ahead", "m too far behind"),
     ("m too far left", "m too far right"),
@@ -64,7 +67,10 @@ def find_disturbances(scenario: LoadedScenario, tape: Floats) -> list[Disturbanc
     dt = loop.simulator.dt
     found = _find_detections(actual.detected, neutral.detected, names, dt, bool(tape.any()))
     found += _find_errors(_compute_errors(worlds, actual), _compute_errors(worlds, neutral), names, dt)
-    found += _describe_channels(tape[:, : loop.simulator.noise_size] if found else tape)
+    first, last = loop.world_noise - loop.simulator.noise_size, loop.world_noise
+    found += _describe_channels(tape[:, first:last] if found or first else tape)
+    if loop.start is not None and states[0].drawn is not None:
+        found += _describe_draws(loop.start.draws, states[0].drawn.values[0])
     return sorted(found, key=lambda one: one.step)
 
 
@@ -115,6 +121,16 @@ def _find_errors(actual: Floats, neutral: Floats, names: Sequence[str], dt: floa
                 peak = float(signed[first - 1 : last].max())
                 text = f"{peak:.2g} {directions[sign]} {_format_interval(first, last, dt)}"
                 found.append(Disturbance(names[v], text, first, peak / limits[v]))
+    return found
+
+
+def _describe_draws(draws: Draws, values: Floats) -> list[Disturbance]:
+    # By the normal score of the value itself, which is that of the tape only where nothing is correlated.
+    found = []
+    for name, law, value in zip(draws.names, draws.laws, values.tolist(), strict=True):
+        score = float(law.score(value))
+        if abs(score) > _USUAL_DRAW:
+            found.append(Disturbance(name, f"is {value:.4g} ({score:+.2g} sigma)", 0, abs(score)))
     return found
 
 

@@ -123,10 +123,14 @@ def select_rows(
 
 
 def _group_channels(scenario: LoadedScenario, size: int) -> list[tuple[str, int, int]]:
-    # (label, first, last + 1): the channels of the simulator come first, then those of the perception model,
-    # which are taken to be ordered by vehicle if there are equally many for each.
-    own = int(scenario.stack.loop.simulator.noise_size)
-    groups = [("simulator", 0, own)] if own else []
+    # (label, first, last + 1): the channels of draws come first, of the simulator, then of the perception
+    # model, which are taken to be ordered by vehicle if there are equally many for each.
+    loop = scenario.stack.loop
+    start = getattr(loop, "start", None)
+    drawn = start.size if start is not None else 0
+    own = drawn + int(loop.simulator.noise_size)
+    groups = [("draws, at the start", 0, drawn)] if drawn else []
+    groups += [("simulator", drawn, own)] if own > drawn else []
     names = scenario.scene.names if scenario.scene is not None else ()
     each, rest = divmod(size - own, max(len(names), 1))
     if size == own:

@@ -324,7 +324,8 @@ def _render_warnings(entry: StoredEstimate) -> Markup:
     solves = counts.get("solves", 0)
     for name, count in counts.items():
         if count and name != "solves":
-            lines.append(tag("li", f"{name.replace('_', ' ')}: {count:,} of {solves:,}."))
+            total = f" of {solves:,}" if "solve" in name else ""
+            lines.append(tag("li", f"{name.replace('_', ' ')}: {count:,}{total}."))
     if warnings:
         return tag("div", tag("h3", "Warnings"), tag("ul", lines), class_="health warning", role="note")
     return tag("div", tag("p", "No warnings."), tag("ul", lines) if lines else None, class_="health")

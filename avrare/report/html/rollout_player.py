@@ -27,6 +27,7 @@ from avrare.results.reader import RolloutSample
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
+from avrare.stack.drawn_start import SIGNAL
 
 _LEAD = 3.0  # time before the failure at which the player opens [s]
 _MAX_SIGNALS = 12
@@ -121,7 +122,7 @@ def render_player(rollout: MonitoredRollout, scenario: LoadedScenario, opened: b
     return tag(
         "details", summary,
         tag("p", typeset_minus(summarise(result)), class_="sentence"),
-        _render_difference(stored, result),
+        _render_difference(stored, result), _render_drawn(result),
         tag(
             "div", _render_stage(result), json_block(_tabulate_view(result, rollout.frames, marked)),
             _draw_robustness(result), draw_predicates(scenario.stack.specifications[result.name], result),
@@ -130,6 +131,15 @@ def render_player(rollout: MonitoredRollout, scenario: LoadedScenario, opened: b
         ),
         open=opened,
     )  # fmt: skip
+
+
+def _render_drawn(result: MonitoringResult) -> Markup | None:
+    drawn = {name: values for name, values in result.recording.signals.items() if name.startswith(SIGNAL)}
+    rows = [
+        tag("div", tag("dt", name.removeprefix(SIGNAL).replace("_", " ")), tag("dd", f"{values[0]:.4g}"))
+        for name, values in drawn.items()
+    ]
+    return tag("div", tag("p", "Drawn at the start:"), tag("dl", rows, class_="facts")) if rows else None
 
 
 def typeset_minus(text: str) -> str:

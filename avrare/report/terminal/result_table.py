@@ -58,10 +58,12 @@ def note_lines(results: Sequence[Result]) -> list[str]:
         if note := result.diagnostics.get("note"):
             lines.setdefault(note, []).append(result.specification)
         counts = {name: n for name, n in result.counts.items() if n and name != "solves"}
-        if counts:
-            text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counts.items())
-            total = f" of {result.counts['solves']} solves" if "solves" in result.counts else ""
-            lines.setdefault(text + total, []).append(result.specification)
+        total = f" of {result.counts['solves']} solves" if "solves" in result.counts else ""
+        for of_solver in (True, False):
+            shown = [(name, n) for name, n in counts.items() if ("solve" in name) == of_solver]
+            if shown:
+                text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in shown)
+                lines.setdefault(text + total * of_solver, []).append(result.specification)
     return _name_specifications(lines, results)
 
 

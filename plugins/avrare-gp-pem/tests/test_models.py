@@ -150,3 +150,19 @@ def test_listing_imports_nothing_heavy():
         "assert not heavy, heavy\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(sys.path)})
+
+
+def test_weather_multiplies_errors_and_the_odds_of_a_miss(build, make):
+    model, world = build(make.scene(2)), make.random(2000, 2)
+    clear = model.law(world)
+    law = clear.in_weather(np.full(2000, 3.0))
+    np.testing.assert_allclose(law.miss * clear.detect, 3.0 * clear.miss * law.detect)
+    np.testing.assert_allclose(law.scale, 3.0 * clear.scale)
+    one = dataclasses.replace(world, weather=np.ones(2000))
+    for name in FIELDS:
+        same = (getattr(draws(model, other)[1], name) for other in (world, one))
+        np.testing.assert_allclose(*same, rtol=1e-12)
+    rainy = dataclasses.replace(world, weather=np.full(2000, 3.0))
+    _, seen = draws(model, rainy)
+    assert seen.detected.mean() < draws(model, world)[1].detected.mean()
+    np.testing.assert_array_equal(model.log_prob(rainy, seen), law.log_prob(rainy, seen))

@@ -1,0 +1,114 @@
+"""Drawn starts, goals, friction and weather: every particle its own, exact where a plan is solved."""
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from avrare.base.errors import UsageError
+from avrare.base.laws import Law
+from avrare.driving import Action
+from avrare_single_track.config import SingleTrackConfig
+from avrare_single_track.drawn_traffic import with_numbers
+from avrare_single_track.simulator import ScriptedTraffic, build
+
+EGO = {"x": 0.0, "y": 1.75, "speed": 20.0, "friction": 1.0}
+VEHICLES = [
+    {"name": "cruiser", "x": 30.0, "y": 5.25, "speed": 15.0},
+    {
+        "name": "driven",
+        "x": 10.0,
+        "y": -1.75,
+        "speed": 10.0,
+        "drive": {"lanes": [0], "steps": 12, "y_min": -3.0, "y_goal": -1.75, "v_goal": 14.0},
+    },
+]
+LAWS = {
+    path: TypeAdapter(Law).validate_python({"law": "normal", "mean": mean, "sd": sd})
+    for path, mean, sd in (
+        ("ego.speed", 20.0, 1.0),
+        ("ego.friction", 1.0, 0.1),
+        ("vehicles.0.x", 30.0, 2.0),
+        ("vehicles.0.speed", 15.0, 1.0),
+        ("vehicles.1.x", 10.0, 2.0),
+        ("vehicles.1.speed", 10.0, 0.5),
+        ("vehicles.1.drive.v_goal", 14.0, 0.5),
+        ("weather", 1.0, 0.1),
+    )
+}
+
+
+def simulator(**options):
+    return build(SingleTrackConfig.model_validate({"ego": EGO, "vehicles": VEHICLES, **options}))
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return simulator(weather=1.0).drawing(LAWS)
+
+
+def values(n, seed=0):
+    numbers = np.random.default_rng(seed).standard_normal((len(LAWS), n))
+    return {path: law.at(row) for (path, law), row in zip(LAWS.items(), numbers, strict=True)}
+
+
+def roll(sim, world, steps, acceleration=0.0):
+    for _ in range(steps):
+        n = len(world.ego.x)
+        world = sim.step(world, Action(np.full(n, acceleration), np.zeros(n)), np.zeros((n, 0)))
+    return world
+
+
+def test_every_particle_has_its_own_start(drawn):
+    chosen = values(5)
+    world = drawn.reset_drawn(np.zeros((5, 0)), chosen)
+    assert (world.ego.speed == chosen["ego.speed"]).all()
+    assert (world.friction == chosen["ego.friction"]).all()
+    assert (world.weather == chosen["weather"]).all()
+    assert world.others.x[:, 1] == pytest.approx(chosen["vehicles.1.x"])
+    assert world.others.speed[:, 1] == pytest.approx(chosen["vehicles.1.speed"], abs=1e-9)
+
+
+def test_medians_are_the_fixed_scene(drawn):
+    fixed = simulator(weather=1.0)
+    medians = {path: np.array([float(law.at(0.0))]) for path, law in LAWS.items()}
+    one = roll(fixed, fixed.reset(np.zeros((1, 0))), 15)
+    other = roll(drawn, drawn.reset_drawn(np.zeros((1, 0)), medians), 15)
+    for name, signal in fixed.signals(one).items():
+        assert drawn.signals(other)[name] == pytest.approx(signal, abs=1e-9), name
+
+
+def test_vehicles_at_constant_velocity_are_exact(drawn):
+    chosen = values(6)
+    world = roll(drawn, drawn.reset_drawn(np.zeros((6, 0)), chosen), 20)
+    expected = chosen["vehicles.0.x"] + 2.0 * chosen["vehicles.0.speed"]
+    assert world.others.x[:, 0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_planned_vehicles_are_near_their_own_plans(drawn):
+    chosen = values(4, seed=2)
+    mixture = drawn.drawn_traffic.mix(chosen, 4)
+    vehicle = drawn.config.vehicles[1]
+    for row in range(4):
+        own = {name: chosen[f"vehicles.1.{name}"][row] for name in ("x", "speed", "drive.v_goal")}
+        exact = ScriptedTraffic((with_numbers(vehicle, own),), drawn.scene.road, drawn.dt)
+        for step in (0, 3, 11, 20):
+            found = drawn.drawn_traffic.at(np.full(4, step), mixture)
+            wanted = exact.at(np.array([step]))
+            for name in ("x", "y", "heading", "speed"):
+                assert getattr(found, name)[row, 1] == pytest.approx(getattr(wanted, name)[0, 0], abs=0.03), (
+                    name
+                )
+
+
+def test_friction_is_each_particle_s_own(drawn):
+    chosen = values(3) | {"ego.friction": np.array([1.0, 0.5, 0.2])}
+    world = roll(drawn, drawn.reset_drawn(np.zeros((3, 0)), chosen), 1, acceleration=-11.0)
+    assert world.ego.acceleration == pytest.approx(-9.81 * chosen["ego.friction"])
+
+
+def test_too_many_numbers_of_one_script_are_refused():
+    laws = {
+        f"vehicles.1.{name}": LAWS["ego.speed"] for name in ("y", "speed", "drive.v_goal", "drive.y_goal")
+    }
+    with pytest.raises(UsageError, match="at most 3 can be"):
+        simulator().drawing(laws)

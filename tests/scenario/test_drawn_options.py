@@ -1,0 +1,182 @@
+"""Laws in the place of numbers: read, placed, and refused with line and column."""
+
+from pathlib import Path
+
+import pytest
+
+from avrare.base.errors import ScenarioError
+from avrare.plugin.registry import default_registry
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.json_schema import scenario_schema
+from avrare.scenario.load import load
+from avrare.scenario.safe_mode import safe_mode
+
+SCENE = """\
+name: drawn
+steps: 3
+simulator:
+  plugin: single_track
+  ego:
+    x: 0.0
+    y: 1.75
+    speed: {law: normal, mean: 20.0, sd: 1.0}
+  vehicles:
+    - name: van
+      x: {law: uniform, low: 30.0, high: 50.0}
+      y: 1.75
+specifications:
+  clear: {stl: "always (gap > 0)"}
+"""
+
+
+@pytest.fixture
+def read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def read(text=SCENE, *overrides):
+        Path("s.yaml").write_text(text)
+        return load("s.yaml", overrides)
+
+    return read
+
+
+@pytest.fixture
+def refused(read):
+    def refused(old, new, *overrides):
+        assert old in SCENE
+        with pytest.raises(ScenarioError) as caught:
+            read(SCENE.replace(old, new), *overrides)
+        return "\n".join(caught.value.lines())
+
+    return refused
+
+
+def test_the_plugin_sees_medians_and_the_block_has_the_laws(read):
+    block = read().simulator
+    assert (block.config.ego.speed, block.config.vehicles[0].x) == (20.0, 40.0)
+    assert block.draws.paths == ("ego.speed", "vehicles.0.x")
+    assert block.draws.names == ("ego.speed", "vehicles.van.x")
+    assert [law.law for law in block.draws.laws] == ["normal", "uniform"]
+
+
+def test_without_laws_there_are_no_draws(read):
+    found = read(SCENE, "simulator.ego.speed=20.0", "simulator.vehicles=[]").simulator
+    assert found.draws is None
+    assert "draws" not in found.resolved
+
+
+def test_resolved_loads_to_the_same_scenario(read, tmp_path):
+    import yaml
+
+    scenario = read(
+        SCENE, "simulator.draws.correlations=[{between: [ego.speed, vehicles.van.x], value: 0.5}]"
+    )
+    Path("again.yaml").write_text(yaml.safe_dump(scenario.resolved, sort_keys=False))
+    again = load("again.yaml")
+    assert again.simulator.draws == scenario.simulator.draws
+    assert fingerprint(again) == fingerprint(scenario)
+
+
+def test_another_law_is_another_fingerprint(read):
+    assert fingerprint(read()) != fingerprint(read(SCENE.replace("sd: 1.0", "sd: 1.1")))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "words"),
+    [
+        ("normal", "norml", "8:18", "did you mean 'normal'?"),
+        ("sd: 1.0", "sd: -1.0", "8:42", "should be greater than 0"),
+        ("sd: 1.0", "deviation: 1.0", "8:38", "unknown key"),
+        ("sd: 1.0", "sd: 9.0", "8:12", "draws reach -34: should be greater than or equal to 0"),
+        ("steps: 3", "steps: 3\nconfidence: {law: normal}", "3:13", "should be a number"),
+        ("y: 1.75\n    speed", "length: {law: uniform, low: 4, high: 5}\n    y: 1.75\n    speed", "7:13",
+         "this option cannot be drawn"),
+    ],
+)  # fmt: skip
+def test_mistakes_have_their_place(refused, old, new, place, words):
+    error = refused(old, new)
+    assert f"s.yaml:{place}: " in error
+    assert words in error
+
+
+def test_the_options_that_can_be_drawn_are_named(refused):
+    old = "y: 1.75\n    speed"
+    error = refused(old, f"length: {{law: uniform, low: 4, high: 5}}\n    {old}")
+    assert "these can: ego.x, ego.y, ego.speed, vehicles.0.x, vehicles.0.y" in error
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ("correlations: [{between: [ego.sped, vehicles.van.x], value: 0.5}]", "did you mean 'ego.speed'?"),
+        ("correlations: [{between: [ego.speed, ego.speed], value: 0.5}]", "one and the same"),
+        ("correlations: [{between: [ego.speed, vehicles.van.x], value: 1.5}]", "less than or equal to 1"),
+        ("attempts: 0", "greater than or equal to 1"),
+        ("overlaps: error", "did you mean 'overlap'?"),
+    ],
+)
+def test_wrong_settings_are_refused(refused, settings, words):
+    error = refused("  vehicles:", f"  draws: {{{settings}}}\n  vehicles:")
+    assert "s.yaml:9:" in error
+    assert words in error
+
+
+def test_correlations_must_not_contradict_each_other(refused):
+    pairs = [
+        ("ego.speed", "vehicles.van.x", 0.9),
+        ("ego.speed", "ego.x", 0.9),
+        ("ego.x", "vehicles.van.x", -0.9),
+    ]
+    listed = ", ".join(f"{{between: [{a}, {b}], value: {c}}}" for a, b, c in pairs)
+    drawn = "simulator.ego.x={law: normal, mean: 0, sd: 1}"
+    error = refused("  vehicles:", f"  draws: {{correlations: [{listed}]}}\n  vehicles:", drawn)
+    assert "contradict each other" in error
+
+
+def test_settings_without_a_law_are_refused(read):
+    text = SCENE.replace("  vehicles:", "  draws: {}\n  vehicles:")
+    with pytest.raises(ScenarioError, match="no option of this simulator is drawn"):
+        read(text, "simulator.ego.speed=20", "simulator.vehicles=[]")
+
+
+def test_a_column_becomes_values_and_the_file_is_not_needed_later(read):
+    Path("speeds.csv").write_text("speed,other\n18.0,1\n22.0,2\n20.0,3\n")
+    text = SCENE.replace(
+        "{law: normal, mean: 20.0, sd: 1.0}", "{law: empirical, file: speeds.csv, column: speed}"
+    )
+    scenario = read(text)
+    assert scenario.simulator.draws.laws[0].values == (18.0, 22.0, 20.0)
+    assert scenario.simulator.resolved["ego"]["speed"]["values"] == [18.0, 22.0, 20.0]
+    with pytest.raises(ScenarioError, match=r"has no column 'sped'"):
+        read(text.replace("column: speed", "column: sped"))
+    with pytest.raises(ScenarioError, match="no such file"):
+        read(text.replace("speeds.csv", "sped.csv"))
+
+
+def test_safe_mode_reads_no_column_outside_the_folder(read):
+    text = SCENE.replace("{law: normal, mean: 20.0, sd: 1.0}", "{law: empirical, file: ../a.csv, column: a}")
+    with safe_mode(), pytest.raises(ScenarioError, match="outside the scenario's folder"):
+        read(text)
+
+
+def test_an_option_of_another_kind_named_law_is_left_alone(read):
+    text = """\
+name: pole
+steps: 2
+simulator:
+  plugin: gymnasium
+  env: CartPole-v1
+  noise: {observation: {law: uniform, scale: 0.1}}
+specifications:
+  up: {stl: "always (o2 < 0.2)"}
+"""
+    block = read(text).simulator
+    assert block.draws is None
+    assert block.config.noise.observation.law == "uniform"
+
+
+def test_the_json_schema_allows_a_law_where_it_is_drawn():
+    definitions = scenario_schema(default_registry())["$defs"]
+    ego = definitions["simulator.single_track.EgoConfig"]["properties"]
+    assert {"law"} == set(ego["speed"]["anyOf"][1]["required"])
+    assert "anyOf" not in ego["length"]
