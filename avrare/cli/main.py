@@ -27,6 +27,7 @@ COMMANDS = {
     "falsify": ("avrare.cli.falsify", "search for a failure, then for the most likely one"),
     "failures": ("avrare.cli.failures", "list, add, print and cluster stored failures"),
     "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
+    "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),

@@ -186,6 +186,22 @@ OPTIONS: dict[str, Options] = {
         ),
         **_OUTPUT,
     },
+    "attribution": {
+        "folder DIR": "run folder",
+        "--specification NAME": "only this specification (default: all with failures)",
+        "--fresh N": (
+            "fresh tapes for each perfect part, which find the failures that it makes (default 1000)",
+            {**_NATURAL, "default": 1000},
+        ),
+        "--channels": "give each noise channel a row of its own",
+        "--variant NAME:KEY=VALUE": (
+            "another version of the scenario, run on the same tapes; may be repeated",
+            _REPEATABLE,
+        ),
+        "--seed N": ("seed of the fresh noise (default 0)", {**_NATURAL, "default": 0}),
+        **_WORKERS,
+        **_OUTPUT,
+    },
     "rules": {
         "names NAME": ("show these rules in full; case and '_' are ignored", {"nargs": "*"}),
         "--json": "print a JSON list",

@@ -248,6 +248,23 @@ class Result:
         find = late_import("avrare.analysis.causes.kinds:kinds_of_result")
         return find(self, max_kinds, method)
 
+    def attribution(self, fresh: int = 1000, channels: bool = False, workers: int = 1) -> Any:
+        """Attribute the failures to the noise that carries them, and tell what perfect parts would save.
+
+        Args:
+            fresh: Fresh tapes, each run once for every perfect part; 0: none.
+            channels: Give each noise channel a row of its own.
+            workers: Number of processes.
+
+        Returns:
+            ``avrare.analysis.causes.attribution.Attribution``, which prints itself.
+
+        Raises:
+            UsageError: There are fewer than two failures, or the result was not made in this process.
+        """
+        attribute = late_import("avrare.analysis.causes.attribution:attribution_of_result")
+        return attribute(self, fresh, channels, workers)
+
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the result as one HTML file and return its path.
 

@@ -31,7 +31,7 @@ from avrare.protocols import (
 )
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
 from avrare.stack.features import HasFeatures, flattened, plan_features, track_features, vehicle_features
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,14 @@ class ClosedLoop:
         if self.perception is not None:
             names += find_noise_names(self.perception, "noise of perception:")
         return names
+
+    @property
+    def perfect_noise(self) -> Floats:
+        """Numbers (noise_size,) of a loop whose simulator and perception make no errors."""
+        parts = [find_perfect_noise(self.simulator)]
+        if self.perception is not None:
+            parts.append(find_perfect_noise(self.perception))
+        return np.concatenate(parts)
 
     def initial(self, noise: Floats) -> LoopState:
         """Return the state at t = 0 from noise (N, noise_size)."""

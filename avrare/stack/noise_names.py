@@ -1,9 +1,12 @@
-"""Names of the noise of a system, and the time step that its reports count in."""
+"""Names of the noise of a system, its values in a perfect one, and the time step of its reports."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import find_ability, find_simulator
@@ -44,3 +47,28 @@ def find_time_step(system: object) -> float | None:
     """Return the time step of the simulator that a system is built around [s]; None where there is none."""
     stepping = find_ability(find_simulator(system), HasTimeStep)
     return float(stepping.dt) if stepping is not None else None
+
+
+class HasPerfectNoise(Protocol):
+    """Simulator or perception error model that says what noise a perfect one would have."""
+
+    perfect_noise: Sequence[float]
+    """Number of each channel at which it makes no error, ``noise_size`` of them."""
+
+
+def find_perfect_noise(part: Any) -> NDArray[np.float64]:
+    """Return the noise numbers (noise_size,) of a part that makes no errors: zeros unless it says otherwise.
+
+    Zero is the median of every channel. A detection needs another number: at its median, a vehicle that is
+    detected less than half of the time is missed.
+    """
+    perfect = find_ability(part, HasPerfectNoise)
+    if perfect is None:
+        return np.zeros(part.noise_size)
+    numbers = np.asarray(perfect.perfect_noise, dtype=np.float64)
+    if numbers.shape != (part.noise_size,):
+        raise UsageError(
+            f"{type(part).__name__} has {numbers.shape} perfect_noise, but noise_size is {part.noise_size}",
+            "give one number for each noise number, or leave perfect_noise out",
+        )
+    return numbers

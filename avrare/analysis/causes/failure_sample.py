@@ -139,6 +139,7 @@ class FailureSample:
         """
         level = self.confidence if confidence is None else confidence
         share, error, _ = self.mean(chosen.astype(np.float64))
+        share = float(chosen[0]) if chosen.all() or not chosen.any() else share  # without rounding
         size = self.size
         if self.failures.weights is not None or self.failures.ancestors is not None:
             pieces = 1.0 / float((np.bincount(self.clusters, self.shares) ** 2).sum())

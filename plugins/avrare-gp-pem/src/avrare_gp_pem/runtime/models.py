@@ -19,6 +19,7 @@ from avrare_gp_pem.runtime.observation_model import (
     ObservationLaw,
     noise_names,
     normal_log_density,
+    perfect_noise,
 )
 from avrare_gp_pem.runtime.persistence import PersistentPem, with_persistence
 from avrare_gp_pem.runtime.store import load, locate
@@ -44,6 +45,11 @@ class LawPem(ABC):
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number."""
         return noise_names(self.scene.names)
+
+    @property
+    def perfect_noise(self) -> tuple[float, ...]:
+        """Noise of an observation without misses and errors."""
+        return perfect_noise(self.scene.names)
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
@@ -179,6 +185,11 @@ class NaivePem:
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number."""
         return noise_names(self.scene.names)
+
+    @property
+    def perfect_noise(self) -> tuple[float, ...]:
+        """Noise of an observation without misses and errors."""
+        return perfect_noise(self.scene.names)
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""

@@ -29,6 +29,14 @@ def noise_names(vehicles: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{kind} of {vehicle}" for vehicle in vehicles for kind in _NOISE)
 
 
+def perfect_noise(vehicles: Sequence[str]) -> tuple[float, ...]:
+    """Return the noise of an observation without misses and errors of these vehicles.
+
+    Only a vehicle whose probability of detection is below that of a normal number under -8 stays unseen.
+    """
+    return (-8.0, 0.0, 0.0, 0.0) * len(vehicles)
+
+
 @dataclass(frozen=True)
 class ObservationLaw:
     """Distribution of the observation of N worlds.

@@ -36,6 +36,10 @@ class MemorylessPem(Protocol):
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number."""
 
+    @property
+    def perfect_noise(self) -> tuple[float, ...]:
+        """Noise of an observation without misses and errors."""
+
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
 
@@ -86,6 +90,11 @@ class PersistentPem:
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number: what it adds to an error that lasts."""
         return self.memoryless.noise_names
+
+    @property
+    def perfect_noise(self) -> tuple[float, ...]:
+        """Noise without misses and errors, at every step."""
+        return self.memoryless.perfect_noise
 
     def start(self, noise: Floats) -> Memory:
         """Return the latent numbers at t = 0, in the stationary state, from noise (N, noise_size)."""

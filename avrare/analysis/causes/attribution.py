@@ -1,0 +1,263 @@
+"""Attribution: which noise carries the failures, and what a perfect part would save.
+
+Let G be a group of noise numbers. Failing tapes are run again with G drawn afresh, and with all but G drawn
+afresh. If S and S' are the shares of failures that stay, and p is the probability, then
+
+    carries = (1 - S) / (1 - p),    alone = (S' - p) / (1 - p)
+
+are the total and the first-order Sobol index of the failure indicator: the share of its variance that needs
+G, and the share that G alone explains (Homma and Saltelli 1996). A failure only G can cause has both 1.
+
+A part is perfect where its numbers are those at which it makes no error. Failing tapes on which a perfect
+part passes are saved; fresh tapes on which only the stack with the perfect part fails count against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
+from avrare.analysis.causes.origin import require_problem
+from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
+from avrare.base.errors import UsageError
+from avrare.base.records import Records
+from avrare.estimation import intervals
+from avrare.estimation.intervals import Interval
+from avrare.estimation.result import Result
+from avrare.protocols import Bools, Floats
+from avrare.rollout.problem import Problem
+
+_SEED = 2**62
+"""Added to the seed: fresh noise differs from that of any estimate."""
+_OUTLIERS = 2.5
+_FRESH = 1000
+
+
+@dataclass(frozen=True)
+class GroupShare:
+    """Share of the failures that a group of noise carries.
+
+    Attributes:
+        name: Its name.
+        sort: As in ``NoiseGroup``.
+        carries: Total index: share of the variance of failure that needs this noise.
+        carries_interval: Its interval.
+        alone: First-order index: share that this noise explains by itself.
+        alone_interval: Its interval.
+    """
+
+    name: str
+    sort: str
+    carries: float
+    carries_interval: Interval
+    alone: float
+    alone_interval: Interval
+
+
+@dataclass(frozen=True)
+class Saving:
+    """Effect of making a part perfect, on the same tapes.
+
+    Attributes:
+        name: What is made perfect, or changed.
+        vanish: Share of the failures that pass with it.
+        vanish_interval: Its interval.
+        new: Probability of a rollout that fails only with it.
+        new_interval: Its interval.
+        saved: Share of the probability that it saves: ``vanish`` minus ``new`` over the estimate.
+        saved_interval: Its interval; a negative end means that it may do harm.
+    """
+
+    name: str
+    vanish: float
+    vanish_interval: Interval
+    new: float
+    new_interval: Interval
+    saved: float
+    saved_interval: Interval
+
+
+@dataclass(frozen=True, repr=False)
+class Attribution:
+    """Attribution of the failures of one specification.
+
+    Attributes:
+        specification: Its name.
+        shares: Shares of the groups, as they were asked for.
+        savings: What perfect parts would save, the largest first.
+        failures: Number of failing tapes that it rests on.
+        fresh: Number of fresh tapes.
+        rollouts: Rollouts that it took.
+        errors: Those that broke down.
+    """
+
+    specification: str
+    shares: tuple[GroupShare, ...]
+    savings: tuple[Saving, ...]
+    failures: int
+    fresh: int
+    rollouts: int
+    errors: int
+
+    def table(self) -> Records:
+        """Return one row for each group of noise."""
+        return Records(
+            {
+                "noise": one.name, "sort": one.sort,
+                "carries": one.carries, "carries_low": one.carries_interval[0],
+                "carries_high": one.carries_interval[1],
+                "alone": one.alone, "alone_low": one.alone_interval[0], "alone_high": one.alone_interval[1],
+            }
+            for one in self.shares
+        )  # fmt: skip
+
+    def savings_table(self) -> Records:
+        """Return one row for each perfect part."""
+        return Records(
+            {
+                "perfect": one.name, "saves": one.saved, "low": one.saved_interval[0],
+                "high": one.saved_interval[1], "vanish": one.vanish, "new": one.new,
+                "new_high": one.new_interval[1],
+            }
+            for one in self.savings
+        )  # fmt: skip
+
+    def lines(self) -> list[str]:
+        """Return both tables as text."""
+        broken = f", {self.errors} broke down" if self.errors else ""
+        cost = f"{self.failures} failures, {self.fresh} fresh tapes, {self.rollouts:,} rollouts{broken}"
+        names = [one.name for one in self.shares] + [one.name for one in self.savings]
+        width = max(map(len, names), default=0)
+        found = [f"{self.specification}: what carries the failures ({cost})"]
+        found.append(f"  {'noise':<{width}}  {'is needed for':<22}  alone explains")
+        for share in self.shares:
+            needed = _format(share.carries, share.carries_interval)
+            found.append(
+                f"  {share.name:<{width}}  {needed:<22}  {_format(share.alone, share.alone_interval)}"
+            )
+        found.append("what a perfect part would save, on the same tapes")
+        for one in self.savings:
+            new = f"; new failures {one.new:.2g} (up to {one.new_interval[1]:.2g})" if self.fresh else ""
+            vanish = f"{_format(one.vanish, one.vanish_interval)} of the failures vanish{new}"
+            saved = f"saves {_format(one.saved, one.saved_interval)}: " if self.fresh else ""
+            found.append(f"  {one.name:<{width}}  {saved}{vanish}")
+        return found
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def _format(value: float, interval: Interval) -> str:
+    low, high = (f"{round(100 * end):,}" if np.isfinite(end) else "unknown" for end in interval)
+    return f"{round(100 * value):,} % ({low} .. {high})"
+
+
+def attribute(
+    problem: Problem, sample: FailureSample, *, seed: int = 0, fresh: int = _FRESH,
+    groups: Sequence[NoiseGroup] | None = None, variants: Mapping[str, Problem] | None = None,
+    runner: TapeRunner | None = None,
+) -> Attribution:  # fmt: skip
+    """Attribute the failures of the first specification of ``problem``.
+
+    Args:
+        problem: Problem whose failures they are.
+        sample: The failures, at least two.
+        seed: Seed of the fresh noise.
+        fresh: Fresh tapes that look for failures that a perfect part makes; 0: none, nothing is saved then.
+        groups: Groups of noise; None: components, kinds of error, vehicles and time windows.
+        variants: Other versions of the stack by name, which read the same tapes: "true tracks", ...
+        runner: Runs the tapes; it counts them.
+
+    Raises:
+        UsageError: There are fewer than two failures, or a variant needs other noise.
+    """
+    if sample.size < 2:
+        text = f"{problem.names[0]}: {sample.size} failure is too few to attribute"
+        raise UsageError(text, "run more rollouts, or an estimator for rare events")
+    run, chosen = runner or TapeRunner(), list(list_groups(problem) if groups is None else groups)
+    tapes, p = sample.failures.noise, sample.probability
+    drawn = draw_tapes(problem, seed + _SEED, 1, fresh)
+    shares = []
+    for number, group in enumerate(chosen):
+        again = draw_tapes(problem, seed + _SEED, 2 + number, len(tapes))
+        without = run(problem, np.where(group.mask, again, tapes), f"{group.name} drawn afresh")
+        only = run(problem, np.where(group.mask, tapes, again), f"only {group.name} kept")
+        shares.append(_measure_share(sample, group, without, only, p))
+    base = run(problem, drawn, "fresh tapes") if fresh else np.zeros(0, dtype=bool)
+    savings = [
+        _measure_saving(sample, name, run(other, some, name), base, run(other, more, name))
+        for name, other, some, more in _list_perfect(problem, chosen, variants or {}, tapes, drawn)
+    ]
+    savings.sort(key=lambda one: -(one.saved if fresh else one.vanish))
+    return Attribution(
+        problem.names[0], tuple(shares), tuple(savings), sample.size, fresh, run.rollouts, run.errors
+    )
+
+
+def _measure_share(
+    sample: FailureSample, group: NoiseGroup, without: Bools, only: Bools, p: float
+) -> GroupShare:
+    stays, (low, high) = sample.share_interval(without)
+    alone, (alone_low, alone_high) = sample.share_interval(only)
+    rest = max(1.0 - p, 1e-300)
+
+    def total(share: float) -> float:
+        return max(0.0, min(1.0, (1.0 - share) / rest))
+
+    def first(share: float) -> float:
+        return max(0.0, (share - p) / rest)
+
+    return GroupShare(
+        group.name, group.sort, total(stays), (total(high), total(low)), first(alone),
+        (first(alone_low), first(alone_high)),
+    )  # fmt: skip
+
+
+def _list_perfect(
+    problem: Problem, groups: Sequence[NoiseGroup], variants: Mapping[str, Problem], tapes: Floats,
+    fresh: Floats,
+) -> list[tuple[str, Problem, Floats, Floats]]:  # fmt: skip
+    found = []
+    for group in groups:
+        if group.sort != "time":
+            some, more = (make_perfect(problem, one, group.mask) for one in (tapes, fresh))
+            found.append((f"perfect {group.name}", problem, some, more))
+    some, more = (clip_outliers(problem, one, _OUTLIERS) for one in (tapes, fresh))
+    found.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
+    for name, other in variants.items():
+        if (other.steps, other.noise_size) != (problem.steps, problem.noise_size):
+            text = f"{name}: its tapes have another shape, so nothing can be paired"
+            raise UsageError(text, "change parts without noise of their own, or the options of a part")
+        found.append((name, other, tapes, fresh))
+    return found
+
+
+def _measure_saving(sample: FailureSample, name: str, stays: Bools, base: Bools, now: Bools) -> Saving:
+    # Half of the risk goes to each of the two shares.
+    level = 0.5 + sample.confidence / 2.0
+    vanish, own = sample.share_interval(~stays)
+    _, (low, high) = sample.share_interval(~stays, level)
+    if not len(base):
+        return Saving(name, vanish, own, 0.0, (0.0, 1.0), 0.0, (-np.inf, high))
+    count = int((now & ~base).sum())
+    new, interval = count / len(base), intervals.clopper_pearson(count, len(base), sample.confidence)
+    least, most = (end / sample.probability for end in intervals.clopper_pearson(count, len(base), level))
+    return Saving(
+        name, vanish, own, new, interval, vanish - new / sample.probability, (low - most, high - least)
+    )
+
+
+def attribution_of_result(
+    result: Result, fresh: int = _FRESH, channels: bool = False, workers: int = 1
+) -> Attribution:
+    """Return the attribution of a result that was made in this process."""
+    problem = require_problem(result)
+    seed = result.origin.seed if result.origin is not None else 0
+    return attribute(
+        problem, FailureSample.of(result), seed=seed, fresh=fresh,
+        groups=list_groups(problem, channels=channels), runner=TapeRunner(workers),
+    )  # fmt: skip

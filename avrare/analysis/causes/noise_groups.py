@@ -1,0 +1,108 @@
+"""Groups of noise numbers: components, kinds of error, vehicles, channels and time windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.protocols import Bools, Floats, HasSimulator, find_ability
+from avrare.rollout.problem import Problem
+from avrare.stack.closed_loop import ClosedLoop
+from avrare.stack.noise_names import find_noise_names, find_perfect_noise, find_time_step
+
+_MOST_CHANNELS = 24
+"""With more channels than this, none gets a row of its own unless it is named."""
+
+
+@dataclass(frozen=True)
+class NoiseGroup:
+    """Numbers of a tape that are looked at together.
+
+    Attributes:
+        name: What they are, in words.
+        sort: "component", "error", "vehicle", "channel" or "time".
+        mask: (steps + 1, noise_size) which numbers.
+    """
+
+    name: str
+    sort: str
+    mask: Bools
+
+
+def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> list[NoiseGroup]:
+    """List the groups of a problem's noise, without any that is all of it or twice the same.
+
+    Args:
+        problem: Problem with named noise, or not.
+        windows: Number of time windows of equal length; 0: none.
+        channels: Give each channel a row of its own, if there are not too many.
+    """
+    names, shape = find_noise_names(problem.system), (problem.steps + 1, problem.noise_size)
+    found = [NoiseGroup(name, sort, np.broadcast_to(_of(names, members), shape)) for name, sort, members in (
+        *_components(problem, names), *_parts(names), *(_single(names) if channels or len(names) <= 4 else [])
+    )]  # fmt: skip
+    found += _windows(problem, windows)
+    kept: list[NoiseGroup] = []
+    for group in found:
+        whole = group.mask.all() and group.sort != "component"
+        if not whole and not any(np.array_equal(group.mask, other.mask) for other in kept):
+            kept.append(group)
+    return kept
+
+
+def _of(names: Sequence[str], members: Sequence[str]) -> Bools:
+    return np.array([name in members for name in names], dtype=bool)
+
+
+def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
+    loop = problem.system
+    if not isinstance(loop, ClosedLoop) or find_ability(loop, HasSimulator) is None:
+        return []
+    own = loop.simulator.noise_size
+    parts = (("simulator", names[:own]), ("perception", names[own:]))
+    return [(name, "component", members) for name, members in parts if members]
+
+
+def _parts(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
+    # "lateral error of cut_in": a kind of error, and a vehicle
+    split = {name: name.rsplit(" of ", 1) for name in names if " of " in name}
+    if len(split) < len(names):
+        return []
+    kinds = dict.fromkeys(kind for kind, _ in split.values())
+    vehicles = dict.fromkeys(vehicle for _, vehicle in split.values())
+    rows: list[tuple[str, str, Sequence[str]]] = [
+        (kind, "error", [name for name, parts in split.items() if parts[0] == kind]) for kind in kinds
+    ]
+    return rows + [
+        (f"all of {vehicle}", "vehicle", [name for name, parts in split.items() if parts[1] == vehicle])
+        for vehicle in vehicles
+    ]
+
+
+def _single(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
+    return [(name, "channel", [name]) for name in names] if len(names) <= _MOST_CHANNELS else []
+
+
+def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:
+    shape, dt = (problem.steps + 1, problem.noise_size), find_time_step(problem.system)
+    found = []
+    for rows in np.array_split(np.arange(shape[0]), min(windows, shape[0])) if windows else []:
+        mask = np.zeros(shape, dtype=bool)
+        mask[rows] = True
+        begin, end = int(rows[0]), int(rows[-1])
+        name = f"steps {begin}-{end}" if dt is None else f"t = {begin * dt:.1f}-{end * dt:.1f} s"
+        found.append(NoiseGroup(name, "time", mask))
+    return found
+
+
+def make_perfect(problem: Problem, tapes: Floats, mask: Bools) -> Floats:
+    """Return tapes (N, steps + 1, noise_size) whose numbers in ``mask`` are those of a perfect part."""
+    return np.where(mask, find_perfect_noise(problem.system), tapes)
+
+
+def clip_outliers(problem: Problem, tapes: Floats, limit: float) -> Floats:
+    """Return tapes without numbers beyond ``limit``, but for those that decide detections."""
+    errors = find_perfect_noise(problem.system) == 0.0
+    return np.where(errors, np.clip(tapes, -limit, limit), tapes)

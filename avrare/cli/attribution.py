@@ -1,0 +1,58 @@
+"""``avrare attribution``: which noise carries the failures of a run, and what perfect parts would save."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from avrare.analysis.causes.attribution import Attribution, attribute
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.noise_groups import list_groups
+from avrare.analysis.causes.tape_runs import TapeRunner
+from avrare.base.errors import UsageError
+from avrare.cli.failure_output import progress_line
+from avrare.cli.output import print_warnings, show_or_write
+from avrare.estimation.checkpoint import SCENARIO
+from avrare.results.reader import RunFolder, read_run_folder, select_specifications
+from avrare.rollout.loaded_scenario import LoadedScenario, load
+
+
+def execute(args: argparse.Namespace) -> None:
+    """Attribute the failures of each specification, print the tables and write them."""
+    folder = read_run_folder(Path(args.folder))
+    print_warnings((line, None) for line in folder.changes)
+    variants = {name: load(folder.path / SCENARIO, [setting]) for name, setting in _split(args.variant)}
+    names = select_specifications(folder, args.specification)
+    few = [name for name in names if len(folder.failures[name].robustness) < 2]
+    print_warnings((f"{name}: one failure is too few to attribute", None) for name in few)
+    found = {name: _attribute(folder, name, variants, args) for name in names if name not in few}
+    content = {
+        name: {"noise": list(one.table()), "perfect": list(one.savings_table()), "rollouts": one.rollouts}
+        for name, one in found.items()
+    }
+    lines = [line for one in found.values() for line in one.lines()]
+    show_or_write(args, "attribution.json", {"attribution": content}, lines)
+
+
+def _split(variants: list[str]) -> list[tuple[str, str]]:
+    pairs = [text.partition(":")[::2] for text in variants]
+    for name, setting in pairs:
+        if not name or "=" not in setting:
+            text = f"--variant {name}:{setting}: should be NAME:KEY=VALUE"
+            raise UsageError(text, "for example --variant everywhere:controller.search=everywhere")
+    return pairs
+
+
+def _attribute(
+    folder: RunFolder, name: str, variants: dict[str, LoadedScenario], args: argparse.Namespace
+) -> Attribution:
+    estimate = next(one for one in folder.result.estimates if one.specification == name)
+    sample = FailureSample.stored(estimate, folder.failures[name])
+    problem = folder.require_scenario().problem(name)
+    others = {label: scenario.problem(name) for label, scenario in variants.items()}
+    groups = list_groups(problem, channels=args.channels)
+    with progress_line() as progress:
+        return attribute(
+            problem, sample, seed=args.seed, fresh=args.fresh, groups=groups, variants=others,
+            runner=TapeRunner(args.workers, progress),
+        )  # fmt: skip

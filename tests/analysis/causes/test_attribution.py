@@ -1,0 +1,138 @@
+"""Attribution on systems in which it is known what carries the failures."""
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.analysis.causes.attribution import attribute
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
+from avrare.analysis.causes.tape_runs import draw_tapes
+from avrare.base.errors import UsageError
+from avrare.testing.faulty_systems import Walk
+from avrare.testing.static_problems import Static
+
+
+def static(formula, size=3):
+    return avrare.Problem(Static(size), avrare.stl(formula), steps=0)
+
+
+@pytest.fixture(scope="module")
+def only_first():
+    result = avrare.estimate(static("always (u0 < 2)"), rollouts=3000, seed=1)
+    return result.attribution(fresh=300)
+
+
+def test_what_alone_can_fail_carries_everything(only_first):
+    first, *others = only_first.shares
+    assert first.name == "noise 0"
+    assert first.alone == 1.0
+    assert first.carries_interval[0] > 0.85
+    for other in others:
+        assert other.carries == 0.0
+        assert other.carries_interval[1] < 0.1
+        assert other.alone_interval[1] < 0.15
+
+
+def test_only_its_perfection_saves(only_first):
+    best, *others = only_first.savings
+    assert best.name == "perfect noise 0"
+    assert (best.vanish, best.new) == (1.0, 0.0)
+    assert best.saved_interval[0] > 0.3
+    assert all(one.vanish == 0.0 for one in others if one.name.startswith("perfect"))
+
+
+def test_both_parts_of_a_sum_are_needed_and_neither_is_enough():
+    # For X + Y > c the indices are known: the total one from P(fails | Y), the first-order one from both.
+    result = avrare.estimate(static("always (u0 + u1 < 2.5)", 2), rollouts=4000, seed=1)
+    for share in result.attribution(fresh=0).shares:
+        low, high = share.carries_interval
+        assert low < 0.812 < high
+        low, high = share.alone_interval
+        assert low < 0.188 < high
+
+
+def test_a_part_may_do_harm():
+    # Noise 0 alone keeps the rest from failing: perfect, it lets them.
+    result = avrare.estimate(static("always (u0 > 1.5 or u1 < 2.2)", 2), rollouts=4000, seed=1)
+    found = {one.name: one for one in result.attribution(fresh=4000).savings}
+    harmful = found["perfect noise 0"]
+    assert harmful.new > 0.0
+    assert harmful.saved < 0.0
+    assert found["perfect noise 1"].saved == 1.0
+
+
+def test_the_first_half_of_a_walk_that_must_be_high_early():
+    problem = avrare.Problem(Walk(scale=1.0), avrare.stl("always[0, 9] (x < 6)"), steps=19)
+    result = avrare.estimate(problem, rollouts=3000, seed=1)
+    sample = FailureSample.of(result)
+    found = attribute(problem, sample, fresh=0, groups=list_groups(problem, windows=2))
+    early, late = found.shares
+    assert (early.name, early.sort) == ("steps 0-9", "time")
+    assert early.alone == 1.0
+    assert late.carries == 0.0
+
+
+def test_splitting_gives_shares_too():
+    problem = avrare.Problem(Walk(scale=0.3), avrare.stl("always (x < 2)"), steps=10)
+    result = avrare.estimate(problem, "ams", seed=1, particles=40, discard=10, runs=4)
+    found = result.attribution(fresh=50)
+    assert len(found.shares) == 6
+    for share in found.shares:
+        low, high = share.carries_interval
+        assert 0.0 <= low <= share.carries <= high <= 1.0
+
+
+def test_a_variant_is_run_on_the_same_tapes():
+    problem, wider = static("always (u0 < 2)"), static("always (u0 < 9)")
+    result = avrare.estimate(problem, rollouts=1000, seed=1)
+    found = attribute(problem, FailureSample.of(result), fresh=100, groups=[], variants={"wider": wider})
+    assert {one.name: one.vanish for one in found.savings}["wider"] == 1.0
+
+
+def test_a_variant_with_other_noise_is_refused():
+    problem = static("always (u0 < 2)")
+    result = avrare.estimate(problem, rollouts=1000, seed=1)
+    other = {"larger": static("always (u0 < 2)", 4)}
+    with pytest.raises(UsageError, match="larger: its tapes have another shape"):
+        attribute(problem, FailureSample.of(result), fresh=0, groups=[], variants=other)
+
+
+def test_the_same_seed_gives_the_same_numbers_for_any_chunk():
+    results = []
+    for chunk in (7, 500):
+        problem = avrare.Problem(Static(2), avrare.stl("always (u0 + u1 < 2.5)"), steps=0, chunk=chunk)
+        result = avrare.estimate(problem, rollouts=800, seed=1)
+        results.append(result.attribution(fresh=50).table())
+    assert results[0] == results[1]
+
+
+def test_groups_of_a_driving_scenario_have_its_names():
+    problem = avrare.load("scenarios/lane_change.yaml").problem("no_collision")
+    groups = {group.name: group for group in list_groups(problem)}
+    assert groups["detection"].sort == "error"
+    assert groups["all of parked"].mask[0].sum() == 4
+    assert "perception" in groups
+    tapes = draw_tapes(problem, 0, 0, 2)
+    perfect = make_perfect(problem, tapes, groups["detection"].mask)
+    assert (perfect[..., 0] == -8.0).all()
+    assert (perfect[..., 1] == tapes[..., 1]).all()
+    clipped = clip_outliers(problem, tapes, 1.0)
+    assert (clipped[..., 0] == tapes[..., 0]).all()
+    assert np.abs(clipped[..., 1]).max() <= 1.0
+
+
+def test_one_failure_is_too_few():
+    problem = static("always (u0 < 2)")
+    result = avrare.estimate(problem, rollouts=1000, seed=1)
+    sample = FailureSample.of(result).take(np.array([0]))
+    with pytest.raises(UsageError, match="1 failure is too few"):
+        attribute(problem, sample, fresh=0, groups=[])
+
+
+def test_a_group_of_ones_own():
+    problem = static("always (u0 < 2 and u1 < 2)")
+    result = avrare.estimate(problem, rollouts=1500, seed=1)
+    both = NoiseGroup("the two", "own", np.array([[True, True, False]]))
+    [share] = attribute(problem, FailureSample.of(result), fresh=0, groups=[both]).shares
+    assert share.alone == 1.0
