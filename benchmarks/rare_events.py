@@ -1,11 +1,12 @@
 """Learned proposals on the noise tape: cost, bias and trust on problems with exact answers, and a drive.
 
     OMP_NUM_THREADS=1 python -m benchmarks.rare_events [--cases NAME,...] [--seeds 20] [--first 0]
-        [--set relative_error=0.1 ...]
+        [--estimator auto] [--set relative_error=0.1 ...] [--out FILE]
 
 A case is an id of ``avrare.testing``, a problem of ``studies/untuned_problems.py``, one of ``OWN`` below, or
 SCENARIO:SPECIFICATION (`lane_change:no_collision`, with the riccati backend; without a truth, its relative
 variance is estimated by the results themselves). Cost is in rollouts and counts pilot, stages and check.
+With ``--out`` a study that was stopped goes on where it was.
 CW: no warning, and the interval misses the truth by more than a factor 3.
 """
 
@@ -13,11 +14,12 @@ from __future__ import annotations
 
 import argparse
 import ast
+import json
 import math
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from benchmarks.studies.untuned_problems import untuned_names, untuned_problem
 
 GOALS = {"d_rw_L3.8": 60, "d_rw_L4.8": 150, "e_ou_L4.0": 80, "e_ou_L5.0": 600}
 """Relative mean squared error times cost to stay below."""
+_KEYS = ("case", "seed", "estimator", "options")
 ROOT = Path(__file__).parents[1]
 
 
@@ -79,9 +82,34 @@ def _peak(level: float) -> float:
     return float(-np.expm1(_STEPS * np.log1p(-2.0 * norm.sf(level))))
 
 
+class Scrambled:
+    """System whose failures nothing leads to: the last digits of the sum of all noise decide at the end."""
+
+    noise_size = 1
+
+    def initial(self, noise: Floats) -> Floats:
+        """Begin with a sum and a count."""
+        return np.stack([noise[:, 0], np.zeros(len(noise))], axis=1)
+
+    def step(self, state: Floats, noise: Floats) -> Floats:
+        """Add the noise."""
+        return state + np.stack([noise[:, 0], np.ones(len(noise))], axis=1)
+
+    def signals(self, state: Floats) -> dict[str, Floats]:
+        """Return ``x``, uniform in (0, 1) at the last step and 2 before."""
+        return {"x": np.where(state[:, 1] < _STEPS, 2.0, np.mod(1e4 * state[:, 0], 1.0))}
+
+
+def _scrambled(probability: float) -> tuple[Problem, float]:
+    return Problem(Scrambled(), stl(f"always (x > {probability})"), _STEPS), probability
+
+
 OWN: dict[str, Callable[[], tuple[Problem, float]]] = {
     "one_outlier": lambda: _outliers("always (one < 4.4)", _peak(4.4)),
     "two_outliers": lambda: _outliers("always (both < 3.6)", _peak(3.6) ** 2),
+    "scrambled_1e-2": lambda: _scrambled(1e-2),
+    "scrambled_1e-3": lambda: _scrambled(1e-3),
+    "scrambled_1e-4": lambda: _scrambled(1e-4),
     "no_structure": lambda: _outliers("always (energy < 180)", float(chi2.sf(180.0, 6 * _STEPS))),
 }
 """Failures by one outlier, by two of different channels at any two steps, and by no noise in particular."""
@@ -102,33 +130,50 @@ def find_case(name: str) -> tuple[Problem, float | None]:
     return exact.problem(), exact.probability
 
 
-def measure(name: str, seeds: range, options: dict[str, Any]) -> str:
-    """Return the row of a case."""
+def estimate(name: str, seed: int, estimator: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Return what one estimate of a case found, as plain data."""
     problem, truth = find_case(name)
     began = time.process_time()
-    results = [avrare.estimate(problem, "is", seed=seed, **options) for seed in seeds]
-    seconds = (time.process_time() - began) / len(results)
-    values = np.array([result.probability for result in results])
+    result = avrare.estimate(problem, estimator, seed=seed, **options)
+    tried = sum(one["rollouts"] for one in result.diagnostics.get("choice", {"tried": []})["tried"])
+    return {
+        "case": name, "seed": seed, "estimator": estimator, "options": options, "truth": truth,
+        "chosen": result.estimator, "probability": result.probability, "interval": list(result.interval),
+        "relative_error": result.relative_error, "rollouts": result.rollouts, "health": list(result.health),
+        "pilot": result.diagnostics.get("pilot_rollouts", 0) + tried,
+        "seconds": time.process_time() - began,
+    }  # fmt: skip
+
+
+def summarise(name: str, found: Sequence[dict[str, Any]], goal: float | None) -> str:
+    """Return the row of a case; with a goal the cost is compared with that of ``mc``, (2 + 1/goal^2) / p."""
+    values = np.array([one["probability"] for one in found])
+    truth = found[0]["truth"]
     p = truth if truth is not None else float(values.mean())
-    cost = np.array([result.rollouts for result in results], dtype=float)
-    low, high = np.array([result.interval for result in results]).T / p
-    quiet = np.array([not result.health for result in results])
+    cost = np.array([one["rollouts"] for one in found], dtype=float)
+    low, high = np.array([one["interval"] for one in found]).T / p
+    quiet = np.array([not one["health"] for one in found])
     covers, far = (low <= 1.0) & (high >= 1.0), (low > 3.0) | (high < 1.0 / 3.0)
     error = values.std(ddof=1) / p / math.sqrt(len(values)) if len(values) > 1 else math.nan
     if truth is not None:
         gained = float(((values / p - 1.0) ** 2).mean() * cost.mean())
     else:
-        gained = float(np.mean([result.relative_error**2 * result.rollouts for result in results]))
-    pilot = np.mean([result.diagnostics["pilot_rollouts"] for result in results])
-    names = Counter(warning for result in results for warning in result.health)
+        gained = float(np.mean([one["relative_error"] ** 2 * one["rollouts"] for one in found]))
+    names = Counter(warning for one in found for warning in one["health"])
+    chosen = Counter(one["chosen"] for one in found)
     entries = [
-        name, f"{p:.3g}", str(len(results)), f"{values.mean() / p:.3f} ± {error:.3f}", f"{gained:.1f}",
-        str(GOALS.get(name, "")), f"{(1.0 - p) / p:,.0f}", _share(covers), _share(~quiet),
+        name, f"{p:.3g}", str(len(found)), _words(chosen), f"{values.mean() / p:.3f} ± {error:.3f}",
+        f"{gained:.1f}", str(GOALS.get(name, "")), f"{(1.0 - p) / p:,.0f}", _share(covers), _share(~quiet),
         _share(covers[quiet]), _share(far & quiet), f"{np.median(high / np.maximum(low, 1e-12)):.2f}",
-        f"{cost.mean():,.0f}", f"{pilot:,.0f}", f"{seconds:.1f}",
-        ", ".join(f"{name} {count}" for name, count in names.items()),
+        f"{cost.mean():,.0f}", f"{cost.mean() * p / (goal**-2 + 2.0):.2f}" if goal else "",
+        f"{np.mean([one['pilot'] for one in found]):,.0f}",
+        f"{np.mean([one['seconds'] for one in found]):.1f}", _words(names),
     ]  # fmt: skip
     return f"| {' | '.join(entries)} |"
+
+
+def _words(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())
 
 
 def _share(hits: Any) -> str:
@@ -141,18 +186,39 @@ def main() -> None:
     parser.add_argument("--cases", default=",".join([*GOALS, *OWN]))
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--estimator", default="is", help="is or auto")
     parser.add_argument("--set", action="append", default=[], metavar="OPTION=VALUE")
+    parser.add_argument(
+        "--out", type=Path, help="file of lines to which results go; those in it are not made again"
+    )
     given = parser.parse_args()
     options = {key: ast.literal_eval(value) for key, value in (one.split("=", 1) for one in given.set)}
     groups = {"untuned": untuned_names(), "exact": tuple(one.id for one in reference_problems())}
     heads = (
-        "case", "p", "results", "mean / p", "relMSE x cost", "goal", "Monte Carlo's", "covers", "warned",
-        "covers unwarned", "CW", "ends' ratio", "rollouts", "of them to learn", "seconds", "warnings",
+        "case", "p", "results", "chosen", "mean / p", "relMSE x cost", "goal", "Monte Carlo's", "covers",
+        "warned", "covers unwarned", "CW", "ends' ratio", "rollouts", "over mc's", "of them to learn",
+        "seconds", "warnings",
     )  # fmt: skip
     print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     warnings.simplefilter("ignore", avrare.HealthWarning)
+    kept = (
+        [json.loads(line) for line in given.out.read_text().splitlines()]
+        if given.out and given.out.exists()
+        else []
+    )
+    known = {json.dumps([one[key] for key in _KEYS]): one for one in kept}
+    goal = options.get("relative_error", None if options or given.estimator != "auto" else 0.2)
     for case in (one for name in given.cases.split(",") for one in groups.get(name, (name,))):
-        print(measure(case, range(given.first, given.first + given.seeds), options), flush=True)
+        found = []
+        for seed in range(given.first, given.first + given.seeds):
+            key = json.dumps([case, seed, given.estimator, options])
+            if key not in known:
+                known[key] = estimate(case, seed, given.estimator, options)
+                if given.out:
+                    with given.out.open("a") as lines:
+                        print(json.dumps(known[key]), file=lines, flush=True)
+            found.append(known[key])
+        print(summarise(case, found, goal), flush=True)
 
 
 if __name__ == "__main__":

@@ -202,9 +202,9 @@ class _Work:
         if result is not None:
             return self.told(result, reason, spent)
         # 5. Nothing pays.
-        tried = ", ".join(one.estimator for one in spent[1:])
+        tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
         (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
-        return self.told(result, f"{reason}; {tried or 'no other estimator'} does not pay", spent)
+        return self.told(result, f"{reason}; tried in vain: {tried}", spent)
 
     def _learned(self, problem: Problem, spent: list[_Attempt]) -> Result | None:
         options: dict[str, Any] = {"pilot": max(200, self.aim.pilot), "fall_back": False}

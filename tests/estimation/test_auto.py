@@ -127,8 +127,16 @@ def test_falls_back_where_nothing_pays():
     result = avrare.estimate(problem("always (x > 1)", system=system, steps=5), "auto", seed=2, rollouts=6000)
     assert result.estimator == "mc"
     assert [one["estimator"] for one in chosen(result)["tried"]] == ["mc", "is", "ams"]
-    assert "does not pay" in chosen(result)["reason"]
+    assert "tried in vain: is, ams" in chosen(result)["reason"]
     assert result.interval[0] <= 2e-3 <= result.interval[1]
+
+
+def test_a_plateau_is_left_to_monte_carlo():
+    impossible = problem("always (min(x, 3) < 3.5)")
+    result = avrare.estimate(impossible, "auto", seed=2, rollouts=6000)
+    assert (result.estimator, result.probability) == ("mc", 0.0)
+    assert "did not reach" in chosen(result)["tried"][1]["reason"]
+    assert chosen(result)["tried"][1]["rollouts"] < 2000
 
 
 @pytest.mark.parametrize("limits", [(FREQUENT, RARE), (FREQUENT,)])

@@ -204,7 +204,8 @@ class IsConfig(_WeightedConfig):
 
     fall_back: bool = Field(
         default=True,
-        description="draw from the target where learning finds nothing; false: end with an error; learned",
+        description="where learning finds nothing, draw from the target; false: end with an error, also "
+        "where it did not reach a failure; learned",
     )
 
     @property

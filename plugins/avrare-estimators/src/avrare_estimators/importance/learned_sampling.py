@@ -19,7 +19,7 @@ from avrare_estimators.config import IsConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
-from avrare_estimators.importance.lessons import Lessons, is_learnt, is_worthless
+from avrare_estimators.importance.lessons import Lessons, is_learnt, is_stuck, is_worthless
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile, described
 from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
@@ -31,6 +31,8 @@ _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half."""
 _LEAST_LOOK = 1000
 _WORTHLESS = "learning found no proposal that beats Monte Carlo by a factor of two"
+
+_UNREACHED = "learning did not reach a failure"
 
 
 @dataclass(frozen=True)
@@ -131,8 +133,9 @@ class LearnedSampling(WeightedSampler):
         if self._learnt(state):
             # 2. What the stages have seen decides from where to draw, once and for all.
             plain = is_worthless(state.stages[-1])
-            if plain and not self.config.fall_back:
-                raise GaveUp.after(state.tally, _WORTHLESS, "leave fall_back true, or use another estimator")
+            if (plain or not state.stages[-1]["reached"]) and not self.config.fall_back:
+                reason = _WORTHLESS if plain else _UNREACHED
+                raise GaveUp.after(state.tally, reason, "leave fall_back true, or use another estimator")
             return self._begin_final(state, None if plain else lessons.final())
         return self._learn(replace(state, lessons=lessons.learn()))
 
@@ -140,6 +143,7 @@ class LearnedSampling(WeightedSampler):
         done = sum(stage["rollouts"] for stage in state.stages)
         affordable = done + self._stage_rows(state, 1) <= state.rollouts // _LEARNING_SHARE
         hopeless = not len(state.lessons.elite[0])
+        hopeless |= not self.config.fall_back and is_stuck(state.stages)
         return hopeless or not affordable or is_learnt(state.stages, self.config.stages)
 
     def _begin_final(self, state: LearnedState, mixture: TapeMixture | None) -> LearnedState:

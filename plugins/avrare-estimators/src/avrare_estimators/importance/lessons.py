@@ -178,6 +178,12 @@ def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
     return stalled or (len(stages) > 2 and is_worthless(stages[-1]) and is_worthless(stages[-2]))
 
 
+def is_stuck(stages: Sequence[dict[str, Any]]) -> bool:
+    """Return whether two stages in a row have found nothing nearer to failure: they are at a plateau."""
+    levels = [stage["level"] for stage in stages[-3:]]
+    return len(levels) == 3 and None not in levels and levels[2] <= levels[0]
+
+
 def is_worthless(stage: dict[str, Any]) -> bool:
     """Return whether a stage's proposal is hardly better than the target, even at the level of its elite."""
     return stage["gain"] is None or stage["gain"] < _LEAST_GAIN
