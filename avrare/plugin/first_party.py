@@ -41,7 +41,7 @@ def avrare_components() -> list[Component]:
 
 
 _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
-    "avrare-estimators": {"estimator": ("ams", "is", "ce", "ess")},
+    "avrare-estimators": {"estimator": ("ams", "is", "ce", "ess", "smc")},
     "avrare-example": {"simulator": ("tank",), "specification": ("spillage",)},
     "avrare-flows": {"simulator": ("transformed",)},
     "avrare-glider": {"simulator": ("glider",)},

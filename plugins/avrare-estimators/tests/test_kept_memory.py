@@ -18,6 +18,7 @@ SIZES = {
     "ess": {"chains": 30, "runs": 3},
     "is": {"rollouts": 3000, "proposal": {"gaussian": {"mean": 0.05, "std": 1.0}}},
     "ce": {"rollouts": 600},
+    "smc": {"particles": 600, "runs": 3, "pilot": 600},
 }
 
 
@@ -79,7 +80,7 @@ def test_too_little_memory_is_refused_with_what_would_do(name):
     with pytest.raises(avrare.UsageError, match=r"memory \(0.01 MiB\)") as refused:
         avrare.estimate(problem(), name, memory=0.01, **SIZES[name])
     assert "raise it to " in refused.value.hint
-    assert refused.value.hint.split("lower ")[1] in ("rollouts", "particles", "chains")
+    assert refused.value.hint.split("lower ")[1] in ("rollouts", "particles", "chains", "pilot")
 
 
 def test_the_value_that_is_named_is_enough():

@@ -35,6 +35,7 @@ ESTIMATORS = {
     "is": "{plugin: is, rollouts: 60, proposal: {gaussian: {mean: 0.3}}}",
     "ce": "{plugin: ce, rollouts: 60}",
     "ess": "{plugin: ess, chains: 6, runs: 1}",
+    "smc": "{plugin: smc, particles: 20, runs: 2, pilot: 200, stages: 1, times: 2}",
 }
 MODELS = {
     "policy": """\

@@ -35,4 +35,11 @@ def avrare_components() -> list[Component]:
             factory="avrare_estimators.importance.cross_entropy:build",
             summary="cross-entropy: learns its proposal, Gaussian or (with torch) a network",
         ),
+        Component(
+            kind="estimator",
+            name="smc",
+            config="avrare_estimators.config:SmcConfig",
+            factory="avrare_estimators.smc.estimator:build",
+            summary="sequential Monte Carlo with potentials and a proposal that are learned",
+        ),
     ]

@@ -27,10 +27,8 @@ class _Config(BaseModel):
 
 
 class _RunsConfig(_Config):
-    """Options of estimates by independent runs of a size that a pilot may raise."""
+    """Options of estimates by independent runs."""
 
-    size: ClassVar[str]
-    """Name of the option that sets the size of a run."""
     runs: int = Field(default=10, ge=1, le=10**6, description="independent repetitions behind one interval")
     relative_error: float | None = Field(
         default=None, ge=1e-3, lt=1.0,
@@ -38,11 +36,6 @@ class _RunsConfig(_Config):
         "mean; looks come after at least `runs` runs, then at twice as many, ...",
     )  # fmt: skip
     most_runs: int = Field(default=320, ge=2, le=10**6, description="the most runs; with relative_error")
-    grow: bool | None = Field(
-        default=None,
-        description="up to 8 times larger runs where a pilot, which does not count, promises few roots, 2 "
-        "times where 8 would not suffice (default: unless the size of a run is given)",
-    )
 
     @property
     def most(self) -> int:
@@ -56,6 +49,22 @@ class _RunsConfig(_Config):
                 f"relative_error needs {LEAST_RUNS_OF_LOOK} to most_runs ({self.most_runs}) runs before it "
                 f"may stop, not {self.runs}"
             )
+        return self
+
+
+class _GrowingConfig(_RunsConfig):
+    """Options of runs of a size that a pilot may raise."""
+
+    size: ClassVar[str]
+    """Name of the option that sets the size of a run."""
+    grow: bool | None = Field(
+        default=None,
+        description="up to 8 times larger runs where a pilot, which does not count, promises few roots, 2 "
+        "times where 8 would not suffice (default: unless the size of a run is given)",
+    )
+
+    @model_validator(mode="after")
+    def _grow_with_a_pilot(self) -> Self:
         if self.grow is None:
             # Not by assignment: an option that is not given must not count as given.
             self.__dict__["grow"] = self.size not in self.model_fields_set and self._may_grow
@@ -68,7 +77,7 @@ class _RunsConfig(_Config):
         return True
 
 
-class AmsConfig(_RunsConfig):
+class AmsConfig(_GrowingConfig):
     """Adaptive multilevel splitting (stl-ams, Algorithm 2, in its unbiased form)."""
 
     size = "particles"
@@ -94,7 +103,7 @@ class AmsConfig(_RunsConfig):
         return self
 
 
-class EssConfig(_RunsConfig):
+class EssConfig(_GrowingConfig):
     """Nested levels (holmes-diaconis-ross) with Markov chains on the noise tape (stl-ess)."""
 
     size = "chains"
@@ -269,3 +278,31 @@ class CeConfig(_WeightedConfig):
     hidden: int = Field(default=100, ge=1, le=2000, description="width of both hidden layers; network")
     epochs: int = Field(default=300, ge=1, description="training steps of a stage, all data each; network")
     rate: float = Field(default=1e-3, gt=0.0, description="Adam's learning rate; network")
+
+
+class SmcConfig(_RunsConfig):
+    """Sequential Monte Carlo with potentials that are learnt (twisted SMC)."""
+
+    particles: int = Field(default=1000, ge=20, le=10**8, description="N, particles of a run")
+    proposal: Literal["learned", "none"] = Field(
+        default="learned",
+        description="learned: particles draw their noise from a proposal that is learnt on the tape, as `is` "
+        "does, where it gains; none: from the target",
+    )
+    learned: str | None = Field(
+        default=None,
+        description="file of a learned proposal and potentials (learned.json of a run of smc): no pilot",
+        json_schema_extra={"file": True},
+    )
+    pilot: int = Field(
+        default=3000, ge=200,
+        description="rollouts of the target to begin to learn from; each later stage has half as many",
+    )  # fmt: skip
+    stages: int = Field(default=8, ge=0, le=50, description="most stages of learning after the pilot")
+    defensive: float = Field(
+        default=LEAST_DEFENSIVE, ge=LEAST_DEFENSIVE, lt=1.0,
+        description="share of the target in the law that particles are drawn from; learned",
+    )  # fmt: skip
+    times: int = Field(
+        default=16, ge=1, le=200, description="most steps of a rollout at which particles may be resampled"
+    )

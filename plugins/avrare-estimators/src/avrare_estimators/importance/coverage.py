@@ -62,8 +62,18 @@ def _uncovered(lessons: Lessons, final: Sample) -> float:
 
 
 def _disagreeing(samples: Sequence[Sample], final: Sample) -> str:
-    """Return the estimates of stages that the final one contradicts, as text; "" where there are none."""
     mean, variance, _ = _estimate(final)
+    return find_differing(samples, mean, variance)
+
+
+def find_differing(samples: Sequence[Sample], mean: float, variance: float) -> str:
+    """Return the estimates of stages that the final one contradicts, as text; "" where there are none.
+
+    Args:
+        samples: Samples of the stages.
+        mean: Final estimate.
+        variance: Its relative variance.
+    """
     known = [one for sample in samples if (one := _estimate(sample))[2] >= _LEAST_EFFECTIVE]
     if not known or not mean:
         return ""

@@ -15,7 +15,7 @@ from avrare_estimators.importance.words import NoiseNames
 
 FILE = "learned.json"
 """Name in the run folder."""
-_AGAIN = "give the learned.json of a run of this scenario, or leave `learned` out to learn again"
+AGAIN = "give the learned.json of a run of this scenario, or leave `learned` out to learn again"
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class ProposalFile:
             UsageError: It cannot be read, or holds no proposals.
         """
         if not Path(path).is_file():
-            raise UsageError(f"learned: {path}: no such file", _AGAIN)
-        content = read_json(Path(path), _AGAIN)
+            raise UsageError(f"learned: {path}: no such file", AGAIN)
+        content = read_json(Path(path), AGAIN)
         if not content or not all(isinstance(entry, dict) for entry in content.values()):
-            raise UsageError(f"learned: {path}: holds no proposals", _AGAIN)
+            raise UsageError(f"learned: {path}: holds no proposals", AGAIN)
         return ProposalFile({name: TapeMixture.from_dict(e) for name, e in content.items()}, str(path))
 
     def find(self, plan: Plan) -> TapeMixture:
@@ -50,16 +50,22 @@ class ProposalFile:
         Raises:
             UsageError: There is none, or it is for tapes of another shape.
         """
-        name, shape = plan.names[0], (plan.steps + 1, plan.noise.noise_size)
+        name = plan.names[0]
         if name not in self.mixtures:
             known = ", ".join(self.mixtures)
-            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {known}", _AGAIN)
+            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {known}", AGAIN)
         found = self.mixtures[name]
-        if found.shape != shape:
-            theirs, ours = (f"{rows - 1} steps of {size} numbers" for rows, size in (found.shape, shape))
-            text = f"learned: {self.path}: {name} is for {theirs}, but a rollout has {ours}"
-            raise UsageError(text, _AGAIN)
+        check_shape(found.shape, plan, self.path)
         return found
+
+
+def check_shape(found: tuple[int, int], plan: Plan, path: str) -> None:
+    """Refuse what was learnt on tapes of another shape."""
+    shape = (plan.steps + 1, plan.noise.noise_size)
+    if found != shape:
+        theirs, ours = (f"{rows - 1} steps of {size} numbers" for rows, size in (found, shape))
+        text = f"learned: {path}: {plan.names[0]} is for {theirs}, but a rollout has {ours}"
+        raise UsageError(text, AGAIN)
 
 
 def described(mixture: TapeMixture, names: NoiseNames) -> dict[str, Any]:

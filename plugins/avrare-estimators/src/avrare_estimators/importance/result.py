@@ -109,7 +109,7 @@ def summarise(
     if all(run.plain for run in runs):
         interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
     elif DISTRUST & warnings.keys():
-        interval_at = partial(_for_any_weights, mean, fresh)
+        interval_at = partial(for_any_weights, mean, fresh)
     return build_result(
         plan,
         name,
@@ -172,7 +172,7 @@ def _interval_of_weights(
     return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed)
 
 
-def _for_any_weights(mean: float, fresh: FreshRows, confidence: float) -> Interval:
+def for_any_weights(mean: float, fresh: FreshRows, confidence: float) -> Interval:
     """Return an interval that holds for any weights.
 
     The lower end is Markov's inequality: the estimate is unbiased and not negative, so it exceeds p / a with

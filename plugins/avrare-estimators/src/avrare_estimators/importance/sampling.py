@@ -10,7 +10,7 @@ makes the requests to the rollout engine, and gives log p/q of the rollouts.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -134,9 +134,14 @@ class TapeSource:
     """Rows whose tapes come from a mixture on the noise tape; None stands for the target.
 
     The request carries the mixture: tapes are made where the rollouts run, and weighed there.
+
+    Attributes:
+        mixture: The mixture.
+        observe: Steps whose features the rollouts return.
     """
 
     mixture: TapeMixture | None
+    observe: tuple[int, ...] = ()
     replayable = True
 
     def tapes(self, stratum: Stratum, index: Integers) -> Floats:
@@ -151,7 +156,7 @@ class TapeSource:
         ones = np.ones_like(index)
         return Request(
             stratum.run * ones, stratum.stage * ones, stratum.first + index, FROM_START * ones,
-            tape_law=self._law(stratum.from_target),
+            tape_law=self._law(stratum.from_target), observe=self.observe,
         )  # fmt: skip
 
     def target_request(self, tapes: Floats) -> Request:
@@ -259,6 +264,7 @@ class PartialSample:
         """Store a wave and ask for the next."""
         assert self.pending is not None
         ratio = self.source.log_ratio(self.pending, rollouts)
+        rollouts = replace(rollouts, features=rollouts.features.astype(np.float32))
         stored = replace(
             self, outcomes=(*self.outcomes, rollouts), ratios=(*self.ratios, ratio), pending=None
         )
@@ -279,7 +285,7 @@ class PartialSample:
         score = outcome.scores[:, -1] if outcome.scores.shape[1] else -outcome.robustness[:, 0]
         return Sample(
             self.source, self.strata, np.concatenate(self.ratios), outcome.violated[:, 0], outcome.error,
-            outcome.robustness[:, 0], score, outcome.carries,
+            outcome.robustness[:, 0], score, outcome.carries, outcome.features,
         )  # fmt: skip
 
 
@@ -296,6 +302,7 @@ class Sample:
         robustness: (n,).
         score: (n,) importance score; higher is nearer to failure.
         carries: (t, rows, carry) of every step, where the source asks for them.
+        features: (n, K, F) at the steps that the source observes.
     """
 
     source: Source
@@ -306,6 +313,7 @@ class Sample:
     robustness: Floats
     score: Floats
     carries: tuple[tuple[int, Integers, Carry], ...]
+    features: Any = field(default_factory=lambda: np.zeros((0, 0, 0), np.float32))
 
     @property
     def target_rows(self) -> int:

@@ -58,7 +58,7 @@ class Atoms:
         whole = table[:, :3].astype(np.int64)
         return Atoms(*whole.T.copy(), *table[:, 3:].T.copy())
 
-    @property
+    @cached_property
     def rows(self) -> list[Row]:
         """Rows (channel, first, last, shift, decay, scale)."""
         return list(zip(*(getattr(self, field.name).tolist() for field in fields(self)), strict=True))

@@ -65,9 +65,15 @@ def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[dict
         return []
     weights = np.exp(sample.log_weights[failing])
     chosen = failing[resample(weights, min(len(failing), _MOST_FAILURES), 0.5)]
-    tapes = sample.tapes(chosen)
-    shares, rest = _responsibilities(source.mixture, tapes, sample.share)
-    causes = sorted(_causes(source.mixture, tapes, shares, names), key=lambda cause: -cause["share"])
+    return describe_tapes(source.mixture, sample.tapes(chosen), sample.share, names)
+
+
+def describe_tapes(
+    mixture: TapeMixture, tapes: Floats, target: float, names: NoiseNames
+) -> list[dict[str, Any]]:
+    """Return the causes of failures of equal weights; ``target`` is the share of the target in the law."""
+    shares, rest = _responsibilities(mixture, tapes, target)
+    causes = sorted(_causes(mixture, tapes, shares, names), key=lambda cause: -cause["share"])
     told = [cause for cause in causes if cause["share"] >= _LEAST_SHARE]
     rest += sum(cause["share"] for cause in causes[len(told) :])
     if rest >= _LEAST_SHARE:

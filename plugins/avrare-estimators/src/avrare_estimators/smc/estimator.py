@@ -1,0 +1,260 @@
+"""Sequential Monte Carlo with learned potentials (twisted SMC), resampled at fixed times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.base.memory import allowance
+from avrare.estimation.memory import Demand
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Result
+from avrare.protocols import Floats
+from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request, Rollouts
+from avrare_estimators.config import SmcConfig
+from avrare_estimators.fresh import FreshRows
+from avrare_estimators.importance.sampling import PartialSample, wave_bytes
+from avrare_estimators.importance.words import NoiseNames
+from avrare_estimators.looks import Looks
+from avrare_estimators.smc.learned_file import Learned, LearnedFile
+from avrare_estimators.smc.learning import Learning, law_of
+from avrare_estimators.smc.particles import Course, Particles
+from avrare_estimators.smc.summary import Counted, summarise
+
+_ROLLOUTS_OF_RUN = 5
+"""Starts and copies of a run in multiples of its particles, for budgets."""
+_LEAST_PARTICLES = 20
+_COUNTING_STAGE = 2**16
+"""Address of the noise of what counts, beyond all stages of learning."""
+_ROW = 250
+"""Bytes of a particle at the peak, but for its carry."""
+
+
+def build(config: SmcConfig, scene: object | None = None) -> SequentialMonteCarlo:
+    """Build the estimator of a scenario or a call."""
+    return SequentialMonteCarlo(config)
+
+
+@dataclass(frozen=True)
+class SmcState:
+    """State of an estimate.
+
+    Attributes:
+        plan: The task.
+        learning: Learning under way or done; None: a file was given.
+        learned: What was learnt, frozen; None while learning.
+        particles: Runs under way; None while learning, and at the end.
+        course: What the runs that count share; None while learning.
+        looks: Numbers of runs at which the estimate may end; None while learning.
+        counted: Runs that have ended.
+        tally: Cost so far.
+        first: Robustness of the pilot's rollouts, NaN for errors.
+        fresh: Counts of the rollouts of the target.
+    """
+
+    plan: Plan
+    learning: Learning | None = None
+    learned: Learned | None = None
+    particles: Particles | None = None
+    course: Course | None = None
+    looks: Looks | None = None
+    counted: tuple[Counted, ...] = ()
+    tally: Info = field(default_factory=Info)
+    first: Floats = field(default_factory=lambda: np.zeros(0))
+    fresh: FreshRows = field(default_factory=FreshRows)
+
+
+class SequentialMonteCarlo:
+    """Estimator ``smc``: R runs of N particles, resampled by frozen potentials."""
+
+    name = "smc"
+    single = True
+    final_scores = True
+    stops_early = True
+    rebuilds_carries = True
+    needs = ("branches", "noise")
+
+    def __init__(self, config: SmcConfig) -> None:
+        self.config = config
+        self.file = LearnedFile.read(config.learned) if config.learned is not None else None
+        self.names: NoiseNames | None = None
+
+    def prepare(self, problem: Problem) -> Problem:
+        """Return the problem unchanged; its noise names are for the report."""
+        self.names = NoiseNames.of(problem)
+        return problem
+
+    def init(self, plan: Plan) -> tuple[SmcState, Info]:
+        """Return the state before the first rollout, and what to show."""
+        affordable = self._affordable(plan)
+        state = SmcState(plan)
+        if self.file is not None:
+            return self._begin_counting(replace(state, learned=self.file.find(plan))), Info()
+        return replace(state, learning=Learning.begin(self.config, plan, affordable)), Info()
+
+    def ask(self, state: SmcState) -> Request | None:
+        """Ask for the next wave of learning, or for the next segment of all particles."""
+        if state.particles is not None:
+            return state.particles.request()
+        return state.learning.pending if state.learning is not None and state.learned is None else None
+
+    def tell(self, state: SmcState, rollouts: Rollouts) -> tuple[SmcState, Info]:
+        """Take in the rollouts and go on."""
+        state = replace(state, tally=state.tally.plus(rollouts))
+        if state.particles is not None:
+            state = self._told_particles(state, rollouts)
+        else:
+            state = self._told_learning(state, rollouts)
+        return state, self._info(state)
+
+    def estimate(self, state: SmcState) -> list[Result]:
+        """Return the mean of the runs with its interval, what was learnt, and the file of it."""
+        assert self.names is not None
+        assert state.learned is not None
+        assert state.looks is not None
+        return [
+            summarise(
+                self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
+                state.tally, state.first, state.fresh, self.names,
+            )
+        ]  # fmt: skip
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of the rollouts to learn from and of the runs that advance together."""
+        config = self.config
+        rows = config.pilot * (2 + config.stages) // 2
+        learning = 0 if self.file is not None else rows * (carry * config.times // 2 + 150)
+        together = min(self._together(plan, config.particles, carry), config.most)
+        counting = together * config.particles * (3 * carry + self._row)
+        held = learning + max(wave_bytes(plan, config.memory), counting)
+        return Demand(held, config.memory, "pilot" if learning > counting else "particles")
+
+    @property
+    def _row(self) -> int:
+        return _ROW + 40 * self.config.times
+
+    def _together(self, plan: Plan, particles: int, carry: int = 4096) -> int:
+        """Return the number of runs that may advance together: they take half of the memory."""
+        return max(1, allowance(self.config.memory) // (2 * particles * (3 * carry + self._row)))
+
+    def _told_learning(self, state: SmcState, rollouts: Rollouts) -> SmcState:
+        assert state.learning is not None
+        before, learning = state.learning, state.learning.tell(rollouts)
+        state = replace(state, learning=learning)
+        if isinstance(before.task, Particles) and before.task.segment:
+            assert isinstance(learning.task, Particles) or learning.task is None
+            state = replace(state, tally=_without(state.tally, len(rollouts.error)))
+        if isinstance(before.task, PartialSample) and before.task is not learning.task:
+            samples = learning.lessons.samples
+            if len(samples) > len(before.lessons.samples):
+                state = replace(state, fresh=state.fresh + samples[-1].fresh)
+                if len(samples) == 1:
+                    first = np.where(samples[0].error, np.nan, samples[0].robustness)
+                    state = replace(state, first=first)
+        if learning.task is None:
+            state = self._begin_counting(replace(state, learned=learning.learned()))
+        return state
+
+    def _told_particles(self, state: SmcState, rollouts: Rollouts) -> SmcState:
+        before = state.particles
+        assert before is not None
+        assert state.looks is not None
+        particles = before.tell(rollouts)
+        # A particle that goes on is no rollout of its own, a copy is.
+        tally = _without(state.tally, len(rollouts.error) if before.segment else 0)
+        tally = replace(tally, rollouts=tally.rollouts + particles.copies - before.copies)
+        state = replace(state, tally=tally, particles=particles)
+        if not particles.done:
+            return state
+        assert state.course is not None
+        assert state.learned is not None
+        counted = Counted.of(particles, state.learned.curve)
+        if counted.plain:
+            size = state.course.particles
+            failures, errors = (round(float(x.sum()) * size) for x in (counted.probabilities, counted.errors))
+            state = replace(state, fresh=state.fresh + FreshRows(counted.rows, failures, errors))
+        state = replace(state, counted=(*state.counted, counted), particles=None)
+        return self._next_runs(state)
+
+    def _next_runs(self, state: SmcState) -> SmcState:
+        assert state.looks is not None
+        assert state.course is not None
+        done = sum(len(one.probabilities) for one in state.counted)
+        more = state.looks.missing(done, lambda: _relative_error(state.counted))
+        if not more:
+            return state
+        runs = min(more, self._together(state.plan, state.course.particles))
+        return replace(state, particles=Particles.begin(state.course, done, runs))
+
+    def _begin_counting(self, state: SmcState) -> SmcState:
+        learned, config = state.learned, self.config
+        assert learned is not None
+        particles, most = self._size(state)
+        schedule = learned.potentials.schedule if learned.potentials is not None else np.zeros(0, np.int64)
+        law = law_of(learned.mixture, config.defensive)
+        course = Course(
+            state.plan, particles, law, schedule, learned.potentials, _COUNTING_STAGE, learning=False
+        )
+        looks = Looks.until(config.relative_error, min(config.runs, most), most)
+        return self._next_runs(replace(state, course=course, looks=looks))
+
+    def _size(self, state: SmcState) -> tuple[int, int]:
+        """Return particles of a run and the largest number of runs, as far as the budget goes."""
+        config, budget = self.config, state.plan.budget
+        if budget is None:
+            return config.particles, config.most
+        spent = state.tally.steps if budget.kind == "steps" else state.tally.rollouts
+        left = int((budget.amount - spent) // _cost(state.plan))
+        runs = max(1, min(config.most, left // config.particles))
+        if runs >= config.runs:
+            return config.particles, runs
+        return max(_LEAST_PARTICLES, left // config.runs), config.runs
+
+    def _affordable(self, plan: Plan) -> int:
+        """Return the rollouts that the budget pays for, learning and runs together."""
+        config, budget = self.config, plan.budget
+        runs = config.most * config.particles
+        if budget is None:
+            return 2 * config.pilot * (2 + config.stages) + 6 * config.pilot + runs
+        if budget.kind == "seconds":
+            raise UsageError(
+                "sequential Monte Carlo cannot be stopped by the clock: a run that has started must finish",
+                "give the budget as steps=N or rollouts=N",
+            )
+        unit = max(plan.steps, 1) if budget.kind == "steps" else 1
+        affordable = int(budget.amount // unit)
+        learning = affordable // 2 if config.learned is None else 0
+        if (affordable - learning) * unit // _cost(plan) < _LEAST_PARTICLES * config.runs:
+            needed = 2 * config.runs * _LEAST_PARTICLES * _cost(plan)
+            raise UsageError(
+                f"a budget of {budget.kind}={budget.amount:g} does not pay for {config.runs} runs of "
+                f"{_LEAST_PARTICLES} particles and for learning",
+                f"raise it to {needed} or lower runs",
+            )
+        return affordable
+
+    def _info(self, state: SmcState) -> Info:
+        values = [one.probabilities for one in state.counted]
+        stages = len(state.learning.stages) if state.learning is not None else 0
+        return replace(
+            state.tally, stage=stages, probability=float(np.concatenate(values).mean()) if values else None
+        )
+
+
+def _cost(plan: Plan) -> int:
+    """Return the cost of a particle in the unit of the budget."""
+    assert plan.budget is not None
+    return max(plan.steps, 1) if plan.budget.kind == "steps" else _ROLLOUTS_OF_RUN
+
+
+def _without(tally: Info, rollouts: int) -> Info:
+    return replace(tally, rollouts=tally.rollouts - rollouts)
+
+
+def _relative_error(counted: tuple[Counted, ...]) -> float:
+    values = np.concatenate([one.probabilities for one in counted])
+    mean = float(values.mean())
+    return float((values / mean).std(ddof=1)) / len(values) ** 0.5 if mean and len(values) > 1 else np.inf

@@ -1,0 +1,184 @@
+"""Learning of ``smc``: a pilot, stages of the tape proposal, then stages of particles that go further down.
+
+Nothing that is drawn here counts. It ends with a proposal and potentials that are fixed before the first
+rollout that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation.plan import Plan
+from avrare.protocols import Floats
+from avrare.rollout.request import Integers, Request, Rollouts
+from avrare.rollout.tape_law import TapeLaw
+from avrare_estimators.config import SmcConfig
+from avrare_estimators.importance.lessons import Lessons, is_learnt, is_worthless
+from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
+from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.smc.defended_mixture import DefendedMixture
+from avrare_estimators.smc.learned_file import Learned
+from avrare_estimators.smc.particles import Course, Particles
+from avrare_estimators.smc.potentials import Paths, Potentials, learn
+from avrare_estimators.weights import effective_size
+
+LEARNING_RUN = 2**31
+"""Address of the noise of particles that only teach, far from those that count."""
+_PILOT_SHARE, _LEARNING_SHARE = 6, 2
+"""The pilot takes at most 1 / 6 of what a budget pays for, all learning at most half."""
+_CURVE = 12
+"""Levels of the exceedance curve."""
+
+
+@dataclass(frozen=True)
+class Learning:
+    """Learning under way.
+
+    Attributes:
+        config: The options.
+        plan: The task.
+        schedule: (K,) steps whose features are learnt from.
+        affordable: Rollouts that learning may take.
+        lessons: Samples of the pilot and of the stages of the proposal.
+        mixture: Proposal; None: the target.
+        stages: An entry for each stage so far.
+        paths: Rollouts to learn potentials from, by stage.
+        potentials: Newest potentials.
+        task: The stage under way; None: learning has ended.
+        spent: Rollouts asked for.
+    """
+
+    config: SmcConfig
+    plan: Plan
+    schedule: Integers
+    affordable: int
+    lessons: Lessons
+    mixture: TapeMixture | None = None
+    stages: tuple[dict[str, Any], ...] = ()
+    paths: tuple[Paths, ...] = ()
+    potentials: Potentials | None = None
+    task: PartialSample | Particles | None = None
+    spent: int = 0
+
+    @staticmethod
+    def begin(config: SmcConfig, plan: Plan, affordable: int) -> Learning:
+        """Begin with the pilot."""
+        count = min(config.times, max(plan.steps - 1, 0))
+        steps = np.round(plan.steps * np.arange(1, count + 1) / (count + 1)).astype(np.int64)
+        schedule = np.unique(steps[(steps > 0) & (steps < plan.steps)])
+        empty = Learning(config, plan, schedule, affordable // _LEARNING_SHARE, Lessons(config.defensive))
+        return empty._sample(min(config.pilot, max(2, affordable // _PILOT_SHARE)), None)
+
+    @property
+    def pending(self) -> Request | None:
+        """The rollouts to run next; None: learning has ended."""
+        if isinstance(self.task, Particles):
+            return self.task.request()
+        return self.task.pending if self.task is not None else None
+
+    def tell(self, rollouts: Rollouts) -> Learning:
+        """Take in the rollouts."""
+        assert self.task is not None
+        task = self.task.tell(rollouts)
+        state = replace(self, task=task)
+        if isinstance(task, PartialSample):
+            return state if task.pending is not None else state._after_sample(task.sample())
+        return state._after_particles(task) if task.done else state
+
+    def learned(self) -> Learned:
+        """Return what was learnt, frozen."""
+        shape = (self.plan.steps + 1, self.plan.noise.noise_size)
+        pilot = self.lessons.samples[0]
+        return Learned(self.mixture, self.potentials, _curve(pilot), shape)
+
+    def _sample(self, rows: int, mixture: TapeMixture | None) -> Learning:
+        target_rows = rows if mixture is None else round(self.config.defensive * rows)
+        source = TapeSource(mixture, tuple(self.schedule.tolist()))
+        wave = wave_rows(self.plan, self.config.memory)
+        stage = len(self.lessons.samples)
+        task = PartialSample.begin(source, self.plan, 0, stage, rows, target_rows, wave)
+        return replace(self, task=task, spent=self.spent + rows)
+
+    @property
+    def _stage_rows(self) -> int:
+        return max(1, len(self.lessons.samples[0].error) // 2)
+
+    @property
+    def _affords_stage(self) -> bool:
+        return len(self.stages) <= self.config.stages and self.spent + self._stage_rows <= self.affordable
+
+    def _after_sample(self, sample: Sample) -> Learning:
+        lessons = self.lessons.add(replace(sample, features=sample.features[:0]))
+        paths = pool_lessons(self.paths, sample, lessons)
+        state = replace(self, lessons=lessons, stages=(*self.stages, lessons.report()), paths=paths)
+        # 1. The proposal on the tape, by the stages of `is`.
+        hopeless = not len(lessons.elite[0])
+        learnt = self.config.proposal == "none" or is_learnt(state.stages, self.config.stages)
+        if not (hopeless or learnt) and state._affords_stage:
+            state = replace(state, lessons=lessons.learn())
+            return state._sample(state._stage_rows, state.lessons.mixtures[-1])
+        if not (self.config.proposal == "none" or hopeless or is_worthless(state.stages[-1])):
+            state = replace(state, mixture=lessons.final())
+        return state._learn_potentials()
+
+    def _after_particles(self, task: Particles) -> Learning:
+        found = task.paths()
+        own = found.weights * found.violated
+        entry = {
+            "rollouts": len(found.score), "failures": int(found.violated.sum()),
+            "probability": float(own.mean()) if len(own) else 0.0,
+            "level_probability": float(self.potentials.chances[-1]) if self.potentials is not None else None,
+            "reached": effective_size(own) > 1.0, "level": None,
+        }  # fmt: skip
+        state = replace(self, stages=(*self.stages, entry), paths=(*self.paths, found))
+        return state._learn_potentials()
+
+    def _learn_potentials(self) -> Learning:
+        # 2. Potentials from all rollouts so far; while they end short of failure, particles go further down.
+        if not len(self.schedule):
+            return replace(self, task=None)
+        seed = (self.plan.noise.seed, LEARNING_RUN, len(self.stages))
+        found = learn(self.paths, self.schedule, seed)
+        before = self.potentials
+        state = replace(self, potentials=found or before, task=None)
+        stuck = found is None or (before is not None and found.chances[-1] > 0.7 * before.chances[-1])
+        if stuck or found is None or found.reached or not state._affords_stage:
+            return state
+        rows = state._stage_rows
+        course = Course(self.plan, rows, state.law, self.schedule, found, 0, learning=True)
+        task = Particles.begin(course, LEARNING_RUN + len(self.stages), 1)
+        return replace(state, task=task, spent=self.spent + rows)
+
+    @property
+    def law(self) -> TapeLaw | None:
+        """Law of the tapes of particles."""
+        return law_of(self.mixture, self.config.defensive)
+
+
+def law_of(mixture: TapeMixture | None, defensive: float) -> TapeLaw | None:
+    """Return the law of tapes under a proposal; None: the target's."""
+    return TapeLaw(DefendedMixture(mixture, defensive)) if mixture is not None else None
+
+
+def pool_lessons(paths: tuple[Paths, ...], sample: Sample, lessons: Lessons) -> tuple[Paths, ...]:
+    """Return the rollouts of all lessons as one stage, with the weights that they now have together."""
+    features = np.concatenate([*(known.features for known in paths), sample.features])
+    samples = lessons.samples
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(one, name) for one in samples])
+
+    weights = np.where(joined("error"), 0.0, lessons.weights)
+    return (Paths(features, joined("score"), joined("violated"), weights, np.arange(len(weights))),)
+
+
+def _curve(pilot: Sample) -> tuple[float, ...]:
+    """Return robustness levels from the pilot's median down to 0."""
+    known: Floats = pilot.robustness[~pilot.error & np.isfinite(pilot.robustness)]
+    middle = float(np.median(known)) if len(known) else 0.0
+    if middle <= 0.0:
+        return (0.0,)
+    return tuple(float(f"{level:.6g}") for level in np.linspace(middle, 0.0, _CURVE))

@@ -1,0 +1,280 @@
+"""Summary of the runs of ``smc``: mean, interval, exceedance curve, committor over time, and health."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from avrare.base import batch
+from avrare.estimation import health, intervals
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Failures, Interval, Result, Worst
+from avrare.estimation.result_builder import build_result, missing_worst
+from avrare.protocols import Floats
+from avrare.rollout.request import Integers
+from avrare_estimators.fresh import FreshRows
+from avrare_estimators.importance.agreement import find_doubts
+from avrare_estimators.importance.coverage import find_differing
+from avrare_estimators.importance.proposal_file import FILE
+from avrare_estimators.importance.result import DISTRUST, for_any_weights
+from avrare_estimators.importance.words import NoiseNames, describe_tapes
+from avrare_estimators.looks import Looks
+from avrare_estimators.smc.learned_file import Learned
+from avrare_estimators.smc.learning import Learning
+from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
+from avrare_estimators.weights import effective_size, resample
+
+_MOST_TOLD = 300
+"""Failures that the words are about."""
+_LOST = 0.5
+
+
+@dataclass(frozen=True)
+class Counted:
+    """What a result needs of R runs that have ended.
+
+    Attributes:
+        course: What the runs share.
+        first_run: Address of the first run's noise.
+        probabilities: (R,) unbiased but for the cut at 1.
+        exceedance: (R, C) probabilities of a robustness at or below each level of the curve.
+        errors: (R,) weight of the particles that broke down.
+        roots: (R,) first particles with failing descendants.
+        contributions: Of these first particles, in all runs.
+        plain: The particles are independent rollouts of the target.
+        rows: R N.
+        failing: Some failures, resampled to equal weights.
+        worst: The least robust particle, or none.
+    """
+
+    course: Course
+    first_run: int
+    probabilities: Floats
+    exceedance: Floats
+    errors: Floats
+    roots: Integers
+    contributions: Floats
+    plain: bool
+    rows: int
+    failing: Ends
+    worst: Ends
+
+    @staticmethod
+    def of(particles: Particles, curve: Sequence[float]) -> Counted:
+        """Sum up runs that have ended."""
+        ends, runs, course = particles.ended(), particles.runs, particles.course
+        run, weight = ends.rows.run, ends.rows.weight
+
+        def by_run(chosen: Any) -> Floats:
+            return np.bincount(run, weights=np.where(chosen, weight, 0.0), minlength=runs)
+
+        size = course.particles
+        own = np.where(ends.violated, weight, 0.0)
+        by_root = np.bincount(ends.rows.root, weights=own, minlength=runs * size).reshape(runs, size)
+        failing = np.flatnonzero(ends.violated)
+        if len(failing) > _MOST_TOLD:
+            failing = failing[resample(weight[failing], _MOST_TOLD, 0.5)]
+        alive = np.flatnonzero(~ends.error)
+        least = alive[np.argsort(ends.robustness[alive], kind="stable")[:1]]
+        below = [by_run(~ends.error & (ends.violated | (ends.robustness <= level))) for level in curve]
+        return Counted(
+            course, particles.first_run, np.minimum(1.0, by_run(ends.violated)), np.stack(below, axis=1),
+            by_run(ends.error), (by_root > 0.0).sum(axis=1), by_root[by_root > 0.0],
+            course.law is None and not any(particles.resampled), runs * size, batch.take(ends, failing),
+            batch.take(ends, least),
+        )  # fmt: skip
+
+
+def summarise(
+    name: str, plan: Plan, learned: Learned, counted: Sequence[Counted], looks: Looks,
+    learning: Learning | None, tally: Info, first: Floats, fresh: FreshRows, names: NoiseNames,
+) -> Result:  # fmt: skip
+    """Return the result of runs that have ended.
+
+    Args:
+        name: Name of the estimator.
+        plan: The task.
+        learned: What was learnt before.
+        counted: The runs.
+        looks: Numbers of runs at which the estimate could end.
+        learning: How it was learnt; None: it was given.
+        tally: Cost of all rollouts.
+        first: Robustness of the pilot.
+        fresh: Counts of all rollouts of the target.
+        names: Names of the noise.
+    """
+    values = _joined(counted, "probabilities")
+    mean, runs = float(values.mean()), len(values)
+    contributions, roots = _joined(counted, "contributions"), _joined(counted, "roots")
+    relative = _relative_variance(values, contributions)
+    interval_at = looks.interval(runs, _interval(counted, values, relative, fresh))
+    warnings = _health(plan, counted, values, contributions, roots, tally)
+    if mean > 0.0 and not counted[0].plain:
+        own = interval_at(plan.confidence)
+        warnings |= find_doubts(mean, own, 0.0, fresh, [], plan.confidence)
+        warnings |= _disagreement(learning, mean, relative)
+    if DISTRUST & warnings.keys() and mean > 0.0 and fresh.rows:
+        interval_at = partial(for_any_weights, mean, fresh)
+    told = _words(plan, learned, counted, names)
+    diagnostics = {
+        "particles": counted[0].course.particles,
+        "resampled_at": [counted[0].course.ends[k] for k in range(len(counted[0].course.stops))],
+        "roots": roots.tolist(),
+        "effective_failures": effective_size(contributions),
+        "largest_share": float(contributions.max(initial=0.0) / max(contributions.sum(), 1e-300)),
+        "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages) if learning else 0,
+        "stages": list(learning.stages) if learning else [],
+        "exceedance": _curve(counted, learned.curve),
+        "learnt": told,
+        "learned": learned.digest,
+    }
+    if learned.potentials is not None:
+        diagnostics["gains"] = dict(
+            zip(
+                map(str, learned.potentials.schedule.tolist()), learned.potentials.gains.tolist(), strict=True
+            )
+        )
+    if counted[0].plain:
+        diagnostics["note"] = (
+            "nothing was learnt that tells failures from other rollouts: the particles are independent "
+            "rollouts of the target, which is Monte Carlo"
+        )
+    if looks.goal is not None:
+        diagnostics |= looks.diagnostics(math.sqrt(relative))
+    return build_result(
+        plan, name, tally, values, interval_at=interval_at, relative_error=math.sqrt(relative),
+        health=warnings, failures=_failures(plan, counted, tally), worst=_worst(plan, counted),
+        robustness=first, blind_bound=fresh.blind_bound(plan.confidence) if fresh.rows else None,
+        diagnostics=diagnostics, artifacts={FILE: learned.to_dict(names)},
+    )  # fmt: skip
+
+
+def _joined(counted: Sequence[Counted], name: str) -> Any:
+    return np.concatenate([getattr(one, name) for one in counted])
+
+
+def _relative_variance(values: Floats, contributions: Floats) -> float:
+    """Return the relative variance of the mean of the runs; NaN where all are zero."""
+    mean = float(values.mean())
+    if mean == 0.0:
+        return math.nan
+    own = 1.0 / effective_size(contributions)
+    return float((values / mean).var(ddof=1)) / len(values) or own if len(values) > 1 else own
+
+
+def _interval(
+    counted: Sequence[Counted], values: Floats, relative: float, fresh: FreshRows
+) -> Callable[[float], Interval]:
+    if counted[0].plain and fresh.rows:
+        return fresh.interval
+    if not values.any():
+        return fresh.interval_of_zero() if fresh.rows else intervals.unknown
+    return partial(
+        intervals.log_normal, float(values.mean()), relative, freedom=len(values) - 1,
+        errors=float(_joined(counted, "errors").mean()), logs=intervals.cox(values),
+    )  # fmt: skip
+
+
+def _health(
+    plan: Plan,
+    counted: Sequence[Counted],
+    values: Floats,
+    contributions: Floats,
+    roots: Integers,
+    tally: Info,
+) -> dict[str, str]:
+    found = health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
+    if float(values.mean()) == 1.0:
+        found |= health.warn("all_failed")
+    if counted[0].plain:
+        return found
+    if not values.any():
+        return found | health.warn("no_failures")
+    extinct = int((values == 0.0).sum())
+    found |= health.check_runs(values.tolist(), extinct, roots.tolist())
+    effective, largest = effective_size(contributions), float(contributions.max() / contributions.sum())
+    if effective < health.LEAST_EFFECTIVE or largest > health.LARGEST_SHARE:
+        found |= health.warn("weight_degenerate", effective=effective, largest=largest)
+    return found
+
+
+def _disagreement(learning: Learning | None, mean: float, relative: float) -> dict[str, str]:
+    if learning is None:
+        return {}
+    differing = find_differing(learning.lessons.samples, mean, relative)
+    return health.warn("stages_disagree", stages=differing) if differing else {}
+
+
+def _curve(counted: Sequence[Counted], levels: Sequence[float]) -> list[dict[str, float | None]]:
+    """Return the probability of a robustness at or below each level, with its relative error."""
+    table = _joined(counted, "exceedance")
+    found: list[dict[str, float | None]] = []
+    for level, column in zip(levels, table.T, strict=True):
+        mean = float(column.mean())
+        spread = (
+            float(column.std(ddof=1)) / math.sqrt(len(column)) / mean if mean and len(column) > 1 else None
+        )
+        found.append({"robustness": level, "probability": mean, "relative_error": spread})
+    return found
+
+
+def _failures(plan: Plan, counted: Sequence[Counted], tally: Info) -> Failures:
+    tapes, robustness, room = [], [], plan.kept_failures
+    for one in counted:
+        chosen = batch.take(one.failing, slice(0, room))
+        tapes.append(draw_tapes(one.course, one.first_run, chosen.rows))
+        robustness.append(chosen.robustness)
+        room -= len(chosen.robustness)
+    return Failures(np.concatenate(tapes), np.concatenate(robustness), tally.failures)
+
+
+def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
+    known = [one for one in counted if len(one.worst.robustness)]
+    if not known:
+        return missing_worst(plan)
+    least = min(known, key=lambda one: float(one.worst.robustness[0]))
+    tape = draw_tapes(least.course, least.first_run, least.worst.rows)[0]
+    return Worst(tape, float(least.worst.robustness[0]))
+
+
+def _words(
+    plan: Plan, learned: Learned, counted: Sequence[Counted], names: NoiseNames
+) -> list[dict[str, Any]]:
+    """Return which noise led to the failures, and when they were lost."""
+    told: list[dict[str, Any]] = []
+    weights = [one.probabilities.sum() for one in counted]
+    if not any(weights):
+        return told
+    main = counted[int(np.argmax(weights))]
+    failing = main.failing
+    if learned.mixture is not None:
+        target = main.course.law.proposal.share if main.course.law is not None else 1.0
+        tapes = draw_tapes(main.course, main.first_run, failing.rows)
+        told += describe_tapes(learned.mixture, tapes, target, names)
+    if learned.potentials is not None and learned.potentials.reached and learned.potentials.useful:
+        told.append(_committor(learned, failing, names))
+    return told
+
+
+def _committor(learned: Learned, failing: Ends, names: NoiseNames) -> dict[str, Any]:
+    """Return the learnt probability of failure over time along failing rollouts, and a sentence about it."""
+    assert learned.potentials is not None
+    steps = learned.potentials.schedule[learned.potentials.useful]
+    # A failure that has happened is certain.
+    along = np.nan_to_num(failing.rows.committor[:, learned.potentials.useful], nan=1.0)
+    typical = [np.quantile(along[:, k], (0.1, 0.5, 0.9)).round(6).tolist() for k in range(len(steps))]
+    lost = [int(step) for step, (_, middle, _) in zip(steps, typical, strict=True) if middle >= _LOST]
+    before = [int(step) for step in steps if not lost or step < lost[0]]
+    if lost:
+        when = f"half of the failures are lost {names.span(lost[0], lost[0])}"
+        text = f"{when}: from there on the rollout fails with a learnt probability above {_LOST:.0%}"
+    else:
+        text = (
+            f"half of the failures are not yet lost {names.span(before[-1], before[-1])}: they come suddenly"
+        )
+    return {"noise": [], "share": 1.0, "text": text, "steps": steps.tolist(), "committor": typical}

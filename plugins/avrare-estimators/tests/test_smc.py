@@ -1,0 +1,238 @@
+"""Sequential Monte Carlo with learned potentials: unbiased, covering, with the same bits, and honest."""
+
+import dataclasses
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.base.errors import Interrupted, UsageError
+from avrare.estimation import memory
+from avrare.estimation.estimate_problem import _estimator
+from avrare.estimation.loop import Settings, planned
+from avrare.testing import faulty_systems
+from avrare.testing.problems import conjunction, reference_problem
+from avrare_estimators.config import SmcConfig
+from avrare_estimators.smc.learned_file import LearnedFile
+from avrare_estimators.smc.network import Examples, fit
+from avrare_estimators.smc.potentials import Paths, Potentials, learn
+
+SMALL = {"particles": 100, "runs": 5, "pilot": 400, "stages": 5, "times": 6}
+
+
+def problem(limit=1.6, steps=20, **options):
+    system = faulty_systems.Walk()
+    return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), steps, **options)
+
+
+def estimate(task=None, seed=0, **options):
+    return avrare.estimate(task or problem(), "smc", seed=seed, **{**SMALL, **options})
+
+
+def plain(result):
+    content = json.loads(result.to_json())
+    del content["seconds"]
+    content.get("diagnostics", {}).pop("origin", None)
+    return content, result.failures.noise.tobytes(), result.robustness.tobytes(), result.artifacts
+
+
+@pytest.mark.parametrize("proposal", ["learned", "none"])
+def test_the_same_bits_for_any_chunk(proposal):
+    one, other = (plain(estimate(problem(chunk=chunk), proposal=proposal)) for chunk in (64, 4096))
+    assert one == other
+
+
+@pytest.mark.slow
+def test_the_same_bits_for_any_workers_and_memory():
+    whole = plain(estimate(problem(chunk=50)))
+    assert plain(estimate(problem(chunk=50), workers=2)) == whole
+    assert plain(estimate(problem(chunk=50), memory=6)) == whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("proposal", ["learned", "none"])
+def test_killed_again_and_again(tmp_path, proposal):
+    calls = []
+
+    def dies(system, limit):
+        step = system.step
+
+        def counted(state, noise):
+            calls.append(1)
+            if len(calls) > limit:
+                raise Interrupted("killed")
+            return step(state, noise)
+
+        system.step = counted
+
+    whole, deaths = plain(estimate(problem(chunk=100), proposal=proposal)), 0
+    while True:
+        tried = problem(chunk=100)
+        calls.clear()
+        dies(tried.system, 150 + 60 * deaths)
+        try:
+            result = estimate(tried, proposal=proposal, checkpoint=tmp_path / "kept")
+            break
+        except Interrupted:
+            deaths += 1
+    assert deaths > 2
+    assert plain(result) == whole
+
+
+def test_a_learned_file_saves_the_pilot_and_is_exact(tmp_path):
+    first = estimate()
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"specification": first.artifacts["learned.json"]}))
+    again = estimate(learned=str(path))
+    # The rollouts that count have the same addresses and what was learnt is the same, digit for digit.
+    assert np.array_equal(again.run_probabilities, first.run_probabilities)
+    assert again.diagnostics["learned"] == first.diagnostics["learned"]
+    assert again.diagnostics["pilot_rollouts"] == 0
+    assert again.rollouts == first.rollouts - first.diagnostics["pilot_rollouts"]
+    assert again.diagnostics["exceedance"] == first.diagnostics["exceedance"]
+
+
+def test_bad_files_are_refused(tmp_path):
+    path = tmp_path / "learned.json"
+    with pytest.raises(UsageError, match="no such file"):
+        estimate(learned=str(path))
+    entry = estimate().artifacts["learned.json"]
+    broken = json.loads(json.dumps(entry))
+    broken["potentials"]["network"]["layers"][0] = [[1.0]]
+    without = {key: value for key, value in entry.items() if key != "potentials"}
+    cases = {
+        "nothing on specification, but on other": {"other": entry},
+        "no potentials: it was left by `is`": {"specification": without},
+        "is damaged": {"specification": broken},
+        "holds nothing": {"specification": 3},
+    }
+    for words, content in cases.items():
+        path.write_text(json.dumps(content))
+        with pytest.raises(UsageError, match=words):
+            estimate(learned=str(path))
+    path.write_text(json.dumps({"specification": entry}))
+    with pytest.raises(UsageError, match="is for 20 steps of 1 numbers, but a rollout has 21 steps"):
+        estimate(problem(steps=21), learned=str(path))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"particles": 3}, "particles"),
+        ({"proposal": "guess"}, "proposal"),
+        ({"defensive": 0.1}, "defensive"),
+        ({"times": 0}, "times"),
+        ({"relative_error": 0.1, "runs": 2}, "relative_error needs 5"),
+        ({"grow": True}, "grow"),
+        ({"budget": "seconds=3"}, "cannot be stopped by the clock"),
+        ({"budget": "steps=900"}, "does not pay for 5 runs of 20 particles"),
+        ({"memory": 0.1}, "more than the option memory"),
+    ],
+)
+def test_bad_options_are_refused(options, words):
+    with pytest.raises(UsageError, match=words):
+        estimate(**options)
+
+
+@pytest.mark.parametrize(("kind", "amount"), [("steps", 30_000), ("rollouts", 3000)])
+def test_a_budget_is_kept_and_used(kind, amount):
+    result = estimate(problem(), budget=f"{kind}={amount}")
+    spent = result.simulated_steps if kind == "steps" else result.rollouts
+    assert 0.3 * amount < spent <= amount
+
+
+def test_a_problem_without_steps_is_plain_monte_carlo():
+    result = estimate(conjunction(-1.0).problem(), proposal="none")
+    assert "Monte Carlo" in result.diagnostics["note"]
+    assert result.interval[0] < result.probability < result.interval[1]
+
+
+def test_errors_are_counted_and_widen_the_interval():
+    broken = avrare.Problem(faulty_systems.Fragile("nan", 1.2), avrare.stl("always (x < 1.5)"), 20)
+    result = estimate(broken)
+    assert result.errors > 0
+    assert "errors" in result.health
+    assert result.interval[1] > 2 * result.probability
+
+
+def test_the_curve_falls_to_the_estimate():
+    result = estimate(problem(limit=1.2))
+    curve = [entry["probability"] for entry in result.diagnostics["exceedance"]]
+    assert all(one >= other for one, other in itertools.pairwise(curve))
+    assert curve[-1] == pytest.approx(result.probability)
+    assert 0.3 < curve[0] < 0.7
+
+
+def test_words_say_when_the_drive_is_lost():
+    told = estimate(problem(limit=1.2), particles=200).diagnostics["learnt"][-1]
+    assert "failures are lost at step" in told["text"] or "come suddenly" in told["text"]
+    middles = [middle for _, middle, _ in told["committor"]]
+    assert middles[0] < 0.2
+    assert middles[-1] > middles[0]
+
+
+def test_the_network_learns_a_known_committor():
+    """From x at one of two steps, the chance that x plus fresh noise exceeds a bound."""
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((6000, 2)).cumsum(axis=1)
+    end = x[:, 1] + rng.standard_normal(6000)
+    features = np.stack([x, x], axis=2)
+    examples = Examples(features, end[:, None] > 2.5, np.ones(6000), np.arange(6000) % 5 == 0)
+    network = fit(examples, (1,))
+    at = np.array([[-1.0, -1.0], [1.0, 1.0], [2.5, 2.5]])
+    found = network.probabilities(1, at)[:, 0]
+    assert abs(found[2] - 0.5) < 0.12
+    assert abs(found[1] - 0.067) < 0.04
+    assert found[0] < 0.01
+    assert abs(network.probabilities(0, at)[1, 0] - 0.144) < 0.05
+    again = fit(examples, (1,))
+    assert network.to_dict() == again.to_dict()
+    # A row's bits do not depend on its company.
+    assert np.array_equal(network.probabilities(1, at)[1:2], network.probabilities(1, at[1:2]))
+
+
+def test_features_that_tell_nothing_give_no_gain():
+    rng = np.random.default_rng(4)
+    features = rng.standard_normal((3000, 3, 2))
+    violated = rng.random(3000) < 0.05
+    score = np.where(violated, 1.0, rng.random(3000))
+    paths = Paths(features, score, violated, np.ones(3000), np.arange(3000))
+    # The last feature is the score so far, below all levels.
+    paths.features[:, :, -1] = -9.0
+    found = learn([paths], np.array([5, 10, 15]), (2,))
+    assert found is not None
+    assert found.useful == []
+    assert (
+        Potentials.from_dict(json.loads(json.dumps(found.to_dict()))).chances.tolist()
+        == found.chances.tolist()
+    )
+
+
+def test_the_memory_is_foretold():
+    built = _estimator("smc", SMALL)
+    prepared, plan = planned(problem(), built, Settings(seed=3))
+    assert 0 < memory.forecast(prepared, built, plan).held < 2**26
+
+
+def test_given_options_count_as_given():
+    assert SmcConfig(particles=50).model_fields_set == {"particles"}
+    assert dataclasses.is_dataclass(LearnedFile)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "proposal", "seeds"),
+    [("d_rw_L3.8", "learned", 24), ("e_ou_L4.0", "learned", 24), ("d_rw_L2.5", "none", 24)],
+)
+def test_unbiased_and_covering_over_seeds(name, proposal, seeds):
+    exact = reference_problem(name)
+    results = [
+        estimate(exact.problem(), seed, proposal=proposal, pilot=1000, particles=200) for seed in range(seeds)
+    ]
+    values = np.array([result.probability for result in results]) / exact.probability
+    assert abs(values.mean() - 1.0) < 4.0 * values.std(ddof=1) / np.sqrt(seeds)
+    assert values.std(ddof=1) < 0.4
+    covers = [one.interval[0] <= exact.probability <= one.interval[1] for one in results]
+    assert np.mean(covers) > 0.95 - 4.0 * np.sqrt(0.05 * 0.95 / seeds)
