@@ -19,6 +19,8 @@ def execute(args: argparse.Namespace) -> None:
     if args.what == "scenario":
         _write_scenario(args)
         return
+    if args.act:
+        raise UsageError("--act is for scenarios", "avrare new scenario NAME --simulator NAME --act")
     if args.kind is None:
         raise UsageError("--kind is required for a plugin", "for example --kind controller")
     name = check_name(args.name, args.kind, default_registry())
@@ -36,7 +38,9 @@ def _write_scenario(args: argparse.Namespace) -> None:
     if not re.fullmatch(r"\w[\w.-]*", name):
         raise UsageError(f"{args.name!r} is no name for a scenario", "for example cut_in")
     path = Path(args.out) / f"{name}.yaml"
-    signals = write_scenario(path, args.simulator, args.set, default_registry())
+    signals = write_scenario(path, args.simulator, args.set, default_registry(), args.act)
     file = shlex.quote(str(path))
     say(f"{path}: signals {', '.join(signals)}")
+    if args.act:
+        say(f"{path.with_suffix('.py')}: act(observation), the controller")
     say(f"next: avrare validate --build {file} && avrare run {file}")

@@ -252,6 +252,7 @@ OPTIONS: dict[str, Options] = {
         "--no-driving": "write a perception model, tracker or controller for simulators without vehicles",
         "--simulator NAME": "simulator of the scenario (default: the only one that is installed)",
         "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", _REPEATABLE),
+        "--act": "also write a controller for the scenario: a function in a Python file",
         "--out DIR": ("parent of the new folder or file (default: .)", {"default": "."}),
     },
     "check-plugin": {

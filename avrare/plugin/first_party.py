@@ -7,8 +7,15 @@ from avrare.plugin.component import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """Return Monte Carlo, the choice among estimators, and executors that need no further package."""
+    """Return the components that need no further package."""
     return [
+        Component(
+            kind="controller",
+            name="function",
+            config="avrare.stack.function_controller:FunctionConfig",
+            factory="avrare.stack.function_controller:build",
+            summary="a plain function act(observation) in a Python file, for a first try",
+        ),
         Component(
             kind="estimator",
             name="mc",

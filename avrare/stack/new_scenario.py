@@ -13,14 +13,19 @@ from pydantic.fields import FieldInfo
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import Registry
-from avrare.protocols import Signals
+from avrare.protocols import Signals, find_scene
 from avrare.scenario.overrides import override
 from avrare.scenario.validation import check_options
 from avrare.scenario.value_positions import Mark, Node
 
+_TEMPLATES = Path(__file__).with_name("templates")
+_NO_CONTROLLER = (
+    "# controller: {plugin: NAME}   # the stack under test, where the simulator does not act by itself"
+)
+
 
 def write_scenario(
-    path: Path, simulator: str | None, settings: Sequence[str], registry: Registry
+    path: Path, simulator: str | None, settings: Sequence[str], registry: Registry, act: bool = False
 ) -> tuple[str, ...]:
     """Write a scenario for an installed simulator; it runs as it is.
 
@@ -29,6 +34,7 @@ def write_scenario(
         simulator: Name of the simulator; None: the only one that is installed.
         settings: ``KEY=VALUE`` for options of the simulator.
         registry: Installed components.
+        act: Also write a controller, a function in a Python file beside it.
 
     Returns:
         Names of the simulator's signals.
@@ -43,7 +49,10 @@ def write_scenario(
     options: dict[str, Any] = override(Node({}, mark, mark), settings).plain()
     config = check_options(component.load_config(), name, options, kind="simulator")
     built = component.load_factory()(config, None)
-    signals = built.signals(built.reset(np.zeros((1, built.noise_size))))
+    world = built.reset(np.zeros((1, built.noise_size)))
+    signals = built.signals(world)
+    if act and not hasattr(world, "ego"):
+        raise UsageError(f"simulator {name!r} takes no actions: it needs no controller", "leave out --act")
     lines = [
         f"name: {path.stem}",
         "description: one sentence that says what happens here",
@@ -51,7 +60,7 @@ def write_scenario(
         "simulator:",
         f"  plugin: {name}",
         *_list_options(type(config).model_fields, options),
-        "# controller: {plugin: NAME}   # the stack under test, where the simulator does not act by itself",
+        *(_list_controller(path) if act else [_NO_CONTROLLER]),
         "specifications:",
         f"  # signals: {', '.join(signals)}",
         f'  first: {{stl: "{_formula(signals)}"}}   # replace it by a requirement of your own',
@@ -59,12 +68,26 @@ def write_scenario(
         "# thresholds:",
         '#   - {specification: first, probability: "< 0.01"}   # decided by `avrare check`',
     ]
-    if path.exists():
-        raise UsageError(f"{path}: already exists", "choose another name or --out")
+    texts = {path: "\n".join(lines) + "\n"}
+    if act:
+        template = "act.py.txt" if find_scene(built) is None else "act_driving.py.txt"
+        texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
+    for file in texts:
+        if file.exists():
+            raise UsageError(f"{file}: already exists", "choose another name or --out")
     with explain_file_errors(f"{path}: cannot write", "choose another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, "\n".join(lines) + "\n")
+        for file, text in texts.items():
+            write_text(file, text)
     return tuple(signals)
+
+
+def _list_controller(path: Path) -> list[str]:
+    return [
+        "controller:",
+        "  plugin: function   # for a first try; `avrare new plugin --kind controller` is the lasting form",
+        f"  file: {json.dumps(path.with_suffix('.py').as_posix())}   # relative to the current folder",
+    ]
 
 
 def _choose_simulator(registry: Registry) -> str:

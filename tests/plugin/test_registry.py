@@ -153,7 +153,7 @@ def test_unknown_names_get_a_hint():
             "controller",
             "straight",
             "unknown controller 'straight'",
-            "'straight' is a tracker; no controller plugin",
+            "'straight' is a tracker; installed controllers: function",
         ),
         ("estimator", "quux", "unknown estimator 'quux'", "known: ams, auto, ce, ess, ess_linear, is, mc"),
     ]:

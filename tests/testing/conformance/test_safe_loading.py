@@ -17,6 +17,9 @@ UNPICKLERS = {"avrare/rollout/executors/worker_process.py", "plugins/avrare-ray/
 ITSELF = {"avrare/testing/conformance/description_checks.py"}
 """Unpickles what it has pickled in the line before."""
 
+RUNNER = "avrare/stack/function_controller.py"
+"""Runs the file of a controller ``function``, which safe mode refuses (test_function_controller.py)."""
+
 FORBIDDEN = {
     "eval", "exec", "compile", "__import__", "pickle.load", "pickle.Unpickler", "yaml.load",
     "yaml.unsafe_load",
@@ -38,7 +41,8 @@ def name(path):
 @pytest.mark.parametrize("path", SOURCES, ids=name)
 def test_no_file_is_unpickled(path):
     for function, call in calls(path):
-        assert function not in FORBIDDEN, f"line {call.lineno}"
+        allowed = {"exec", "compile"} if name(path) == RUNNER else set()
+        assert function not in FORBIDDEN - allowed, f"line {call.lineno}"
         if function in ("np.load", "numpy.load"):
             options = {word.arg: ast.unparse(word.value) for word in call.keywords}
             assert options.get("allow_pickle") == "False", f"line {call.lineno}"

@@ -1,0 +1,185 @@
+"""Controller ``function``: a plain function ``act(observation)`` in a Python file, for a first try.
+
+A plugin is the lasting form: it has a version, options, tests, and a memory from step to step.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from avrare.base import batch
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.driving import Action, Prediction, Scene, Vehicles
+from avrare.scenario.safe_mode import TRUST, is_safe
+
+EXAMPLE = Path(__file__).with_name("templates") / "act.py.txt"
+"""Function for simulators without vehicles, as `avrare new scenario --act` writes it."""
+_WANTED = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
+
+
+class FunctionConfig(BaseModel):
+    """Where the function is, and how it is called."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": str(EXAMPLE)}]}
+    )
+
+    file: str = Field(
+        min_length=1, description="Python file with the function; it is run", json_schema_extra={"file": True}
+    )
+    function: str = Field("act", pattern=r"[A-Za-z_]\w*", description="name of the function in the file")
+    batched: bool = Field(
+        False, description="call it once for all rollouts, with arrays (N, ...), instead of once for each"
+    )
+
+    @field_validator("file")
+    @classmethod
+    def _trusted(cls, file: str) -> str:
+        if is_safe():
+            raise ValueError(f"safe mode: a function in a file is code of no installed plugin; {TRUST}")
+        return file
+
+
+class Neighbour(NamedTuple):
+    """Other vehicle as the tracker knows it: floats, or arrays (N,) with x and y infinite where unknown.
+
+    Attributes:
+        x: Position along the road [m].
+        y: Position across the road, left is positive [m].
+        speed_x: Predicted speed along it [m/s].
+        speed_y: Predicted speed across it [m/s].
+    """
+
+    x: Any
+    y: Any
+    speed_x: Any
+    speed_y: Any
+
+
+@dataclass(frozen=True)
+class DrivingObservation:
+    """Knowledge of a driving controller.
+
+    Attributes:
+        ego: x, y, heading, speed and acceleration of the ego: floats, or arrays (N,).
+        others: Vehicles that the tracker knows of, by name; empty without a tracker. In a batch all of them.
+        scene: Road, sizes and the step ``dt`` [s].
+    """
+
+    ego: Vehicles
+    others: dict[str, Neighbour]
+    scene: Scene
+
+
+class FunctionController:
+    """Controller that calls a function of its own file, without memory.
+
+    Attributes:
+        horizon: 1: the speeds of the others are those of the tracker's next prediction.
+    """
+
+    horizon = 1
+
+    def __init__(self, function: Callable[[Any], Any], batched: bool, scene: Scene | None) -> None:
+        self.function, self.batched, self.scene = function, batched, scene
+
+    def start(self, n: int) -> None:
+        """Return None: there is no memory."""
+
+    def act(self, memory: None, ego: Any, prediction: Prediction | None) -> tuple[Any, None]:
+        """Return the actions of N rollouts.
+
+        Raises:
+            UsageError: The function returns something of another shape.
+        """
+        if isinstance(ego, np.ndarray) or self.scene is None:
+            return (self._answer(ego) if self.batched else self._rows(ego, len(ego))), None
+        observation = DrivingObservation(ego, _neighbours(prediction, self.scene), self.scene)
+        n = len(ego.x)
+        answer = self._answer(observation) if self.batched else self._rows(observation, n)
+        return _action(answer, n, self.batched), None
+
+    def _rows(self, observation: Any, n: int) -> Any:
+        answers = [self._answer(_row(observation, row)) for row in range(n)]
+        return np.array([np.atleast_1d(one) for one in answers], dtype=np.float64)
+
+    def _answer(self, observation: Any) -> Any:
+        answer = self.function(observation)
+        if answer is None:
+            raise UsageError(f"{self.function.__name__} returned None", "return the action")
+        if isinstance(answer, Action):
+            return answer.acceleration, answer.yaw_rate
+        return answer
+
+
+def _neighbours(prediction: Prediction | None, scene: Scene) -> dict[str, Neighbour]:
+    if prediction is None:
+        return {}
+    x, y = prediction.x, prediction.y
+    known = np.isfinite(x[..., 0]) & np.isfinite(y[..., 0])
+    with np.errstate(invalid="ignore"):  # of vehicles that are infinitely far away
+        speed_x, speed_y = (np.where(known, p[..., 1] - p[..., 0], 0.0) / scene.dt for p in (x, y))
+    return {
+        name: Neighbour(x[:, v, 0], y[:, v, 0], speed_x[:, v], speed_y[:, v])
+        for v, name in enumerate(scene.names)
+    }
+
+
+def _row(observation: Any, row: int) -> Any:
+    if not isinstance(observation, DrivingObservation):
+        return observation[row]
+    ego = batch.map_leaves(lambda leaf: float(leaf[row]), observation.ego)
+    others = {
+        name: Neighbour(*(float(values[row]) for values in other))
+        for name, other in observation.others.items()
+        if np.isfinite(other.x[row]) and np.isfinite(other.y[row])
+    }
+    return DrivingObservation(ego, others, observation.scene)
+
+
+def _action(answer: Any, n: int, batched: bool) -> Action:
+    try:
+        pair = answer if batched else np.reshape(answer, (n, 2)).T
+        acceleration, yaw_rate = (np.broadcast_to(np.asarray(one, dtype=np.float64), (n,)) for one in pair)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"a driving controller's act must return {_WANTED}: {error}") from None
+    return Action(acceleration.copy(), yaw_rate.copy())
+
+
+def build(config: FunctionConfig, scene: Scene | None) -> FunctionController:
+    """Run the file and build the controller of a scenario.
+
+    Raises:
+        UsageError: The file cannot be run, or has no such function.
+    """
+    module = _run(Path(config.file))
+    function = getattr(module, config.function, None)
+    if not callable(function):
+        names = [name for name, value in vars(module).items() if callable(value) and name[:1] != "_"]
+        hint = did_you_mean(config.function, names) or f"def {config.function}(observation): ..."
+        raise UsageError(f"{config.file}: has no function {config.function!r}", hint)
+    return FunctionController(function, config.batched, scene)
+
+
+def _run(path: Path) -> Any:
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file", "its path is relative to the current folder")
+    module = ModuleType(path.stem)
+    module.__file__ = str(path)
+    before = list(sys.path)
+    sys.path.insert(0, str(path.resolve().parent))  # it may import files beside it
+    try:
+        exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
+    except (Exception, SystemExit) as error:
+        raise UsageError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
+    finally:
+        sys.path[:] = before
+    return module
