@@ -39,6 +39,8 @@ _SEED_KEY = 0xA070
 _PHASES = ("pilot", "learning", "trial")
 """Phases with seeds of their own; what counts has the seed of the estimate, but for learning, which counts
 only rows of stages that come later."""
+_STAGES = 20
+"""Most stages of learning: a small pilot climbs slowly. They take at most half of the rollouts anyway."""
 _TRIAL = 2000
 """Most rollouts of a trial."""
 _BY_STEPS = ("smc", "ams")
@@ -207,7 +209,7 @@ class _Work:
         return self.told(result, f"{reason}; tried in vain: {tried}", spent)
 
     def _learned(self, problem: Problem, spent: list[_Attempt]) -> Result | None:
-        options: dict[str, Any] = {"pilot": max(200, self.aim.pilot), "fall_back": False}
+        options: dict[str, Any] = {"pilot": max(200, self.aim.pilot), "stages": _STAGES, "fall_back": False}
         if self.aim.goal is not None:
             options |= {"relative_error": self.aim.goal}
         try:
