@@ -141,20 +141,41 @@ def initial_guesses(
         (N, 2 C, H + 1, 4) x, y, speed, heading and (N, 2 C, H, 2) acceleration, turn rate. They are smooth,
         but not exact solutions of the model.
     """
-    lanes = np.repeat(np.array(centres), len(_BRAKING))[:, None]
-    braking = np.tile(np.array(_BRAKING), len(centres))[:, None]
-    time = np.arange(steps + 1) * dt
+    x, y, speed, heading = _guessed_motion(start, centres, steps, dt)
+    states = np.stack(np.broadcast_arrays(x[:, None], y[:, :, None], speed[:, None], heading), axis=-1)
+    inputs = _guessed_inputs(speed, heading, dt)
+    return states.reshape(inputs.shape[:2] + states.shape[3:]), inputs
+
+
+def initial_inputs(start: Floats, centres: tuple[float, ...], steps: int, dt: float) -> Floats:
+    """Return the inputs of ``initial_guesses``, without their states."""
+    _, _, speed, heading = _guessed_motion(start, centres, steps, dt)
+    return _guessed_inputs(speed, heading, dt)
+
+
+def _guessed_motion(
+    start: Floats, centres: tuple[float, ...], steps: int, dt: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    # x and speed (N, B, H + 1) differ by braking, y (N, C, H + 1) by lane, heading (N, C, B, H + 1) by both
+    braking, lanes, time = np.array(_BRAKING)[:, None], np.array(centres)[:, None], np.arange(steps + 1) * dt
     x0, y0, v0, h0 = (start[:, i, None, None] for i in range(4))
     speed = np.where(v0 > 0.0, np.maximum(v0 - braking * time, 0.0), v0)
     part = np.clip(time / (_LANE_CHANGE_SHARE * steps * dt), 0.0, 1.0)
     y = y0 + (lanes - y0) * part**2 * (3.0 - 2.0 * part)
-    x = np.broadcast_to(x0, y.shape).copy()
+    x = np.broadcast_to(x0, speed.shape).copy()
     x[..., 1:] += np.cumsum(speed[..., :-1] * dt, axis=-1)
-    heading = np.zeros_like(y)
-    heading[..., :-1] = np.arctan2(np.diff(y), np.maximum(np.diff(x), dt))
-    heading[..., 0] = h0[..., 0]
-    inputs = np.stack([np.diff(speed), np.diff(heading)], axis=-1) / dt
-    return np.stack([x, y, speed, heading], axis=-1), inputs
+    heading = np.zeros((len(start), len(centres), len(_BRAKING), steps + 1))
+    np.arctan2(np.diff(y)[:, :, None], np.maximum(np.diff(x), dt)[:, None], out=heading[..., :-1])
+    heading[..., 0] = h0
+    return x, y, speed, heading
+
+
+def _guessed_inputs(speed: Floats, heading: Floats, dt: float) -> Floats:
+    n, lanes, braking, nodes = heading.shape
+    inputs = np.empty((n, lanes, braking, nodes - 1, 2))
+    inputs[..., 0] = (np.diff(speed) / dt)[:, None]
+    inputs[..., 1] = np.diff(heading) / dt
+    return inputs.reshape(n, lanes * braking, nodes - 1, 2)
 
 
 def cheapest(cost: Floats) -> Integers:

@@ -10,7 +10,7 @@ import numpy as np
 from avrare.driving import Scene
 from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.plan import Integers, SearchResult, cheapest, initial_guesses, lane_centres, lateral_bounds
+from avrare_mpc.plan import Integers, SearchResult, cheapest, initial_inputs, lane_centres, lateral_bounds
 from avrare_mpc.riccati.batch import Answer, Jobs, solve_all
 from avrare_mpc.riccati.jit import COMPILED, announced
 from avrare_mpc.riccati.newton import FOUND
@@ -300,7 +300,7 @@ class RiccatiSearch:
 
     def _initial_guesses(self, start: Floats) -> Floats:
         with np.errstate(invalid="ignore"):
-            return initial_guesses(start, self._centres, self._steps, self._dt)[1]
+            return initial_inputs(start, self._centres, self._steps, self._dt)
 
 
 def _valid(start: Floats, other_x: Floats, other_y: Floats) -> Bools:
