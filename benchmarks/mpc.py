@@ -1,7 +1,8 @@
 """Is the riccati backend of the controller `mpc` the controller that the casadi backend is, and how fast?
 
-    OMP_NUM_THREADS=1 python benchmarks/mpc.py [--rollouts 60] [--set KEY=VALUE ...]
-    OMP_NUM_THREADS=1 python benchmarks/mpc.py --paired 5000 [--pair casadi ipopt] [--set KEY=VALUE ...]
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py [SCENARIO] [--rollouts 60] [--set KEY=VALUE ...]
+    OMP_NUM_THREADS=1 python benchmarks/mpc.py [SCENARIO] --paired 5000 [--pair casadi ipopt]
+        [--set KEY=VALUE ...]
 
 The first form drives lane changes with the casadi backend and solves every programme of every later step
 again from the same warm start: by ipopt to a tolerance of 1e-9 (the reference), by the casadi backend's
@@ -74,22 +75,23 @@ class Answers:
     seconds: float
 
 
-def collect(rollouts: int, seed: int, settings: list[str]) -> tuple[Any, MpcConfig, Programmes]:
+def collect(path: Path, rollouts: int, seed: int, settings: list[str]) -> tuple[Any, MpcConfig, Programmes]:
     """Every programme but the first of ``rollouts`` closed loops."""
-    scenario = LoadedScenario(load(SCENARIO, [*settings, "controller.backend=casadi"]))
+    scenario = LoadedScenario(load(path, [*settings, "controller.backend=casadi"]))
     loop, scene = scenario.stack.loop, scenario.stack.scene
-    config, act = scenario.definition.controller.config, loop.controller.act
+    config, controller = scenario.definition.controller.config, loop.controller
+    act = controller.act
     rows: list[tuple[Floats, ...]] = []
 
     def recorded(memory: Any, ego: Any, prediction: Any) -> Any:
-        nodes, use = config.horizon + 1, memory.solved
+        use, others = memory.solved, controller._predicted(prediction)
         start = start_of(ego, memory.plan_inputs[:, 0, 1])
         old = shift(memory.plan_states, memory.plan_inputs, scene.dt)
-        parts = (start, prediction.x[:, :, :nodes], prediction.y[:, :, :nodes], *old)
+        parts = (start, *others, *old)
         rows.append(tuple(part[use] for part in parts))
         return act(memory, ego, prediction)
 
-    loop.controller.act = recorded
+    controller.act = recorded
     noise = NoiseSource(seed, loop.noise_size)
     index = np.arange(rollouts)
     simulate(loop, (), scenario.steps, noise, Request.from_start(np.zeros_like(index), index), scored=False)
@@ -165,9 +167,9 @@ def row(name: str, config: MpcConfig, answers: Answers, reference: Answers) -> s
     )
 
 
-def agreement(rollouts: int, seed: int, settings: list[str]) -> None:
+def agreement(path: Path, rollouts: int, seed: int, settings: list[str]) -> None:
     """Print the table, what the riccati backend spent, and where it differs most."""
-    scene, config, given = collect(rollouts, seed, settings)
+    scene, config, given = collect(path, rollouts, seed, settings)
     reference = by_casadi(scene, config, given, converged(scene, config))
     own = NlpSolver(build_problem(config, scene), config.solver)
 
@@ -179,7 +181,7 @@ def agreement(rollouts: int, seed: int, settings: list[str]) -> None:
     solver = RiccatiSolver(config, scene)
     by_riccati(solver, given)  # compiles, or loads what was compiled
     riccati, found = by_riccati(solver, given)
-    print(f"{len(given.start)} programmes of {rollouts} rollouts of {SCENARIO.stem}, seed {seed}")
+    print(f"{len(given.start)} programmes of {rollouts} rollouts of {path.stem}, seed {seed}")
     print(f"{'':18s}  us/solve    same  better   worse failed  lost   |da| 50% 95%   |dw| 50% 95%")
     for name, answers in (("ipopt 1e-9", reference), (config.solver, casadi), ("riccati", riccati)):
         print(row(name, config, answers, reference))
@@ -265,7 +267,7 @@ def compare(systems: list[str], scenarios: list[Scenario], blocks: range, seed: 
         for i in range(2)
     )
     total = len(one["error"])
-    print(f"{total} rollouts of {SCENARIO.stem} with the same noise, seed {seed}")
+    print(f"{total} rollouts of {scenarios[0].name} with the same noise, seed {seed}")
     for name, data in zip(systems, (one, two), strict=True):
         counts = {key[6:]: int(data[key].sum()) for key in data if key.startswith("count_")}
         each = 1e3 * data["seconds"].sum() / total
@@ -290,6 +292,7 @@ def compare(systems: list[str], scenarios: list[Scenario], blocks: range, seed: 
 def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("scenario", nargs="?", type=Path, default=SCENARIO)
     parser.add_argument("--rollouts", type=int, default=60)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--paired", type=int, metavar="N", help="compare closed loops on N noise tapes")
@@ -300,9 +303,9 @@ def main() -> None:
     parser.add_argument("--last", type=int, help="block to stop before")
     args = parser.parse_args()
     if args.paired is None:
-        agreement(args.rollouts, args.seed, args.set)
+        agreement(args.scenario, args.rollouts, args.seed, args.set)
     else:
-        scenarios = [load(SCENARIO, [*args.set, *SYSTEMS[name]]) for name in args.pair]
+        scenarios = [load(args.scenario, [*args.set, *SYSTEMS[name]]) for name in args.pair]
         blocks = range(-(-args.paired // BLOCK))
         paired(scenarios, blocks[args.first : args.last], args.seed, args.results)
         compare(args.pair, scenarios, blocks[args.first : args.last], args.seed, args.results)
