@@ -66,6 +66,11 @@ def test_a_climb_that_contradicts_is_told_with_both_numbers():
     assert doubts([check(3e-4)], missed=2.5e-4) == {}
 
 
+def test_a_climb_that_is_somewhat_low_contradicts_nothing():
+    assert doubts([check(5e-5)]) == {}
+    assert "cross_check" in doubts([check(2e-4)])
+
+
 def test_failures_that_the_sample_does_not_know_are_told():
     found = doubts([check(1e-4, unseen=0.6)])
     assert "60% of its failures weigh more than any of the sample" in found["cross_check"]
@@ -102,11 +107,18 @@ def test_what_may_be_missed_follows_from_the_failures_found():
 @pytest.mark.parametrize("seed", [3, 4])
 def test_cross_entropy_that_loses_a_late_mode_says_so(seed):
     problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
-    result = avrare.estimate(problem, "ce", seed=seed)
+    result = avrare.estimate(problem, "ce", seed=seed, components=1)
     low, high = result.interval
     assert result.probability < TwoModes.probability / 3.0
     assert "cross_check" in result.health
     assert low <= TwoModes.probability <= high
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_several_components_find_the_late_mode(seed):
+    problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
+    result = avrare.estimate(problem, "ce", seed=seed)
+    assert result.probability == pytest.approx(TwoModes.probability, rel=0.2)
 
 
 def test_a_proposal_that_misses_a_mode_is_contradicted():
