@@ -13,7 +13,7 @@ from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.cross_check import CrossCheckResult
 
 WIDEST = 3.0
-"""Factor up to which a cross-check vouches: its upper end over its estimate, another estimate over its own."""
+"""Factor up to which a cross-check vouches: upper end over estimate, another estimate over its own."""
 MOST_UNSEEN = 0.5
 
 
