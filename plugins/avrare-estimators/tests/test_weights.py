@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare_estimators.importance.gaussian_family import fit_mixture, limit_divergence
+from avrare_estimators.importance.gaussian_family import default_components, fit_mixture, limit_divergence
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.weights import (
     annealed,
@@ -125,6 +125,11 @@ def test_mixture_finds_two_modes():
     order = np.argsort(law.mean[:, 0, 0])
     np.testing.assert_allclose(law.mean[order, 0, 0], [-3, 3], atol=0.15)
     np.testing.assert_allclose(law.share[order], [2 / 3, 1 / 3], atol=0.02)
+
+
+@pytest.mark.parametrize(("rows", "components"), [(2, 1), (199, 1), (200, 2), (500, 4), (5000, 4)])
+def test_few_tapes_are_fitted_by_one_gaussian(rows, components):
+    assert default_components(rows) == components
 
 
 @pytest.mark.parametrize("wrong", [3, "x", {}, {"gaussian": 1}, {"gaussian": {"sigma": 1}}, object()])

@@ -274,7 +274,10 @@ class CeConfig(_WeightedConfig):
     floor: float = Field(
         default=0.7, gt=0.0, le=1.0, description="least standard deviation of a learnt number; target: 1"
     )
-    components: int = Field(default=4, ge=1, le=50, description="Gaussians in the mixture; gaussian")
+    components: int | None = Field(
+        default=None, ge=1, le=50,
+        description="Gaussians in the mixture; default: one for every 100 rollouts to learn from, at most 4",
+    )  # fmt: skip
     hidden: int = Field(default=100, ge=1, le=2000, description="width of both hidden layers; network")
     epochs: int = Field(default=300, ge=1, description="training steps of a stage, all data each; network")
     rate: float = Field(default=1e-3, gt=0.0, description="Adam's learning rate; network")

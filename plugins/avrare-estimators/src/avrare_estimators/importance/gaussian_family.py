@@ -14,6 +14,7 @@ from avrare_estimators.importance.proposals import GaussianMixture
 from avrare_estimators.importance.sampling import LatentSource, Sample, Source
 from avrare_estimators.weights import effective_size
 
+_MOST_COMPONENTS, _ROWS_OF_COMPONENT = 4, 100
 _ROUNDS = 20
 """Rounds of expectation-maximisation, and of scaling back."""
 
@@ -42,9 +43,16 @@ class GaussianFamily:
         source = sample.source
         proposal = source.proposal if isinstance(source, LatentSource) else None
         old = proposal if isinstance(proposal, GaussianMixture) else None
-        new = fit_mixture(tapes, weights, old, self.config.components, self.config.floor)
+        wanted = self.config.components or default_components(len(rows))
+        components = wanted if old is None else len(old.share)
+        new = fit_mixture(tapes, weights, old, components, self.config.floor)
         law = _smooth(old, new, self.config.smoothing)
         return LatentSource(limit_divergence(law, most_nats(sample, self.config.elite)))
+
+
+def default_components(rows: int) -> int:
+    """Return the number of Gaussians to fit to so many tapes: few of them fit one better than several."""
+    return int(np.clip(rows // _ROWS_OF_COMPONENT, 1, _MOST_COMPONENTS))
 
 
 def fit_mixture(
