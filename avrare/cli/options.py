@@ -151,6 +151,7 @@ OPTIONS: dict[str, Options] = {
         "--csv FILE": "write the rollout as CSV for `avrare monitor`",
         "--commonroad FILE": "write the rollout as a CommonRoad scenario; the ego has ID 1",
         "--mcap FILE": "write the rollout as MCAP for Foxglove: boxes, observations, tracks, plan, signals",
+        "--rerun FILE": "write the same as .rrd for the Rerun viewer",
     },
     "falsify": {
         **_SCENARIO,

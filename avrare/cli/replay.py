@@ -15,6 +15,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say, write_file
 from avrare.report.documents.mcap_recording import write_mcap
+from avrare.report.documents.rerun_recording import write_rerun
 from avrare.report.plots.rollout_plot import extract_frames
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
 from avrare.results.reader import (
@@ -28,6 +29,8 @@ from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.rollout.loaded_scenario import load
+
+_EXPORTS = ("csv", "commonroad", "mcap", "rerun")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -60,7 +63,7 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError("--specification requires --run", "a stored failure names its specification")
     elif args.blob is not None:
         raise UsageError("--blob cannot be combined with --run", "give one of them")
-    for name in ("csv", "commonroad", "mcap"):
+    for name in _EXPORTS:
         if getattr(args, name) == "":
             raise UsageError(f"--{name} must be a file, not ''")
 
@@ -100,7 +103,7 @@ def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) -> None:
-    if args.csv is None and args.commonroad is None and args.mcap is None:
+    if all(getattr(args, name) is None for name in _EXPORTS):
         return
     if not found.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
@@ -119,6 +122,9 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
     if args.mcap is not None:
         write_mcap(Path(args.mcap), recording, extract_frames(scenario, found))
         say(f"written to {args.mcap}")
+    if args.rerun is not None:
+        write_rerun(Path(args.rerun), recording, extract_frames(scenario, found))
+        say(f"written to {args.rerun}")
 
 
 def _write(path: str, text: str) -> None:

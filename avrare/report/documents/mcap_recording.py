@@ -22,7 +22,7 @@ from avrare.report.plots.rollout_plot import Frame
 from avrare.results.recordings.recording import Recording
 from avrare.rollout.replay import tabulate_signals
 
-_SCENE, _SIGNALS = "foxglove.SceneUpdate", "avrare.Signals"
+_SCENE, SIGNALS = "foxglove.SceneUpdate", "avrare.Signals"
 _PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _HEIGHT = 1.5  # of a vehicle [m]
 _COLOURS = {
@@ -51,7 +51,7 @@ def write_mcap(path: Path, recording: Recording, frames: Sequence[Frame]) -> Non
             for name, schema in _describe(recording).items()
         }
         channels: dict[str, int] = {}
-        for step, topic, schema, content in _list_messages(recording, frames):
+        for step, topic, schema, content in list_messages(recording, frames):
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "json", schemas[schema])
             time = round(1e9 * step * recording.dt)
@@ -66,19 +66,20 @@ def _describe(recording: Recording) -> dict[str, dict[str, Any]]:
         _SCENE: {
             "title": _SCENE, "type": "object", "properties": {"deletions": array, "entities": array},
         },
-        _SIGNALS: {
-            "title": _SIGNALS, "type": "object", "properties": dict.fromkeys(names, number),
+        SIGNALS: {
+            "title": SIGNALS, "type": "object", "properties": dict.fromkeys(names, number),
         },
     }  # fmt: skip
 
 
-def _list_messages(
+def list_messages(
     recording: Recording, frames: Sequence[Frame]
 ) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+    """Yield the step, topic, schema and content of every message."""
     names, values = tabulate_signals(recording.signals, recording.scene)
     for step, row in enumerate(values):
         finite = [float(x) if math.isfinite(x) else None for x in row]
-        yield step, "/signals", _SIGNALS, dict(zip(names, finite, strict=True))
+        yield step, "/signals", SIGNALS, dict(zip(names, finite, strict=True))
     scene = recording.scene
     if scene is None:
         return

@@ -1,13 +1,15 @@
 """Rollouts as files that ``avrare monitor`` reads."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from avrare.base.errors import UsageError
+from avrare.base.errors import PluginError, UsageError
 from avrare.report.documents.mcap_recording import write_mcap
+from avrare.report.documents.rerun_recording import write_rerun
 from avrare.report.plots.rollout_plot import extract_frames
 from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, read_csv, to_csv
@@ -150,3 +152,36 @@ def test_mcap_into_a_folder_that_is_not_there(recording, tmp_path):
     pytest.importorskip("mcap")
     with pytest.raises(UsageError, match="cannot write"):
         write_mcap(tmp_path / "no" / "drive.mcap", recording, ())
+
+
+def test_rerun_that_is_not_installed_is_an_extra(recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(PluginError) as caught:
+        write_rerun(tmp_path / "drive.rrd", recording, ())
+    assert caught.value.hint == "pip install 'avrare[rerun]'"
+
+
+def test_rerun_has_boxes_and_signals_at_every_sample(drive_past, recording, tmp_path):
+    chunk = pytest.importorskip("rerun.chunk")
+    tape = np.random.default_rng(0).standard_normal((9, 4))
+    rollout = replay_tape(drive_past.problem("near"), tape)
+    path = tmp_path / "drive.rrd"
+    write_rerun(path, recording, extract_frames(drive_past, rollout))
+    values = {}
+    for part in chunk.RrdReader(path).stream().to_chunks():
+        for row in part.to_record_batch().to_pylist():
+            for name, found in row.items():
+                values.setdefault((str(part.entity_path), name), []).append(found)
+    gaps = values["/signals/gap", "Scalars:scalars"]
+    assert [one[0] for one in gaps] == recording.signals["gap"].tolist()
+    centres = values["/scene/ego", "Boxes3D:centers"]
+    assert [one[0][0] for one in centres] == pytest.approx(recording.signals["ego_x"].tolist())
+    times = values["/scene/ego", "rollout"]
+    assert [one.total_seconds() for one in times] == pytest.approx(recording.times.tolist())
+    assert len(values["/road/road", "LineStrips3D:strips"][0]) >= 2
+
+
+def test_rerun_into_a_folder_that_is_not_there(recording, tmp_path):
+    pytest.importorskip("rerun")
+    with pytest.raises(UsageError, match="cannot write"):
+        write_rerun(tmp_path / "no" / "drive.rrd", recording, ())
