@@ -11,6 +11,7 @@ from typing import Any
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError, did_you_mean
+from avrare.cli import monitor_batch
 from avrare.cli.options import LANE_WIDTH
 from avrare.cli.output import can_draw, print_warnings, write_files
 from avrare.logic import stl
@@ -24,6 +25,8 @@ from avrare.report.terminal.monitoring_text import draw_chart, headline
 from avrare.results.reader import find_changes
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
+from avrare.results.recordings.drives import open_drives
+from avrare.results.recordings.drone_recording import is_drone_recording
 from avrare.results.recordings.recording import parse_road
 from avrare.results.recordings.replayed_failure import replay_run_failure
 from avrare.scenario.load import load
@@ -32,7 +35,10 @@ from avrare.stack.builder import build_block, build_formula, build_rule, build_s
 
 def execute(args: argparse.Namespace) -> int:
     """Score the recording and print the outcome; return exit code 1 if the specification is violated."""
-    _check(args)
+    batch = monitor_batch.is_batch(args)
+    _check(args, batch)
+    if batch:
+        return monitor_batch.execute(args, _scenario_and_road(args)[1])
     if Path(args.file).is_dir():
         name, specification, recording = _case_of_run(args)
     else:
@@ -51,17 +57,19 @@ def execute(args: argparse.Namespace) -> int:
     return int(ExitCode.FAIL if scored.violated else ExitCode.PASS)
 
 
-def _check(args: argparse.Namespace) -> None:
+def _check(args: argparse.Namespace, batch: bool) -> None:
     chosen = [f"--{name}" for name in ("rule", "stl", "specification") if getattr(args, name) is not None]
-    if Path(args.file).is_dir():
-        names = ("ego", "scenario", "lanes", "lane_width", "access_ramp")
+    if args.jobs != 1 and not batch:
+        raise UsageError("--jobs is for a folder of recordings, or for --ego all")
+    if Path(args.file).is_dir() and not batch:
+        names = ("ego", "scenario", "lanes", "lane_width", "access_ramp", "broad_marking", "network")
         if wrong := [name.replace("_", "-") for name in names if getattr(args, name) is not None]:
             text = f"--{wrong[0]} cannot be used with a run folder"
             raise UsageError(text, "the road and the ego are those of its scenario")
         chosen = [name for name in chosen if name != "--specification"]
     elif not chosen:
         raise UsageError("no specification given", "give --rule NAME, --stl FORMULA or --specification NAME")
-    elif args.failure is not None:
+    if args.failure is not None and (batch or not Path(args.file).is_dir()):
         raise UsageError("--failure requires a run folder as FILE")
     if len(chosen) > 1:
         raise UsageError(f"{' and '.join(chosen)} cannot be combined", "give one of them")
@@ -90,15 +98,20 @@ def _scenario_and_road(args: argparse.Namespace) -> tuple[Any, Any]:
         road = scene.road if scene is not None else None
     if args.lanes is not None:
         width = LANE_WIDTH if args.lane_width is None else args.lane_width
-        return scenario, parse_road(args.lanes, width, args.access_ramp)
-    if args.lane_width is not None or args.access_ramp is not None:
-        raise UsageError("--lane-width and --access-ramp require --lanes", "give --lanes Y,...")
+        return scenario, parse_road(args.lanes, width, args.access_ramp, args.broad_marking)
+    if not args.lane_width is args.access_ramp is args.broad_marking is None:
+        text = "--lane-width, --access-ramp and --broad-marking require --lanes"
+        raise UsageError(text, "give --lanes Y,...")
     return scenario, road
 
 
 def _read(args: argparse.Namespace, road: Any) -> Any:
     if args.file.lower().endswith(".xml"):
         return read_commonroad(args.file, args.ego, road)
+    if is_drone_recording(Path(args.file)) or args.network is not None:
+        if args.ego is None:
+            raise UsageError(f"{args.file}: no ego is chosen", "choose it by its id with --ego, or --ego all")
+        return open_drives(args.file, road, args.network).recording(args.ego)
     return read_csv(args.file, "ego" if args.ego is None else args.ego, road)
 
 

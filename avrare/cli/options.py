@@ -208,23 +208,26 @@ OPTIONS: dict[str, Options] = {
         "--json": "print a JSON list",
     },
     "monitor": {
-        "file FILE": "recorded drive, or run folder",
+        "file FILE": "recorded drive, folder of recorded drives, or run folder",
         "specification": {
-            "--rule NAME": "traffic rule of a plugin; 'avrare rules' lists them",
+            "--rule NAME": "traffic rule of a plugin; 'avrare rules' lists them; for many drives also A,B",
             "--set KEY=VALUE": ("set an option of the rule; may be repeated", _REPEATABLE),
             "--stl FORMULA": "formula over signals or vehicles",
             "--specification NAME": "specification of the scenario or of the run",
         },
         "recording": {
-            "--ego NAME": "vehicle under test (default in CSV files: ego)",
+            "--ego NAME": "vehicle under test (default in CSV files: ego; in a folder: all, each in turn)",
             "--scenario FILE": "scenario whose simulator provides the road",
             "--lanes Y,...": "lane centres from right to left [m]",
             "--lane-width W": (f"lane width [m] (default {LANE_WIDTH})", {"type": float}),
             "--access-ramp I,...": "indices of access ramp lanes, from 0",
+            "--broad-marking I,...": "indices of lanes whose left border is a broad marking",
+            "--network FILE": "CommonRoad file with the lanes of a recording in the format of inD",
             "--failure K": ("index of a run's failure (default: the worst)", {"type": int}),
         },
-        "--out DIR": "write monitor.csv, monitor.json and monitor.png",
-        "--json": "print the result with all samples as JSON",
+        "--jobs N": ("processes for many drives (default 1)", {"type": at_least(1), "default": 1}),
+        "--out DIR": "write monitor.csv, monitor.json and, of one drive, monitor.png",
+        "--json": "print the result with all samples, or with all drives, as JSON",
         **_SAFE,
     },
     "report": {
@@ -309,11 +312,14 @@ FILE is one of
   a CSV file of vehicles, one row per vehicle and time: time, vehicle, x, y,
       heading, speed, length, width and, optionally, acceleration
   a CommonRoad XML file
+  NN_tracks.csv of a recording in the format of highD or inD, beside its two files of metadata
+  a folder of such files: every vehicle is the ego in turn (as with --ego all for one file)
   a run folder, whose stored failures are replayed
 
 examples:
   avrare monitor gaps.csv --stl "always (gap > 2)"
   avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
+  avrare monitor recordings --rule R_G1,R_I2 --jobs 2 --out table
   avrare monitor runs/lane_change --specification safe_distance --failure 0
 
 exit code: 0 satisfied, 1 violated, 4 bad file or usage, 5 a package or plugin is missing

@@ -9,8 +9,9 @@ import pytest
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.driving import Road, Scene
-from avrare.results.recordings.commonroad import find_straight_lanes, read_commonroad, to_commonroad
+from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
 from avrare.results.recordings.recording import FIELDS, Recording, parse_road
+from avrare.results.recordings.straight_road import find_straight_lanes
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "commonroad"
 ROAD = Road((0.0,), 3.5)

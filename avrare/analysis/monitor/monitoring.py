@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.analysis.monitor.long_recordings import Stretches
 from avrare.base.errors import UsageError
 from avrare.logic.explanation import Cause, Explanation, Link
 from avrare.logic.formula import Formula, find_formula
@@ -84,13 +85,9 @@ def monitor_recording(name: str, specification: Specification, recording: Record
             sample = int(np.argmax(violated))
             first = DecisiveSample(sample, float(prefix[sample]), {}, "", math.nan, sample)
         return MonitoringResult(name, "", recording, prefix, violated, None, first, None)
-    inputs = select_inputs(specification, recording)
-    inner = _find_always_body(formula.node)
-    body = None if inner is None else dataclasses.replace(formula, node=inner).robustness(inputs)[0]
     names = list_vehicle_names(specification, recording)
     members = {"others": names} if names else {}
-    explanation = formula.explain(inputs, members)
-    causes = _CauseFinder(formula, inputs, members, body)
+    body, first, worst = _find_causes(specification, recording, formula, members, bool(violated[-1]))
     pointwise = _is_pointwise(formula.node)
     quantified = any(isinstance(part, nodes.Quantifier) for part in nodes.walk(formula.node))
     excluding = find_ability(specification, ExcludesVehicles)
@@ -101,19 +98,82 @@ def monitor_recording(name: str, specification: Specification, recording: Record
         prefix,
         violated,
         body,
-        first=causes.find(explanation, earliest=True) if violated[-1] and pointwise else None,
-        worst=causes.find(explanation, earliest=False),
+        first=first if pointwise else None,
+        worst=worst,
         pointwise=pointwise,
         no_vehicles=not names and quantified,
         excluded=() if excluding is None else tuple(excluding.excluded),
     )
 
 
-def select_inputs(specification: Specification, recording: Recording) -> Inputs:
-    """Return the signals of the specification's formula, (1, T, ...) each."""
+def _find_causes(
+    specification: Specification,
+    recording: Recording,
+    formula: Formula,
+    members: dict[str, tuple[str, ...]],
+    violated: bool,
+) -> tuple[Floats | None, DecisiveSample | None, DecisiveSample | None]:
+    # The body of an ``always`` formula, the earliest violation, and the sample that decides.
+    inner = _find_always_body(formula.node)
+    stretches = _make_stretches(specification, recording, formula)
+    if stretches is None or stretches.fits:
+        inputs = select_inputs(specification, recording)
+        body = None if inner is None else dataclasses.replace(formula, node=inner).robustness(inputs)[0]
+        explanation = formula.explain(inputs, members)
+        causes = _CauseFinder(formula, inputs, members, body)
+        first = causes.find(explanation, earliest=True) if violated else None
+        return body, first, causes.find(explanation, earliest=False)
+    body, _, first, worst = _explain_stretches(stretches, members)
+    return body, first if violated else None, worst
+
+
+Body = tuple[Floats, Bools, DecisiveSample | None, DecisiveSample]
+"""Robustness and truth of an ``always`` formula's body, its first violation and its decisive sample."""
+
+
+def describe_body(specification: Specification, recording: Recording) -> Body | None:
+    """Evaluate the body of an ``always`` formula on a recording, without its value over time.
+
+    None if the specification is no such formula, or the body reads the whole recording.
+    """
+    formula = find_formula(specification)
+    stretches = None if formula is None else _make_stretches(specification, recording, formula)
+    if stretches is None or stretches.is_unbounded or not _is_pointwise(stretches.formula.node):
+        return None
+    names = list_vehicle_names(specification, recording)
+    return _explain_stretches(stretches, {"others": names} if names else {})
+
+
+def _make_stretches(specification: Specification, recording: Recording, formula: Formula) -> Stretches | None:
+    def read(first: int, end: int) -> Inputs:
+        return select_inputs(specification, recording, slice(first, end))
+
+    inner = _find_always_body(formula.node)
+    if inner is None:
+        return None
+    return Stretches(formula, inner, read, recording.samples, len(recording.names))
+
+
+def _explain_stretches(stretches: Stretches, members: dict[str, tuple[str, ...]]) -> Body:
+    body, truth = stretches.evaluate()
+
+    def explain(sample: int, earliest: bool) -> DecisiveSample:
+        begin, inputs, explanation = stretches.explain(sample, members)
+        causes = _CauseFinder(stretches.formula, inputs, members, body[begin:])
+        found = causes.find(explanation, earliest)
+        at = {name: getattr(found, name) + begin for name in ("sample", "formula_sample")}
+        return dataclasses.replace(found, **at)
+
+    first = None if truth.all() else explain(int(np.argmin(truth)), True)
+    return body, truth, first, explain(int(np.argmin(body)), False)
+
+
+def select_inputs(specification: Specification, recording: Recording, span: slice = slice(None)) -> Inputs:
+    """Return the signals of the specification's formula, (1, T, ...) each, at the samples of a span."""
     # Predicates take batches of one sample: time serves as their batch axis.
+    signals = {key: values[span] for key, values in recording.signals.items()}
     selecting = find_ability(specification, SelectsSamples)
-    values = recording.signals if selecting is None else selecting.sample(recording.signals)
+    values = signals if selecting is None else selecting.sample(signals)
     return {key: np.asarray(x)[None] for key, x in values.items()}
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
@@ -39,8 +40,16 @@ def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:
     _check_header(table)
     table.check_rows()
     if "vehicle" in table.names or _looks_like_vehicles(table):
-        return _read_vehicles(table, ego, road)
+        return _read_vehicles(table, road).recording(ego)
     return _read_signals(table)
+
+
+def open_csv(path: str, road: Road | None = None) -> CsvDrives:
+    """Read a file of vehicles once, for any number of egos."""
+    table = read_csv_table(path, empty="the first line names the columns: time,vehicle,x,y")
+    _check_header(table)
+    table.check_rows()
+    return _read_vehicles(table, road)
 
 
 def to_csv(recording: Recording) -> str:
@@ -133,20 +142,61 @@ def _read_signals(table: CsvTable) -> Recording:
     return Recording(table.path, dt, float(times[0]), signals)
 
 
-def _read_vehicles(table: CsvTable, ego: str, road: Road | None) -> Recording:
+def _read_vehicles(table: CsvTable, road: Road | None) -> CsvDrives:
     _check_vehicle_columns(table)
-    rows = _group_rows_by_vehicle(table)
-    if ego not in rows:
-        names = ", ".join(sorted(rows)[:12])
-        hint = did_you_mean(ego, rows) if len(rows) > 12 else f"choose it with --ego; there are: {names}"
-        raise UsageError(f"{table.path}: no vehicle is called {ego!r}", hint)
     clock = _find_time_column(table)
-    times = np.array([table.finite(row, clock) for row in rows[ego]])
-    dt = _find_step(table, times, rows[ego])
-    start, samples = float(times[0]), len(times)
-    tracks = {name: _read_track(table, name, mine, start, dt, samples) for name, mine in rows.items()}
-    others = [track for name, track in tracks.items() if name != ego and track.present.any()]
-    return assemble_recording(table.path, dt, start, tracks[ego], others, road)
+    found = {}
+    for name, rows in _group_rows_by_vehicle(table).items():
+        times = np.array([table.finite(row, clock) for row in rows])
+        states = np.array([_read_state(table, row) for row in rows]).T
+        sizes = [_read_size(table, name, rows, key) for key in ("length", "width")]
+        found[name] = _VehicleRows(name, tuple(rows), times, states, sizes[0], sizes[1])
+    return CsvDrives(table, found, road)
+
+
+@dataclass(frozen=True)
+class _VehicleRows:
+    name: str
+    rows: tuple[int, ...]
+    times: Floats
+    states: Floats  # (5, K)
+    length: float
+    width: float
+
+
+@dataclass(frozen=True)
+class CsvDrives:
+    """File of vehicles, any of which can be the ego.
+
+    Attributes:
+        table: The file.
+        vehicles: Its rows by vehicle.
+        road: Road, or None.
+    """
+
+    table: CsvTable
+    vehicles: Mapping[str, _VehicleRows]
+    road: Road | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the vehicles."""
+        return tuple(self.vehicles)
+
+    def recording(self, ego: str) -> Recording:
+        """Return the drive of one ego; UsageError if it is not there or its samples are not regular."""
+        table = self.table
+        if ego not in self.vehicles:
+            names = ", ".join(sorted(self.vehicles)[:12])
+            many = len(self.vehicles) > 12
+            hint = did_you_mean(ego, self.vehicles) if many else f"choose it with --ego; there are: {names}"
+            raise UsageError(f"{table.path}: no vehicle is called {ego!r}", hint)
+        own = self.vehicles[ego]
+        dt = _find_step(table, own.times, own.rows)
+        start, samples = float(own.times[0]), len(own.times)
+        tracks = {name: _place(table, one, start, dt, samples) for name, one in self.vehicles.items()}
+        others = [track for name, track in tracks.items() if name != ego and track.present.any()]
+        return assemble_recording(table.path, dt, start, tracks[ego], others, self.road)
 
 
 def _check_vehicle_columns(table: CsvTable) -> None:
@@ -178,26 +228,21 @@ def _group_rows_by_vehicle(table: CsvTable) -> dict[str, list[int]]:
     return rows
 
 
-def _read_track(
-    table: CsvTable, name: str, rows: Sequence[int], start: float, dt: float, samples: int
-) -> VehicleTrack:
-    clock = _find_time_column(table)
+def _place(table: CsvTable, one: _VehicleRows, start: float, dt: float, samples: int) -> VehicleTrack:
+    # on the samples of the ego
     present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
-    for row in rows:
-        time = table.finite(row, clock)
-        exact = (time - start) / dt
-        if not -1.0 < exact < samples:  # of any size, even infinite
-            continue
-        k = round(exact)
-        if not 0 <= k < samples:
-            continue
-        if abs(exact - k) > _OFF_GRID:
-            text = f"{name!r} at {time:g} s lies between two samples of the ego"
-            raise UsageError(f"{table.position(row, clock)}: {text}", "resample the recording")
-        present[k] = True
-        states[:, k] = _read_state(table, row)
-    length, width = (_read_size(table, name, rows, key) for key in ("length", "width"))
-    return VehicleTrack(name, length, width, present, states)
+    with np.errstate(over="ignore"):
+        exact = (one.times - start) / dt
+    near = np.flatnonzero((exact > -1.0) & (exact < samples))  # of any size, even infinite
+    at = np.rint(exact[near]).astype(np.int64)
+    near, at = near[(at >= 0) & (at < samples)], at[(at >= 0) & (at < samples)]
+    for row in near[np.abs(exact[near] - at) > _OFF_GRID][:1]:
+        text = f"{one.name!r} at {one.times[row]:g} s lies between two samples of the ego"
+        where = table.position(one.rows[row], _find_time_column(table))
+        raise UsageError(f"{where}: {text}", "resample the recording")
+    present[at] = True
+    states[:, at] = one.states[:, near]
+    return VehicleTrack(one.name, one.length, one.width, present, states)
 
 
 def _read_state(table: CsvTable, row: int) -> list[float]:

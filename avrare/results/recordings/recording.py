@@ -162,8 +162,8 @@ def _compute_distances(
     return {"distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 
 
-def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
-    """Return the road of ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0``."""
+def parse_road(centres: str, width: float, ramp: str | None = None, broad: str | None = None) -> Road:
+    """Return the road of ``--lanes -1.75,1.75,5.25 --lane-width 3.5 --access-ramp 0 --broad-marking 1``."""
     hint = "for example --lanes=-1.75,1.75,5.25 (y to the left, in metres)"
     try:
         lanes = tuple(float(word) for word in centres.split(","))
@@ -174,7 +174,10 @@ def parse_road(centres: str, width: float, ramp: str | None = None) -> Road:
         raise UsageError(f"--lanes should go from right to left, not {centres!r}", hint)
     if not (math.isfinite(width) and width > 0.0):
         raise UsageError(f"--lane-width should be above zero, not {width:g}")
-    words = [] if ramp is None else [word.strip() for word in ramp.split(",")]
-    if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
-        raise UsageError(f"--access-ramp should name lanes 0 to {len(lanes) - 1}, not {ramp!r}")
-    return Road(lanes, width, tuple(map(int, words)))
+    named = []
+    for option, given in (("--access-ramp", ramp), ("--broad-marking", broad)):
+        words = [] if given is None else [word.strip() for word in given.split(",")]
+        if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
+            raise UsageError(f"{option} should name lanes 0 to {len(lanes) - 1}, not {given!r}")
+        named.append(tuple(map(int, words)))
+    return Road(lanes, width, named[0], broad_markings=named[1])

@@ -1,0 +1,51 @@
+"""Recorded drives of any format with vehicles, opened once for any number of egos."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from avrare.base.errors import UsageError
+from avrare.driving import Road
+from avrare.results.recordings.commonroad import open_commonroad, read_lanelets
+from avrare.results.recordings.csv_recording import open_csv
+from avrare.results.recordings.drone_recording import is_drone_recording, open_drone_recording
+from avrare.results.recordings.recording import Recording
+
+_META = ("_tracksMeta.csv", "_recordingMeta.csv")
+
+
+class Drives(Protocol):
+    """Vehicles of one file, any of which can be the ego."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the vehicles that can be the ego."""
+
+    def recording(self, ego: str) -> Recording:
+        """Return the drive of one ego; UsageError if there is none."""
+
+
+def open_drives(path: str, road: Road | None = None, network: str | None = None) -> Drives:
+    """Open a CommonRoad file, a CSV file of vehicles, or the tracks of a recording from the air.
+
+    Args:
+        path: The file.
+        road: The caller's road, which comes first.
+        network: CommonRoad file whose lanelets are those of a recording without lanes.
+    """
+    if path.lower().endswith(".xml"):
+        return open_commonroad(path, road)
+    if is_drone_recording(Path(path)):
+        return open_drone_recording(path, road, read_lanelets(network) if network is not None else ())
+    return open_csv(path, road)
+
+
+def list_recordings(folder: Path) -> Sequence[Path]:
+    """Return the CommonRoad and CSV files of a folder and those below, but no files of metadata, in order."""
+    found = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in (".xml", ".csv")]
+    files = [path for path in found if path.is_file() and not path.name.endswith(_META)]
+    if not files:
+        raise UsageError(f"{folder}: no run folder, and no recording in it", "recordings end in .xml or .csv")
+    return files

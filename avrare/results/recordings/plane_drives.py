@@ -1,0 +1,118 @@
+"""Vehicles recorded in the plane, any of which can be the ego, on the lanes of a network or of the caller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.driving import Road
+from avrare.driving.reference_line import ReferenceLine
+from avrare.protocols import Floats
+from avrare.results.recordings.lanelet_road import ASIDE, find_road
+from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings.straight_road import find_straight_lanes, rotate
+
+
+@dataclass(frozen=True)
+class PlaneDrives:
+    """Drives in whose traffic any moving obstacle can be the ego.
+
+    Attributes:
+        path: File.
+        dt: Step [s].
+        obstacles: Obstacles by name, in the plane.
+        names: The moving ones.
+        lanelets: The network.
+        road: The caller's own road, which comes first; None: that of the network.
+    """
+
+    path: str
+    dt: float
+    obstacles: Mapping[str, Obstacle]
+    names: tuple[str, ...]
+    lanelets: tuple[Any, ...]
+    road: Road | None = None
+
+    def recording(self, ego: str | None) -> Recording:
+        """Return the drive of one ego; UsageError if it is not there, has gaps, or is on no road."""
+        if ego not in self.names:
+            known = ", ".join(self.names) or "none"
+            text = "no ego is chosen" if ego is None else f"there is no moving obstacle {ego!r}"
+            raise UsageError(f"{self.path}: {text}", f"choose it with --ego; there are: {known}")
+        own = self.obstacles[ego]
+        first, samples = int(own.steps.min()), int(own.steps.max() - own.steps.min()) + 1
+        if len(set(own.steps.tolist())) < samples:  # or else one step far off makes arrays of any size
+            raise UsageError(
+                f"{self.path}: obstacle {ego} has gaps in time", "the ego needs a state at every step"
+            )
+        road, angle = self._find_road(own)
+        tracks = {name: one.track(first, samples, angle, road.line) for name, one in self.obstacles.items()}
+        if not tracks[ego].present.all():
+            at = first + int(np.argmin(tracks[ego].present))
+            text = f"{self.path}: obstacle {ego} leaves the road at step {at}"
+            raise UsageError(text, f"it is more than {ASIDE:g} m from the line along its lanes")
+        others = [track for name, track in tracks.items() if name != ego and track.present.any()]
+        return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
+
+    def _find_road(self, ego: Obstacle) -> tuple[Road, float]:
+        if self.road is not None:
+            return self.road, 0.0
+        if self._straight is not None:
+            return self._straight
+        return find_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+
+    @cached_property
+    def _straight(self) -> tuple[Road, float] | None:
+        if not self.lanelets:
+            raise UsageError(f"{self.path}: there are no lanelets", "give --lanes")
+        try:
+            return find_straight_lanes(self.path, self.lanelets)
+        except UsageError:
+            return None
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Obstacle over time, in the plane.
+
+    Attributes:
+        name: Its id.
+        length: [m].
+        width: [m].
+        steps: (K,) steps at which it is known; empty: it stands there all the time.
+        states: (4, K), or (4, 1): x, y [m], heading [rad], speed [m/s].
+    """
+
+    name: str
+    length: float
+    width: float
+    steps: NDArray[np.int64]
+    states: Floats
+
+    def track(self, first: int, samples: int, angle: float, line: ReferenceLine | None) -> VehicleTrack:
+        """Return it from step ``first`` on, in the frame of a line, or turned by ``-angle``."""
+        present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
+        x, y = rotate(self.states[:2].T, angle).T
+        if line is None:
+            turned = np.array([math.remainder(h - angle, 2.0 * math.pi) for h in self.states[2]])
+        else:
+            x, y = line.to_road(x, y)
+            turned = np.remainder(self.states[2] - line.heading(x) + math.pi, 2.0 * math.pi) - math.pi
+        known = np.isfinite(x) & ((np.abs(y) <= ASIDE) | (line is None))
+        rows = np.stack([x, y, turned, self.states[3]])
+        if not len(self.steps):
+            present[:] = known[0]
+            states[:4], states[4] = rows[:, [0]], 0.0
+        else:
+            at = self.steps - first
+            kept = known & (at >= 0) & (at < samples)
+            present[at[kept]] = True
+            states[:4, at[kept]] = rows[:, kept]
+        return VehicleTrack(self.name, self.length, self.width, present, states)

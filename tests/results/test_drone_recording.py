@@ -1,0 +1,94 @@
+"""Recordings in the formats of highD and inD, written by hand."""
+
+import numpy as np
+import pytest
+
+from avrare.base.errors import UsageError
+from avrare.driving import Road
+from avrare.results.recordings.drives import list_recordings, open_drives
+
+HIGHD = "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,laneId"
+MARKINGS = "8.00;12.00;16.00", "20.00;24.00;28.00"
+
+
+def write_highd(folder, rows, directions):
+    (folder / "01_tracks.csv").write_text("\n".join([HIGHD, *rows]) + "\n")
+    about = [f"{name},4.5,1.8,{way}" for name, way in directions.items()]
+    (folder / "01_tracksMeta.csv").write_text("\n".join(["id,width,height,drivingDirection", *about]) + "\n")
+    (folder / "01_recordingMeta.csv").write_text(
+        f"id,frameRate,upperLaneMarkings,lowerLaneMarkings\n1,25,{MARKINGS[0]},{MARKINGS[1]}\n"
+    )
+    return str(folder / "01_tracks.csv")
+
+
+def highd_rows(name, x, y, speed, frames, direction=1.0):
+    """A box of 4.5 m x 1.8 m about (x, y) of the picture, which moves on at a speed."""
+    return [
+        f"{f},{name},{x + direction * speed * 0.04 * i - 2.25},{y - 0.9},4.5,1.8,{direction * speed},0,0,0,2"
+        for i, f in enumerate(frames)
+    ]
+
+
+class TestHighd:
+    @pytest.fixture
+    def drives(self, tmp_path):
+        rows = [
+            *highd_rows(1, 50.0, 26.0, 30.0, range(10, 40)),  # lower, right lane
+            *highd_rows(2, 70.0, 22.0, 20.0, range(60)),  # lower, left lane
+            *highd_rows(3, 300.0, 10.0, 25.0, range(30), -1.0),  # upper, right lane
+            *highd_rows(4, 280.0, 14.0, 25.0, range(30), -1.0),  # upper, left lane
+        ]
+        return open_drives(write_highd(tmp_path, rows, {1: 2, 2: 2, 3: 1, 4: 1}))
+
+    def test_the_lower_carriageway(self, drives):
+        found = drives.recording("1")
+        assert (found.samples, found.dt, found.names) == (30, 0.04, ("2",))
+        assert found.scene.road.lane_centres == (-26.0, -22.0)
+        np.testing.assert_allclose(found.signals["ego_x"][[0, -1]], [50.0, 50.0 + 30.0 * 0.04 * 29])
+        np.testing.assert_allclose(found.signals["ego_y"], -26.0)
+        np.testing.assert_allclose(found.signals["others_y"], -22.0)
+        np.testing.assert_allclose(found.signals["others_x"][0], 70.0 + 20.0 * 0.04 * 10)
+
+    def test_the_upper_one_is_seen_by_its_drivers(self, drives):
+        found = drives.recording("3")
+        assert found.names == ("4",)
+        assert found.scene.road.lane_centres == (10.0, 14.0)  # the right lane first
+        assert np.all(np.diff(found.signals["ego_x"]) > 0.0)
+        np.testing.assert_allclose(found.signals["ego_heading"], 0.0, atol=1e-12)
+        np.testing.assert_allclose(found.signals["ego_speed"], 25.0)
+        assert found.signals["others_y"][0, 0] > found.signals["ego_y"][0]  # to its left
+        assert found.signals["others_x"][0, 0] > found.signals["ego_x"][0]  # and ahead
+
+    def test_mistakes(self, drives, tmp_path):
+        with pytest.raises(UsageError, match="no vehicle '9'"):
+            drives.recording("9")
+        rows = highd_rows(1, 50.0, 26.0, 30.0, [0, 1, 3])
+        with pytest.raises(UsageError, match="gaps in time"):
+            open_drives(write_highd(tmp_path, rows, {1: 2})).recording("1")
+        with pytest.raises(UsageError, match="no drivingDirection"):
+            open_drives(write_highd(tmp_path, rows, {7: 2}))
+        path = write_highd(tmp_path, ["1,2,x"], {1: 2})
+        with pytest.raises(UsageError, match="not a recording in the format"):
+            open_drives(path)
+
+
+class TestInd:
+    COLUMNS = "recordingId,trackId,frame,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"
+
+    def test_centres_and_degrees_on_the_callers_road(self, tmp_path):
+        rows = [f"0,{v},{f},{10 * v + 0.4 * f},1.75,0,1.8,4.5,10,0,0,0" for v in (1, 2) for f in range(20)]
+        text = "\n".join([self.COLUMNS + ",xAcceleration,yAcceleration", *rows])
+        (tmp_path / "00_tracks.csv").write_text(text)
+        (tmp_path / "00_tracksMeta.csv").write_text("trackId,class\n1,car\n")
+        (tmp_path / "00_recordingMeta.csv").write_text("recordingId,frameRate\n0,25\n")
+        found = open_drives(str(tmp_path / "00_tracks.csv"), Road((1.75,), 3.5)).recording("1")
+        assert (found.samples, found.names, found.scene.ego_length) == (20, ("2",), 4.5)
+        np.testing.assert_allclose(found.signals["ego_speed"], 10.0)
+        assert len(list_recordings(tmp_path)) == 1
+        with pytest.raises(UsageError, match="no lanelets"):
+            open_drives(str(tmp_path / "00_tracks.csv")).recording("1")
+
+
+def test_a_folder_without_recordings(tmp_path):
+    with pytest.raises(UsageError, match="no recording in it"):
+        list_recordings(tmp_path)
