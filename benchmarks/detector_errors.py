@@ -21,8 +21,10 @@ from lane_change_levels import drive_many
 
 from avrare.driving import World
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
+from avrare.stack.closed_loop import ClosedLoop
 from avrare_gp_pem.runtime.models import LawPem
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.persistence import PersistentPem
@@ -61,12 +63,18 @@ def scaled(model: Any, scene: Any, **factors: float) -> Any:
     return ScaledPem(model, scene, **factors)
 
 
+def scaled_problem(scenario: LoadedScenario, **factors: float) -> Problem:
+    """Return the scenario's problem with scaled errors."""
+    loop, problem = scenario.stack.loop, scenario.problem(scenario.specifications)
+    perception = scaled(loop.perception, scenario.scene, **factors)
+    problem.system = ClosedLoop(loop.simulator, perception, loop.tracker, loop.controller, loop.start)
+    return problem
+
+
 def failures(path: str, settings: list[str], rollouts: int, **factors: float) -> dict[str, int]:
     """Count the failures of each rule."""
     scenario = LoadedScenario(load(path, settings))
-    loop = scenario.stack.loop
-    loop.perception = scaled(loop.perception, scenario.scene, **factors)
-    problem = scenario.problem(scenario.specifications)
+    problem = scaled_problem(scenario, **factors)
     violated = drive_many(problem, rollouts, scenario.definition.seed).violated
     return dict(zip(problem.names, violated.sum(axis=0).tolist(), strict=True))
 
