@@ -35,6 +35,7 @@ REPORT = Path(__file__).parent.parent / "docs" / "untuned.md"
 KEPT = REPORT.parent / "untuned" / "results.zip"
 ESTIMATORS = ("ams", "ess", "ce")
 FACTOR = 3.0
+LEAST_COVERAGE, MOST_WARNED, LEAST_RESULTS = 0.93, 0.1, 40
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def run_cell(task: tuple[str, Path, int]) -> str:
             file.write(json.dumps(asdict(outcome)) + "\n")
             file.flush()
             found.append(outcome)
-    return row(cell, untuned.probability, found)
+    return Cell.of(cell, found).row()
 
 
 def read(file: Path) -> list[Outcome]:
@@ -143,35 +144,98 @@ def read(file: Path) -> list[Outcome]:
     return found
 
 
-def row(cell: str, truth: float, outcomes: list[Outcome]) -> str:
-    """Return the cell's row of the table."""
-    name, estimator = cell.rsplit("-", 1)
-    quiet = [outcome for outcome in outcomes if not outcome.warnings]
-    wrong = [outcome for outcome in quiet if outcome.far_off(truth)]
-    unsaid = [outcome for outcome in wrong if max(outcome.high, outcome.blind) * FACTOR < truth]
-    mean = sum(outcome.probability for outcome in outcomes) / len(outcomes)
+@dataclass(frozen=True)
+class Cell:
+    """Results of an estimator on a problem.
+
+    Attributes:
+        name: Problem.
+        estimator: Estimator.
+        truth: Exact probability.
+        outcomes: The results.
+    """
+
+    name: str
+    estimator: str
+    truth: float
+    outcomes: list[Outcome]
+
+    @staticmethod
+    def of(cell: str, outcomes: list[Outcome]) -> Cell:
+        """Return the cell of this name."""
+        name, estimator = cell.rsplit("-", 1)
+        return Cell(name, estimator, untuned_problem(name).probability, outcomes)
+
+    @property
+    def quiet(self) -> list[Outcome]:
+        """Results without a warning."""
+        return [outcome for outcome in self.outcomes if not outcome.warnings]
+
+    @property
+    def held(self) -> int:
+        """Number of results without a warning whose interval covers the truth."""
+        return sum(outcome.covers(self.truth) for outcome in self.quiet)
+
+    @property
+    def wrong(self) -> list[Outcome]:
+        """Results that are confidently wrong."""
+        return [outcome for outcome in self.quiet if outcome.far_off(self.truth)]
+
+    @property
+    def warned(self) -> float:
+        """Share of the results with a warning."""
+        return 1.0 - len(self.quiet) / len(self.outcomes)
+
+    def row(self) -> str:
+        """Return the cell's row of the table."""
+        unsaid = [one for one in self.wrong if max(one.high, one.blind) * FACTOR < self.truth]
+        size = len(self.outcomes)
+        mean = sum(outcome.probability for outcome in self.outcomes) / size
+        entries = (
+            self.name,
+            self.estimator,
+            f"{self.truth:.2g}",
+            str(size),
+            f"{mean / self.truth:.2f}",
+            _share(sum(outcome.covers(self.truth) for outcome in self.outcomes), size),
+            _share(size - len(self.quiet), size),
+            _share(self.held, len(self.quiet)),
+            _share(len(self.wrong), size),
+            _share(len(unsaid), size),
+            f"{sum(outcome.rollouts for outcome in self.outcomes) / size:,.0f}",
+        )
+        return "| " + " | ".join(entries) + " |"
+
+
+def _share(hits: int, size: int) -> str:
+    return f"{100.0 * hits / size:.1f}" if size else ""
+
+
+def goals(estimator: str, cells: list[Cell]) -> str:
+    """Return the row of an estimator in the table of goals."""
+    size, wrong = sum(len(cell.outcomes) for cell in cells), sum(len(cell.wrong) for cell in cells)
+    cells = [cell for cell in cells if len(cell.outcomes) >= LEAST_RESULTS]
+    blamed = [cell for cell in cells if cell.wrong]
+    short = [cell for cell in cells if cell.held < LEAST_COVERAGE * len(cell.quiet)]
+    loud = [cell for cell in cells if cell.warned > MOST_WARNED and cell.quiet and cell not in short]
+    lists = (
+        [f"{cell.name} ({len(cell.wrong)} of {len(cell.outcomes)})" for cell in blamed],
+        [f"{cell.name} ({cell.held} of {len(cell.quiet)})" for cell in short],
+        [f"{cell.name} ({cell.warned:.0%})" for cell in loud],
+    )
     entries = (
-        name,
-        estimator,
-        f"{truth:.2g}",
-        str(len(outcomes)),
-        f"{mean / truth:.2f}",
-        _share([outcome.covers(truth) for outcome in outcomes]),
-        _share([bool(outcome.warnings) for outcome in outcomes]),
-        _share([outcome.covers(truth) for outcome in quiet]),
-        _share([outcome in wrong for outcome in outcomes]),
-        _share([outcome in unsaid for outcome in outcomes]),
-        f"{sum(outcome.rollouts for outcome in outcomes) / len(outcomes):,.0f}",
+        f"`{estimator}`",
+        f"{size:,}",
+        _share(wrong, size),
+        *(", ".join(names) or "none" for names in lists),
     )
     return "| " + " | ".join(entries) + " |"
 
 
-def _share(hits: list[bool]) -> str:
-    return f"{100.0 * sum(hits) / len(hits):.1f}" if hits else ""
-
-
 def page(results: Path) -> str:
     """Return the page."""
+    found = ((name, read(results / f"{name}.jsonl")) for name in cell_names())
+    cells = [Cell.of(name, outcomes) for name, outcomes in found if outcomes]
     lines = [
         "# Problems that nothing was tuned on",
         "",
@@ -180,14 +244,25 @@ def page(results: Path) -> str:
         "beyond the bound for failures that the score does not lead to ([blind mass](blind-mass.md)), too.",
         "300 results a row are wanted; a row with fewer is not finished.",
         "",
+        "The goals: CW at most 0.1 % over all and 1 % on any problem; unwarned results cover in at least",
+        "93 %; at most 10 % are warned of where the unwarned ones are right. Below are the problems with",
+        f"{LEAST_RESULTS} results and more that miss them so far. A warning of `ce` is right where four",
+        "Gaussians do not describe the failures (an outlier in any step, hidden regimes, Boolean signals):",
+        "it then prints the wide interval.",
+        "",
+        "| estimator | results | CW over all | CW | unwarned cover in less than 93 % "
+        "| warned of in more than 10 % |",
+        "|---|---|---|---|---|---|",
+    ]
+    for estimator in ESTIMATORS:
+        lines.append(goals(estimator, [cell for cell in cells if cell.estimator == estimator]))
+    lines += [
+        "",
         "| problem | estimator | p | results | mean/p | covers | warned | covers when unwarned | CW "
         "| CW, unsaid | rollouts |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
+        *(cell.row() for cell in cells),
     ]
-    for cell in cell_names():
-        outcomes = read(results / f"{cell}.jsonl")
-        if outcomes:
-            lines.append(row(cell, untuned_problem(cell.rsplit("-", 1)[0]).probability, outcomes))
     return "\n".join(lines) + "\n"
 
 
