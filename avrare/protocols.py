@@ -54,7 +54,7 @@ class System(Protocol):
 
 
 class Simulator(Protocol):
-    """Simulator: the world without the stack under test.
+    """Simulator: the world without the stack under test (``avrare.stack.features.HasFeatures`` for learning).
 
     A driving simulator also has a scene (``HasScene``) and worlds with ``ego`` and ``others`` (``Vehicles``).
     Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``HasLimits``, ``NamesNoise``, ``TakesDraws``
@@ -100,7 +100,7 @@ class PersistentPerceptionErrorModel(PerceptionErrorModel, Protocol):
 
 
 class Tracker(Protocol):
-    """Tracker: estimates the state of the others from observations and predicts them."""
+    """Tracker: estimates the state of the others from observations and predicts them (``HasFeatures``)."""
 
     def start(self, world: Any) -> Any:
         """Return the track at t = 0, before any observation; it may know the world exactly, or nothing."""
@@ -115,7 +115,7 @@ class Tracker(Protocol):
 class Controller(Protocol):
     """Planner under test. Its memory (warm start, counters) is copied with the particle.
 
-    Optional: ``CountsEvents``; a memory may have a plan (``HasPlan``).
+    Optional: ``CountsEvents``, ``HasFeatures``; a memory may have a plan (``HasPlan``).
     """
 
     horizon: int

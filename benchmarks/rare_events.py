@@ -5,7 +5,8 @@
 
 A case is an id of ``avrare.testing``, a problem of ``studies/untuned_problems.py``, one of ``OWN`` below, or
 SCENARIO:SPECIFICATION (`lane_change:no_collision`, with the riccati backend; without a truth, its relative
-variance is estimated by the results themselves). Cost is in rollouts and counts pilot, stages and check.
+variance is estimated by the results themselves). Cost is in steps over those of a
+rollout, and counts pilot, stages and check.
 With ``--out`` a study that was stopped goes on where it was.
 CW: no warning, and the interval misses the truth by more than a factor 3.
 """
@@ -135,11 +136,13 @@ def estimate(name: str, seed: int, estimator: str, options: dict[str, Any]) -> d
     problem, truth = find_case(name)
     began = time.process_time()
     result = avrare.estimate(problem, estimator, seed=seed, **options)
+    # Of splitting and of particles a rollout may be the rest of another.
+    cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
     tried = sum(one["rollouts"] for one in result.diagnostics.get("choice", {"tried": []})["tried"])
     return {
         "case": name, "seed": seed, "estimator": estimator, "options": options, "truth": truth,
         "chosen": result.estimator, "probability": result.probability, "interval": list(result.interval),
-        "relative_error": result.relative_error, "rollouts": result.rollouts, "health": list(result.health),
+        "relative_error": result.relative_error, "rollouts": cost, "health": list(result.health),
         "pilot": result.diagnostics.get("pilot_rollouts", 0) + tried,
         "seconds": time.process_time() - began,
     }  # fmt: skip

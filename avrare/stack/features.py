@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from avrare.driving import Prediction
 from avrare.protocols import Floats, HasMargin, HasPlan, Signals, Specification, find_ability
 
 _NODES = (1, 3, 6, 10, 15, 20)
@@ -55,9 +56,14 @@ def vehicle_features(world: Any) -> Floats:
     return np.concatenate([np.stack(own, axis=1), *relative], axis=1)
 
 
-def track_features(tracker: Any, track: Any, world: Any) -> Floats:
-    """Return (N, F) the errors of tracked positions and steps; 0 and a mark where a vehicle has no track."""
+def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
+    """Return (N, F) the errors of tracked positions and steps; 0 and a mark where a vehicle has no track.
+
+    None where the tracker predicts something else than vehicles.
+    """
     others, found = world.others, tracker.predict(track, 1)
+    if not isinstance(found, Prediction):
+        return None
     known = np.isfinite(found.x[..., 0])
     errors = [
         found.x[..., 0] - others.x, found.y[..., 0] - others.y,

@@ -17,6 +17,7 @@ from avrare.base import batch
 from avrare.base.errors import AvrareError
 from avrare.driving import Action, Observation, Prediction
 from avrare.protocols import Floats, HasDensity, HasScene, PersistentPerceptionErrorModel, find_ability
+from avrare.stack.features import HasFeatures
 from avrare.testing.conformance import sample_traffic as road
 from avrare.testing.conformance.suite import Skipped, Subject
 
@@ -34,7 +35,7 @@ def _simulator(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     for step in range(STEPS + 1):
         if step:
             world = _step_world(part, between(world), tape[:, step])
-        yield _named(step, part.signals(world))
+        yield _named(step, part.signals(world)) | _features(part, world, step)
 
 
 def _step_world(part: Any, world: Any, noise: Floats) -> Any:
@@ -99,7 +100,13 @@ def _tracker(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
     for step in range(STEPS + 1):
         if step:
             track = part.update(between(track), _observation(tape[:, step], step))
-        yield _named(step, vars(part.predict(track, 3)))
+        yield _named(step, vars(part.predict(track, 3))) | _features(part, track, step)
+
+
+def _features(part: Any, state: Any, step: int) -> Outputs:
+    # What a part declares for learning must be as good as what it gives to others.
+    declaring = find_ability(part, HasFeatures)
+    return {f"features at step {step}": declaring.features(state)} if declaring is not None else {}
 
 
 def _observation(numbers: Floats, step: int) -> Observation:
@@ -118,7 +125,7 @@ def _controller(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
         x = world.others.x[..., None] + world.others.speed[..., None] * ahead
         prediction = Prediction(x, np.broadcast_to(world.others.y[..., None], x.shape))
         action, memory = part.act(between(memory), world.ego, prediction)
-        yield _named(step, vars(action))
+        yield _named(step, vars(action)) | _features(part, memory, step)
 
 
 def _plain_controller(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:

@@ -1,6 +1,5 @@
 """Sequential Monte Carlo with learned potentials: unbiased, covering, with the same bits, and honest."""
 
-import dataclasses
 import itertools
 import json
 
@@ -9,13 +8,12 @@ import pytest
 
 import avrare
 from avrare.base.errors import Interrupted, UsageError
-from avrare.estimation import memory
 from avrare.estimation.estimate_problem import _estimator
-from avrare.estimation.loop import Settings, planned
+from avrare.estimation.loop import Settings, run
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems
 from avrare.testing.problems import conjunction, reference_problem
-from avrare_estimators.config import SmcConfig
-from avrare_estimators.smc.learned_file import LearnedFile
+from avrare_estimators.importance.dictionary import dictionary_bytes
 from avrare_estimators.smc.network import Examples, fit
 from avrare_estimators.smc.potentials import Paths, Potentials, learn
 
@@ -48,7 +46,10 @@ def test_the_same_bits_for_any_chunk(proposal):
 def test_the_same_bits_for_any_workers_and_memory():
     whole = plain(estimate(problem(chunk=50)))
     assert plain(estimate(problem(chunk=50), workers=2)) == whole
-    assert plain(estimate(problem(chunk=50), memory=6)) == whole
+    least = dictionary_bytes(20) / 2**20 + 2
+    assert plain(estimate(problem(chunk=50), memory=least)) == whole
+    in_batches = estimate(problem(chunk=50), proposal="none", memory=1.5)
+    assert plain(in_batches) == plain(estimate(problem(chunk=50), proposal="none"))
 
 
 @pytest.mark.slow
@@ -71,7 +72,7 @@ def test_killed_again_and_again(tmp_path, proposal):
     while True:
         tried = problem(chunk=100)
         calls.clear()
-        dies(tried.system, 150 + 60 * deaths)
+        dies(tried.system, 100 + 40 * deaths)
         try:
             result = estimate(tried, proposal=proposal, checkpoint=tmp_path / "kept")
             break
@@ -210,15 +211,14 @@ def test_features_that_tell_nothing_give_no_gain():
     )
 
 
-def test_the_memory_is_foretold():
-    built = _estimator("smc", SMALL)
-    prepared, plan = planned(problem(), built, Settings(seed=3))
-    assert 0 < memory.forecast(prepared, built, plan).held < 2**26
-
-
-def test_given_options_count_as_given():
-    assert SmcConfig(particles=50).model_fields_set == {"particles"}
-    assert dataclasses.is_dataclass(LearnedFile)
+def test_it_scales_to_a_cost():
+    built = _estimator("smc", {})
+    small = built.scaled(2000, 1e-3)
+    assert small is not None
+    assert built.scaled(500, 1e-3) is None
+    (result,) = run(problem(), small, SerialExecutor(), Settings(seed=1))
+    assert 1000 < result.simulated_steps / 20 <= 2100
+    assert result.relative_error > 0.0
 
 
 @pytest.mark.slow

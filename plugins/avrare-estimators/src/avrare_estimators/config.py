@@ -14,6 +14,7 @@ from avrare_estimators.importance.proposals import validate_proposal
 LEAST_RUNS_OF_LOOK = 5
 """Fewer runs say too little of their own scatter."""
 LEARNED = "learned"
+LEAST_PILOT = 200
 LEAST_DEFENSIVE = 0.25
 MOST_ROLLOUTS = 300_000
 """Upper bound of a sample with a stopping rule: a failure that is never met must end, too."""

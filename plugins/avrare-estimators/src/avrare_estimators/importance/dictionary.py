@@ -91,6 +91,12 @@ def entries_of_channel(steps: int) -> ChannelEntries:
     return replace(found, mean=posterior.mean(axis=0), deviation=posterior.std(axis=0) + 1e-12)
 
 
+def dictionary_bytes(steps: int) -> int:
+    """Return the bytes that the dictionary of a channel takes to be made."""
+    rows, families = _atoms(steps)
+    return 8 * (3 * _CHANCE_ROWS + len(rows)) * (len(rows) + len(families))
+
+
 def _atoms(steps: int) -> tuple[list[Row], list[list[int]]]:
     """Return the atoms of channel 0, and the groups of them that differ only in time."""
     rows: list[Row] = [(0, t, t, 0.0, 1.0, WIDE) for t in range(steps + 1)]

@@ -14,8 +14,10 @@ from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare_estimators.config import SmcConfig
+from avrare.stack.features import system_features
+from avrare_estimators.config import LEAST_PILOT, SmcConfig
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.importance.dictionary import dictionary_bytes
 from avrare_estimators.importance.sampling import PartialSample, wave_bytes
 from avrare_estimators.importance.words import NoiseNames
 from avrare_estimators.looks import Looks
@@ -27,6 +29,7 @@ from avrare_estimators.smc.summary import Counted, summarise
 _ROLLOUTS_OF_RUN = 5
 """Starts and copies of a run in multiples of its particles, for budgets."""
 _LEAST_PARTICLES = 20
+_SCALED_PILOT, _SCALED_STAGES = 0.25, 2
 _COUNTING_STAGE = 2**16
 """Address of the noise of what counts, beyond all stages of learning."""
 _ROW = 250
@@ -81,10 +84,12 @@ class SequentialMonteCarlo:
         self.config = config
         self.file = LearnedFile.read(config.learned) if config.learned is not None else None
         self.names: NoiseNames | None = None
+        self.features = 0
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem unchanged; its noise names are for the report."""
         self.names = NoiseNames.of(problem)
+        self.features = _count_features(problem)
         return problem
 
     def init(self, plan: Plan) -> tuple[SmcState, Info]:
@@ -94,6 +99,18 @@ class SequentialMonteCarlo:
         if self.file is not None:
             return self._begin_counting(replace(state, learned=self.file.find(plan))), Info()
         return replace(state, learning=Learning.begin(self.config, plan, affordable)), Info()
+
+    def scaled(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:
+        """Return one run with its learning that cost about ``rollouts`` rollouts (``ScalesToCost``)."""
+        pilot = int(_SCALED_PILOT * rollouts)
+        learning = pilot * (2 + _SCALED_STAGES) // 2
+        if pilot < LEAST_PILOT:
+            return None
+        sized = SmcConfig(
+            runs=1, particles=max(_LEAST_PARTICLES, int(rollouts) - learning), pilot=pilot,
+            stages=_SCALED_STAGES, memory=self.config.memory,
+        )  # fmt: skip
+        return SequentialMonteCarlo(sized)
 
     def ask(self, state: SmcState) -> Request | None:
         """Ask for the next wave of learning, or for the next segment of all particles."""
@@ -126,7 +143,9 @@ class SequentialMonteCarlo:
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
         config = self.config
         rows = config.pilot * (2 + config.stages) // 2
-        learning = 0 if self.file is not None else rows * (carry * config.times // 2 + 150)
+        learning = 0 if self.file is not None else rows * (8 * self.features * config.times + 150)
+        if self.file is None and config.proposal == "learned":
+            learning += dictionary_bytes(plan.steps)
         together = min(self._together(plan, config.particles, carry), config.most)
         counting = together * config.particles * (3 * carry + self._row)
         held = learning + max(wave_bytes(plan, config.memory), counting)
@@ -242,6 +261,15 @@ class SequentialMonteCarlo:
         return replace(
             state.tally, stage=stages, probability=float(np.concatenate(values).mean()) if values else None
         )
+
+
+def _count_features(problem: Problem) -> int:
+    """Return the number of features of a state; a guess where it cannot be told without error."""
+    try:
+        state = problem.system.initial(np.zeros((1, problem.noise_size)))
+        return system_features(problem.system, state).shape[1] + 3
+    except Exception:  # it is told where it matters: at the first rollout
+        return 32
 
 
 def _cost(plan: Plan) -> int:

@@ -76,7 +76,7 @@ class Course:
     Attributes:
         plan: The task.
         particles: N, particles of a run.
-        law: Law that tapes are drawn from; None: the target.
+        law: Law that tapes are drawn from, a ``DefendedMixture``; None: the target.
         schedule: (K,) steps whose features are learnt from.
         potentials: Where to resample; None: nowhere.
         stage: Address "stage" of the first segment.

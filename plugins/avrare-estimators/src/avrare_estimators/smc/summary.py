@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -27,10 +27,11 @@ from avrare_estimators.looks import Looks
 from avrare_estimators.smc.learned_file import Learned
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
+from avrare_estimators.smc.potentials import Potentials
 from avrare_estimators.weights import effective_size, resample
 
-_MOST_TOLD = 300
-"""Failures that the words are about."""
+_KEPT, _MOST_TOLD = 40, 300
+"""Failures of each run that are kept, and of all runs together that the words are about."""
 _LOST = 0.5
 
 
@@ -48,7 +49,7 @@ class Counted:
         contributions: Of these first particles, in all runs.
         plain: The particles are independent rollouts of the target.
         rows: R N.
-        failing: Some failures, resampled to equal weights.
+        failing: Some failures of each run, with the weights of all.
         worst: The least robust particle, or none.
     """
 
@@ -76,18 +77,30 @@ class Counted:
         size = course.particles
         own = np.where(ends.violated, weight, 0.0)
         by_root = np.bincount(ends.rows.root, weights=own, minlength=runs * size).reshape(runs, size)
-        failing = np.flatnonzero(ends.violated)
-        if len(failing) > _MOST_TOLD:
-            failing = failing[resample(weight[failing], _MOST_TOLD, 0.5)]
         alive = np.flatnonzero(~ends.error)
         least = alive[np.argsort(ends.robustness[alive], kind="stable")[:1]]
         below = [by_run(~ends.error & (ends.violated | (ends.robustness <= level))) for level in curve]
         return Counted(
             course, particles.first_run, np.minimum(1.0, by_run(ends.violated)), np.stack(below, axis=1),
             by_run(ends.error), (by_root > 0.0).sum(axis=1), by_root[by_root > 0.0],
-            course.law is None and not any(particles.resampled), runs * size, batch.take(ends, failing),
-            batch.take(ends, least),
+            course.law is None and not any(particles.resampled), runs * size,
+            _some_failures(ends, runs), batch.take(ends, least),
         )  # fmt: skip
+
+
+def _some_failures(ends: Ends, runs: int) -> Ends:
+    """Return at most so many failures of each run, so that runs in batches tell the same."""
+    chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for run in range(runs):
+        own = np.flatnonzero(ends.violated & (ends.rows.run == run))
+        weight = ends.rows.weight[own]
+        if len(own) > _KEPT:
+            own = own[resample(weight, _KEPT, 0.5)]
+            weight = np.full(_KEPT, weight.sum() / _KEPT)
+        chosen.append(own)
+        weights.append(weight)
+    some = batch.take(ends, np.concatenate(chosen))
+    return replace(some, rows=replace(some.rows, weight=np.concatenate(weights)))
 
 
 def summarise(
@@ -120,7 +133,7 @@ def summarise(
         warnings |= _disagreement(learning, mean, relative)
     if DISTRUST & warnings.keys() and mean > 0.0 and fresh.rows:
         interval_at = partial(for_any_weights, mean, fresh)
-    told = _words(plan, learned, counted, names)
+    told = _words(learned, counted, names)
     diagnostics = {
         "particles": counted[0].course.particles,
         "resampled_at": [counted[0].course.ends[k] for k in range(len(counted[0].course.stops))],
@@ -242,31 +255,34 @@ def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
     return Worst(tape, float(least.worst.robustness[0]))
 
 
-def _words(
-    plan: Plan, learned: Learned, counted: Sequence[Counted], names: NoiseNames
-) -> list[dict[str, Any]]:
+def _words(learned: Learned, counted: Sequence[Counted], names: NoiseNames) -> list[dict[str, Any]]:
     """Return which noise led to the failures, and when they were lost."""
     told: list[dict[str, Any]] = []
-    weights = [one.probabilities.sum() for one in counted]
-    if not any(weights):
+    weights = np.concatenate([one.failing.rows.weight for one in counted])
+    if not weights.any():
         return told
-    main = counted[int(np.argmax(weights))]
-    failing = main.failing
-    if learned.mixture is not None:
-        target = main.course.law.proposal.share if main.course.law is not None else 1.0
-        tapes = draw_tapes(main.course, main.first_run, failing.rows)
-        told += describe_tapes(learned.mixture, tapes, target, names)
+    chosen = np.sort(resample(weights, min(len(weights), _MOST_TOLD), 0.5))
+    parts, begin = [], 0
+    for one in counted:
+        end = begin + len(one.failing.robustness)
+        own = chosen[(chosen >= begin) & (chosen < end)] - begin
+        parts.append((one, batch.take(one.failing, own)))
+        begin = end
+    law = counted[0].course.law
+    if learned.mixture is not None and law is not None:
+        tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
+        told += describe_tapes(learned.mixture, np.concatenate(tapes), law.proposal.share, names)
     if learned.potentials is not None and learned.potentials.reached and learned.potentials.useful:
-        told.append(_committor(learned, failing, names))
+        along = np.concatenate([some.rows.committor for _, some in parts])
+        told.append(_committor(learned.potentials, along, names))
     return told
 
 
-def _committor(learned: Learned, failing: Ends, names: NoiseNames) -> dict[str, Any]:
-    """Return the learnt probability of failure over time along failing rollouts, and a sentence about it."""
-    assert learned.potentials is not None
-    steps = learned.potentials.schedule[learned.potentials.useful]
+def _committor(potentials: Potentials, along: Floats, names: NoiseNames) -> dict[str, Any]:
+    """Return the learnt probability of failure over time along failures (n, K), and a sentence about it."""
+    steps = potentials.schedule[potentials.useful]
     # A failure that has happened is certain.
-    along = np.nan_to_num(failing.rows.committor[:, learned.potentials.useful], nan=1.0)
+    along = np.nan_to_num(along[:, potentials.useful], nan=1.0)
     typical = [np.quantile(along[:, k], (0.1, 0.5, 0.9)).round(6).tolist() for k in range(len(steps))]
     lost = [int(step) for step, (_, middle, _) in zip(steps, typical, strict=True) if middle >= _LOST]
     before = [int(step) for step in steps if not lost or step < lost[0]]
