@@ -28,6 +28,7 @@ COMMANDS = {
     "failures": ("avrare.cli.failures", "list, add, print and cluster stored failures"),
     "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
     "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
+    "sensitivity": ("avrare.cli.sensitivity", "estimate how the probability changes with parameters"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),

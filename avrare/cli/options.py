@@ -203,6 +203,25 @@ OPTIONS: dict[str, Options] = {
         **_WORKERS,
         **_OUTPUT,
     },
+    "sensitivity": {
+        **_SCENARIO,
+        **_SET,
+        "--specification NAME": "specification; required if there are several",
+        "--parameter KEY": (
+            "parameter, for example perception.miss_scale or tracker.gate; may be repeated (default: the "
+            "numbers of the perception error model)",
+            _REPEATABLE,
+        ),
+        "--run DIR": "run of this scenario, whose stored failures are used in place of fresh tapes",
+        "--budget rollouts=N": "fresh tapes, of each paired comparison too (default 2000)",
+        "--step SHARE": (
+            "relative distance of the two values of a paired comparison (default 0.1)",
+            {"type": float, "default": 0.1},
+        ),
+        "--seed N": ("seed of the fresh tapes (default 0)", {**_NATURAL, "default": 0}),
+        **_WORKERS,
+        **_OUTPUT,
+    },
     "rules": {
         "names NAME": ("show these rules in full; case and '_' are ignored", {"nargs": "*"}),
         "--json": "print a JSON list",

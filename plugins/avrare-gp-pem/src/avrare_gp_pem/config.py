@@ -45,6 +45,18 @@ class _PemConfig(_AnyPemConfig):
     speed_sd: float = Field(
         0.3, ge=0, description="standard deviation of the observed speed along the road [m/s]; 0: exact"
     )
+    miss_scale: float = Field(
+        1.0,
+        gt=0,
+        allow_inf_nan=False,
+        description="factor on the odds of a miss; what if the detector were better",
+    )
+    error_scale: float = Field(
+        1.0, gt=0, allow_inf_nan=False, description="factor on the scales of the position errors; likewise"
+    )
+    tail_scale: float = Field(
+        1.0, gt=0, le=4, description="power of the tails of the position errors: below 1 they are lighter"
+    )
     rays: int = Field(24, ge=1, le=1000, description="rays cast at each vehicle to see how much is hidden")
 
 

@@ -22,6 +22,7 @@ from avrare_gp_pem.runtime.observation_model import (
     perfect_noise,
 )
 from avrare_gp_pem.runtime.persistence import PersistentPem, with_persistence
+from avrare_gp_pem.runtime.scaled_law import scale_law, shift_noise
 from avrare_gp_pem.runtime.store import load, locate
 from avrare_gp_pem.runtime.variant import MAX_EXPONENT, FittedPem, Variant
 from avrare_gp_pem.runtime.visibility import category, relative, visibility
@@ -59,6 +60,17 @@ class LawPem(ABC):
         """Return the (N,) log density of ``observation``."""
         return self.law(world).in_weather(world.weather).log_prob(world, observation)
 
+    def shift_noise(self, world: World, noise: Floats, other: LawPem) -> tuple[Floats, Floats]:
+        """Return how noise moves for ``other`` to observe the same, and log density ratios."""
+        own, moved = (model.law(world).in_weather(world.weather) for model in (self, other))
+        return shift_noise(own, moved, noise)
+
+    def log_ratio(
+        self, world: World, noise: Floats, memory: None, other: LawPem, other_memory: None
+    ) -> tuple[Floats, None]:
+        """Return (N,) log density ratio of ``other`` for the observation that ``noise`` makes."""
+        return self.shift_noise(world, noise, other)[1].sum(axis=1), None
+
 
 @dataclass(frozen=True)
 class GpPem(LawPem):
@@ -78,7 +90,7 @@ class GpPem(LawPem):
         """Return the distribution of the observation of ``world``."""
         levels = category(visibility(world, self.scene, self.config.rays))
         box = box_of(relative(world), self.scene.lengths, self.scene.widths, self.config.height, levels)
-        return self.variant.law(box, self.config.speed_sd)
+        return scale_law(self.variant.law(box, self.config.speed_sd), self.config)
 
 
 def build_gp(config: GpPemConfig, scene: Scene) -> GpPem | PersistentPem:
@@ -143,7 +155,7 @@ class ParametricPem(LawPem):
         detect = in_range * np.minimum(1.0, seen / config.full_visibility)
         coefficients = (config.longitudinal_scale, config.lateral_scale)
         scale = np.stack([base + slope * distance for base, slope in coefficients], axis=-1)
-        return ObservationLaw(
+        law = ObservationLaw(
             detect=detect,
             miss=1 - detect,
             location=np.zeros_like(scale),
@@ -152,6 +164,7 @@ class ParametricPem(LawPem):
             limit=config.error_limit,
             speed_sd=config.speed_sd,
         )
+        return scale_law(law, config)
 
 
 def build_parametric(config: ParametricPemConfig, scene: Scene) -> ParametricPem | PersistentPem:

@@ -16,10 +16,11 @@ xi(0), and the sequence y begins with y(1) = xi(1).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene, World
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.config import Persistence
@@ -111,6 +112,32 @@ class PersistentPem:
         fading = np.where(fresh, noise, self.correlation * memory.fading + self.innovation * noise)
         later = Memory(memory.lasting, fading, np.ones_like(memory.begun))
         return self.memoryless.observe(world, self.latent(later)), later
+
+    def log_ratio(
+        self, world: World, noise: Floats, memory: Memory, other: PersistentPem, other_memory: Memory
+    ) -> tuple[Floats, Memory]:
+        """Return (N,) log density ratio of a nearby model ``other`` for what ``noise`` makes one observe.
+
+        The tape of ``other`` that gives the same observations is a function of this one's, number by number
+        and step by step, so the ratio of the densities of the two tapes times its derivative is the ratio
+        that a score-function derivative needs. ``other_memory`` is that tape's, and is returned one step on.
+        """
+        _, later = self.follow(world, noise, memory)
+        latent = self.latent(later)
+        model: Any = self.memoryless
+        if not hasattr(model, "shift_noise"):
+            raise UsageError(f"{type(model).__name__} has no density ratio", "choose parametric or gp_pem")
+        change, ratio = model.shift_noise(world, latent, other.memoryless)
+        moved = latent + change
+        fading = (moved - np.sqrt(other.lasting) * other_memory.lasting) / np.sqrt(1.0 - other.lasting)
+        own_fresh = (self.lasting > 0) & ~memory.begun[:, None]
+        fresh = (other.lasting > 0) & ~other_memory.begun[:, None]
+        drawn = np.where(fresh, fading, (fading - other.correlation * other_memory.fading) / other.innovation)
+        spread = np.where(own_fresh, 1.0, self.innovation) * np.sqrt(1.0 - self.lasting)
+        other_spread = np.where(fresh, 1.0, other.innovation) * np.sqrt(1.0 - other.lasting)
+        squares = noise**2 - drawn**2 + moved**2 - latent**2
+        total = ratio + 0.5 * squares + np.log(spread / other_spread)
+        return total.sum(axis=1), Memory(other_memory.lasting, fading, np.ones_like(other_memory.begun))
 
     def latent(self, memory: Memory) -> Floats:
         """Return the standard normal numbers (N, noise_size) that decide the newest observation."""

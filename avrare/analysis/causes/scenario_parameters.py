@@ -1,0 +1,175 @@
+"""Parameters of a scenario: their values by dotted path, and the scenario with another value."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.sensitivity import (
+    Sensitivities,
+    Sensitivity,
+    derive_by_pairs,
+    derive_by_score,
+    knows_score,
+    sample_failures,
+    sort_by_effect,
+)
+from avrare.analysis.causes.tape_runs import TapeRunner
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.estimation import intervals
+from avrare.estimation.intervals import Interval
+from avrare.results.reader import read_run_folder
+from avrare.rollout.loaded_scenario import LoadedScenario, load
+
+_DEFAULT = "perception."
+_NO_DERIVATIVE = ("height",)
+"""Numbers of perception that are facts about the world."""
+
+
+@dataclass
+class ParametricScenario:
+    """Scenario of which single values can be changed.
+
+    Attributes:
+        path: The file.
+        overrides: Settings as for ``--set``.
+    """
+
+    path: str | os.PathLike[str]
+    overrides: tuple[str, ...] = ()
+    _loaded: LoadedScenario | None = field(default=None, init=False)
+
+    @property
+    def scenario(self) -> LoadedScenario:
+        """The scenario itself."""
+        if self._loaded is None:
+            self._loaded = load(self.path, self.overrides)
+        return self._loaded
+
+    def at(self, parameter: str, value: float) -> LoadedScenario:
+        """Return the scenario with another value of a parameter."""
+        return load(self.path, (*self.overrides, f"{parameter}={value!r}"))
+
+    def value(self, parameter: str) -> float:
+        """Return the value of a parameter; UsageError if it is no number."""
+        known = dict(_numbers(self.scenario.definition.resolved))
+        if parameter not in known:
+            hint = did_you_mean(parameter, known) or "a dotted path such as perception.miss_scale"
+            raise UsageError(f"{self.path}: {parameter!r} is not a number of this scenario", hint)
+        return known[parameter]
+
+    def default_parameters(self) -> list[str]:
+        """Return the numbers of the perception error model that the score function can derive."""
+        found = _numbers(self.scenario.definition.resolved)
+        return [
+            name
+            for name, value in found
+            if name.startswith(_DEFAULT) and isinstance(value, float) and value != 0.0
+            and name.rsplit(".", 1)[1] not in _NO_DERIVATIVE
+        ]  # fmt: skip
+
+    def specification(self, name: str | None) -> str:
+        """Return the specification to look at; UsageError if it must be named, or is unknown."""
+        known = self.scenario.specifications
+        if name is None and len(known) > 1:
+            raise UsageError("--specification is required", f"one of: {', '.join(known)}")
+        chosen = known[0] if name is None else name
+        if chosen not in known:
+            text = f"{self.path}: there is no specification {chosen!r}"
+            raise UsageError(text, did_you_mean(chosen, known))
+        return chosen
+
+
+def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _numbers(entry, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list):
+        for index, entry in enumerate(value):
+            yield from _numbers(entry, f"{path}.{index}")
+    elif isinstance(value, (int, float)) and not isinstance(value, bool) and path:
+        yield path, value
+
+
+def sensitivity(
+    path: str | os.PathLike[str], parameters: Sequence[str] = (), specification: str | None = None, *,
+    overrides: Sequence[str] = (), run: str | os.PathLike[str] | None = None, rollouts: int = 2000,
+    step: float = 0.1, seed: int = 0, runner: TapeRunner | None = None,
+) -> Sensitivities:  # fmt: skip
+    """Estimate d log p / d parameter for parameters of a scenario.
+
+    Args:
+        path: YAML file.
+        parameters: Dotted paths; none: all numbers of the perception error model, if it has a score function.
+        specification: Name; None: the only one.
+        overrides: Settings as for ``--set``.
+        run: Run folder of this scenario whose stored failures serve the score function; None: fresh tapes.
+        rollouts: Fresh tapes, of the score function without ``run``, and of each paired comparison.
+        step: Relative distance to the two values that a paired comparison takes.
+        seed: Seed of the fresh tapes.
+        runner: Runs and counts the tapes.
+
+    Raises:
+        UsageError: A parameter is no number, no rollout fails, or nothing can be derived.
+    """
+    scenario, tapes = ParametricScenario(path, tuple(overrides)), runner or TapeRunner()
+    name = scenario.specification(specification)
+    problem, confidence = scenario.scenario.problem(name), scenario.scenario.definition.confidence
+    by_score = knows_score(problem)
+    chosen = list(parameters) or (scenario.default_parameters() if by_score else [])
+    if not chosen:
+        text = f"{path}: its perception has no score function, so there are no parameters to begin with"
+        raise UsageError(text, "name some, for example --parameter controller.horizon")
+    values = {parameter: scenario.value(parameter) for parameter in chosen}
+    sample, interval = _take_sample(run, name, problem, rollouts, seed, confidence, tapes)
+    rows: list[Sensitivity] = []
+    for parameter, value in values.items():
+        if by_score and parameter.startswith(_DEFAULT) and isinstance(value, float):
+            rows.append(
+                derive_by_score(
+                    problem, sample, parameter, value,
+                    lambda x, parameter=parameter: scenario.at(parameter, x).stack.loop.perception,  # type: ignore[misc]
+                )
+            )  # fmt: skip
+            continue
+        low, high = _span(value, step)
+        pair = (scenario.at(parameter, low).problem(name), scenario.at(parameter, high).problem(name))
+        rows.append(
+            derive_by_pairs(
+                pair, (low, high), parameter, value, rollouts=rollouts, seed=seed, confidence=confidence,
+                runner=tapes,
+            )
+        )  # fmt: skip
+    return Sensitivities(
+        name, sample.probability, interval, sort_by_effect(rows), tapes.rollouts, tapes.errors
+    )
+
+
+def _take_sample(
+    run: str | os.PathLike[str] | None, name: str, problem: Any, rollouts: int, seed: int, confidence: float,
+    tapes: TapeRunner,
+) -> tuple[FailureSample, Interval]:  # fmt: skip
+    if run is None:
+        sample = sample_failures(problem, rollouts, seed, confidence, tapes)
+        interval = intervals.clopper_pearson(sample.size, rollouts, confidence, sample.errors)
+        return sample, interval
+    folder = read_run_folder(Path(run))
+    if name not in folder.failures:
+        raise UsageError(f"{run}: no failure of {name} is stored", "leave --run out, or run more rollouts")
+    estimate = next(one for one in folder.result.estimates if one.specification == name)
+    failures = folder.failures[name]
+    if failures.noise.shape[1:] != (problem.steps + 1, problem.noise_size):
+        raise UsageError(f"{run}: its failures are of another scenario", "give the run of this scenario")
+    return FailureSample.stored(estimate, failures), estimate.interval
+
+
+def _span(value: float, step: float) -> tuple[float, float]:
+    if isinstance(value, int):
+        whole = max(1, round(abs(value) * step))
+        return value - whole, value + whole
+    part = abs(value) * step if value else step
+    return value - part, value + part

@@ -1,0 +1,202 @@
+"""Sensitivity: by how much log p changes with a parameter of the stack.
+
+Parameters of a perception error model that knows its density ratios are derived by the score function from
+failing tapes alone. All others are compared on the same tapes at two values around their own: the central
+difference quotient of log p, unbiased for itself but for the logarithm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.analysis.causes.failure_sample import FailureSample, normal_interval
+from avrare.analysis.causes.score_function import HasLogRatio, log_ratios
+from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
+from avrare.base.errors import UsageError
+from avrare.base.number_format import format_interval, format_probability
+from avrare.base.records import Records
+from avrare.estimation.intervals import Interval
+from avrare.estimation.result import Failures
+from avrare.protocols import Bools, find_ability
+from avrare.rollout.problem import Problem
+from avrare.stack.closed_loop import ClosedLoop
+
+_SMALL = 1e-3
+"""Relative step of the differences of log densities, which have no noise."""
+_BLOCK = 1000
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivative of log p in one parameter.
+
+    Attributes:
+        parameter: Dotted path in the scenario.
+        value: Its value.
+        derivative: d log p / d parameter; NaN where too few rollouts fail.
+        interval: Its interval.
+        method: "score" (from failing tapes) or "paired" (two values on the same tapes).
+        failures: Failing tapes that it rests on.
+        span: Values between which "paired" compares; (value, value) for "score".
+    """
+
+    parameter: str
+    value: float
+    derivative: float
+    interval: Interval
+    method: str
+    failures: int
+    span: tuple[float, float]
+
+    @property
+    def elasticity(self) -> float:
+        """Relative change of p for one of the parameter."""
+        return self.value * self.derivative
+
+    def line(self) -> str:
+        """Return it in words: ``perception.miss_scale = 1: +10 % changes p by +3 % (-1 .. +8), by score``."""
+        if math.isnan(self.derivative):
+            return f"{self.parameter} = {self.value:g}: too few failures to tell, by {self.method}"
+        change, low, high = (
+            100.0 * math.expm1(max(min(0.1 * abs(self.value) * end, 50.0), -50.0))
+            for end in (self.derivative, *self.interval)
+        )
+        effect = f"+10 % changes p by {change:+.2g} % ({low:+.2g} .. {high:+.2g})"
+        return f"{self.parameter} = {self.value:g}: {effect}, by {self.method}"
+
+
+@dataclass(frozen=True, repr=False)
+class Sensitivities:
+    """Sensitivities of one specification's probability.
+
+    Attributes:
+        specification: Its name.
+        probability: The estimate.
+        interval: Its interval.
+        rows: One for each parameter, the largest effect first.
+        rollouts: Rollouts that they took.
+        errors: Those that broke down.
+    """
+
+    specification: str
+    probability: float
+    interval: Interval
+    rows: tuple[Sensitivity, ...]
+    rollouts: int
+    errors: int
+
+    def table(self) -> Records:
+        """Return one row for each parameter."""
+        return Records(
+            {
+                "parameter": one.parameter, "value": one.value, "derivative": one.derivative,
+                "low": one.interval[0], "high": one.interval[1], "elasticity": one.elasticity,
+                "method": one.method, "failures": one.failures,
+            }
+            for one in self.rows
+        )  # fmt: skip
+
+    def lines(self) -> list[str]:
+        """Return the table as text."""
+        total = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
+        broken = f", {self.errors} broke down" if self.errors else ""
+        head = f"{self.specification}: {total}, {self.rollouts:,} rollouts{broken}"
+        return [head, *(f"  {one.line()}" for one in self.rows)]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def sample_failures(
+    problem: Problem, rollouts: int, seed: int, confidence: float, runner: TapeRunner
+) -> FailureSample:
+    """Run fresh tapes and return all that fail; UsageError if none does."""
+    kept, errors = [], runner.errors
+    for first in range(0, rollouts, _BLOCK):
+        tapes = draw_tapes(problem, seed, 0, min(_BLOCK, rollouts - first), first)
+        kept.append(tapes[runner(problem, tapes, "fresh tapes")])
+    noise = np.concatenate(kept)
+    if not len(noise):
+        raise UsageError(
+            f"{problem.names[0]}: none of {rollouts} rollouts failed",
+            "give more of them (--budget rollouts=N), or a run of an estimator for rare events (--run DIR)",
+        )
+    p = len(noise) / rollouts
+    error = math.sqrt((1.0 - p) / (p * rollouts))
+    failures = Failures(noise, np.zeros(len(noise)), len(noise))
+    return FailureSample(failures, p, error, rollouts, 1, runner.errors - errors, confidence)
+
+
+def knows_score(problem: Problem) -> bool:
+    """Return whether the perception error model of a problem has density ratios."""
+    loop = problem.system
+    return isinstance(loop, ClosedLoop) and find_ability(loop.perception, HasLogRatio) is not None
+
+
+def derive_by_score(
+    problem: Problem, sample: FailureSample, parameter: str, value: float, build: Callable[[float], Any]
+) -> Sensitivity:
+    """Derive log p by the score function, from failing tapes.
+
+    Args:
+        problem: Problem with a closed loop.
+        sample: Its failures.
+        parameter: Name of the parameter, of the perception error model.
+        value: Its value, not 0.
+        build: Function from a value to the perception error model.
+
+    Raises:
+        UsageError: The value is 0.
+    """
+    if value == 0.0:
+        text = f"{parameter} is 0: the density ratio of a nearby value is unknown"
+        raise UsageError(text, "give it another value, or leave it out")
+    step = _SMALL * abs(value)
+    others = [build(value + step), build(value - step)]
+    ratios = log_ratios(problem, others, sample.failures.noise)
+    derivative, interval = sample.mean_interval((ratios[:, 0] - ratios[:, 1]) / (2.0 * step))
+    return Sensitivity(parameter, value, derivative, interval, "score", sample.size, (value, value))
+
+
+def derive_by_pairs(
+    problems: tuple[Problem, Problem], span: tuple[float, float], parameter: str, value: float, *,
+    rollouts: int, seed: int, confidence: float, runner: TapeRunner,
+) -> Sensitivity:  # fmt: skip
+    """Compare log p at two values of a parameter on the same fresh tapes.
+
+    The variance of the log ratio of paired proportions is (b + c) / ((a + b)(a + c)), with a failures under
+    both and b, c under one of them (Nam and Blackwelder, Statistics in Medicine 21, 2002).
+    """
+    shapes = {(one.steps, one.noise_size) for one in problems}
+    if len(shapes) > 1:
+        text = f"{parameter}: the tapes of its two values have different shapes"
+        raise UsageError(text, "choose a parameter that changes no noise")
+    outcomes: list[list[Bools]] = [[], []]
+    for first in range(0, rollouts, _BLOCK):
+        tapes = draw_tapes(problems[0], seed, 0, min(_BLOCK, rollouts - first), first)
+        for found, problem in zip(outcomes, problems, strict=True):
+            found.append(runner(problem, tapes, parameter))
+    low, high = (np.concatenate(found) for found in outcomes)
+    both, one, other = int((low & high).sum()), int((low & ~high).sum()), int((~low & high).sum())
+    width = span[1] - span[0]
+    if not (both + one and both + other):
+        nothing = (-math.inf, math.inf)
+        return Sensitivity(parameter, value, math.nan, nothing, "paired", both + one + other, span)
+    ratio = math.log((both + other) / (both + one))
+    # A change seen on no tape has still been looked for on finitely many: half a tape is added.
+    error = math.sqrt(max(one + other, 0.5) / ((both + one) * (both + other)))
+    derivative = ratio / width
+    interval = normal_interval(derivative, error / abs(width), confidence)
+    return Sensitivity(parameter, value, derivative, interval, "paired", both + one + other, span)
+
+
+def sort_by_effect(rows: Sequence[Sensitivity]) -> tuple[Sensitivity, ...]:
+    """Return the rows, the largest relative effect first; those that are unknown last."""
+    return tuple(
+        sorted(rows, key=lambda row: -abs(row.elasticity) if row.derivative == row.derivative else 1.0)
+    )

@@ -1,0 +1,41 @@
+"""``avrare sensitivity``: by how much the probability changes with parameters of the stack."""
+
+from __future__ import annotations
+
+import argparse
+
+from avrare.analysis.causes.scenario_parameters import sensitivity
+from avrare.analysis.causes.tape_runs import TapeRunner
+from avrare.base.errors import ExitCode, UsageError
+from avrare.cli.failure_output import progress_line
+from avrare.cli.output import show_or_write
+from avrare.estimation.budget import Budget
+
+_ROLLOUTS = 2000
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Estimate the derivatives, print them and write them."""
+    with progress_line() as progress:
+        found = sensitivity(
+            args.scenario, args.parameter, args.specification, overrides=args.set, run=args.run,
+            rollouts=read_rollouts(args.budget, _ROLLOUTS), step=args.step, seed=args.seed or 0,
+            runner=TapeRunner(args.workers, progress),
+        )  # fmt: skip
+    content = {
+        "specification": found.specification, "probability": found.probability,
+        "interval": list(found.interval), "rollouts": found.rollouts, "errors": found.errors,
+        "sensitivity": list(found.table()),
+    }  # fmt: skip
+    show_or_write(args, "sensitivity.json", content, found.lines())
+    return int(ExitCode.ROLLOUT_ERRORS if found.errors > 0.01 * found.rollouts else ExitCode.PASS)
+
+
+def read_rollouts(text: str | None, default: int) -> int:
+    """Return the rollouts of ``--budget rollouts=N``."""
+    budget = Budget.parse(text)
+    if budget is None:
+        return default
+    if budget.kind != "rollouts" or budget.amount < 1:
+        raise UsageError(f"--budget {text}: must be rollouts=N", "for example --budget rollouts=5000")
+    return int(budget.amount)

@@ -1,0 +1,127 @@
+"""Sensitivity against exact derivatives of a closed loop."""
+
+import math
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
+from avrare.analysis.causes.tape_runs import TapeRunner
+from avrare.base.errors import UsageError
+from noisy_loop import Sensor, exact, noisy_problem
+
+SCENARIO = "scenarios/lane_change.yaml"
+
+
+def by_score(rollouts, seed=1, sd=1.0):
+    problem = noisy_problem(sd)
+    sample = sample_failures(problem, rollouts, seed, 0.95, TapeRunner())
+    return derive_by_score(problem, sample, "perception.sd", sd, Sensor)
+
+
+def by_pairs(rollouts, seed=1, step=0.1):
+    span = (1.0 - step, 1.0 + step)
+    pair = (noisy_problem(gain=span[0]), noisy_problem(gain=span[1]))
+    return derive_by_pairs(
+        pair, span, "controller.gain", 1.0, rollouts=rollouts, seed=seed, confidence=0.95, runner=TapeRunner()
+    )
+
+
+def test_the_score_function_gives_the_derivative():
+    found, truth = by_score(20_000), exact()
+    assert found.method == "score"
+    low, high = found.interval
+    assert low < truth.derivative < high
+    assert high - low < 0.5 * truth.derivative
+    assert found.derivative == pytest.approx(truth.derivative, rel=0.1)
+
+
+def test_pairs_give_the_quotient():
+    truth = math.log(exact(1.1).p / exact(0.9).p) / 0.2
+    found = by_pairs(20_000)
+    low, high = found.interval
+    assert low < truth < high
+    assert high - low < 0.6 * truth
+
+
+def test_pairs_without_a_failure_say_so():
+    found = by_pairs(5)
+    assert math.isnan(found.derivative)
+    assert "too few failures" in found.line()
+
+
+def test_a_parameter_without_effect_has_an_interval_around_zero():
+    pair = (noisy_problem(), noisy_problem())
+    found = derive_by_pairs(
+        pair,
+        (0.9, 1.1),
+        "controller.colour",
+        1.0,
+        rollouts=2000,
+        seed=1,
+        confidence=0.95,
+        runner=TapeRunner(),
+    )
+    assert found.derivative == 0.0
+    assert found.interval[0] < 0.0 < found.interval[1]
+
+
+def test_the_line_says_what_ten_percent_do():
+    found = by_score(4000)
+    assert found.line().startswith("perception.sd = 1: +10 % changes p by +")
+    assert found.elasticity == found.derivative
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("derive", [by_score, by_pairs])
+def test_derivatives_are_unbiased_and_their_intervals_cover(derive):
+    truth = exact().derivative if derive is by_score else math.log(exact(1.1).p / exact(0.9).p) / 0.2
+    found = [derive(4000, seed) for seed in range(100)]
+    values = np.array([one.derivative for one in found])
+    error = values.std(ddof=1) / 10.0
+    assert abs(values.mean() - truth) < max(0.02 * truth, 3.0 * error)
+    assert error < 0.02 * truth
+    assert sum(one.interval[0] <= truth <= one.interval[1] for one in found) >= 89
+
+
+@pytest.mark.slow
+def test_weighted_failures_give_the_derivative_too():
+    problem = noisy_problem(limit=7.0)
+    truth = exact(limit=7.0)
+    result = avrare.estimate(problem, "is", seed=2, runs=2)
+    found = derive_by_score(problem, FailureSample.of(result), "perception.sd", 1.0, Sensor)
+    assert found.interval[0] < truth.derivative < found.interval[1]
+
+
+@pytest.fixture(scope="module")
+def lane_change():
+    settings = ["steps=30", "controller.horizon=8", "specifications.near={stl: 'always (ego_y < 1.76)'}"]
+    return avrare.sensitivity(
+        SCENARIO, ["perception.miss_scale", "tracker.gate"], "near", overrides=settings, rollouts=16
+    )
+
+
+def test_a_scenario_takes_the_method_that_fits(lane_change):
+    methods = {row.parameter: row.method for row in lane_change.rows}
+    assert methods == {"perception.miss_scale": "score", "tracker.gate": "paired"}
+    assert lane_change.rollouts == 48
+    assert [row["parameter"] for row in lane_change.table()] == [row.parameter for row in lane_change.rows]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (["perception.mis_scale"], "'perception.mis_scale' is not a number"),
+        (["perception.model"], "'perception.model' is not a number"),
+    ],
+)
+def test_what_is_no_number_is_refused(parameters, message):
+    with pytest.raises(UsageError, match=message):
+        avrare.sensitivity(SCENARIO, parameters, "no_collision", rollouts=10)
+
+
+def test_several_specifications_must_be_told_apart():
+    with pytest.raises(UsageError, match="--specification is required"):
+        avrare.sensitivity(SCENARIO, rollouts=10)
