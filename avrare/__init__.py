@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from avrare.base.moved_modules import MovedModules
 
 if TYPE_CHECKING:
+    from avrare.analysis.causes.require import require as require
     from avrare.analysis.causes.scenario_parameters import sensitivity as sensitivity
     from avrare.base.errors import AvrareError as AvrareError
     from avrare.base.errors import FormulaError as FormulaError
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from avrare.rollout.problem import Problem as Problem
 
 _MODULES = {
+    "avrare.analysis.causes.require": "require",
     "avrare.analysis.causes.scenario_parameters": "sensitivity",
     "avrare.base.errors": "AvrareError FormulaError HealthWarning PluginError ScenarioError UsageError",
     "avrare.base.version": "__version__",

@@ -29,6 +29,7 @@ COMMANDS = {
     "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
     "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
     "sensitivity": ("avrare.cli.sensitivity", "estimate how the probability changes with parameters"),
+    "require": ("avrare.cli.require", "find the parameter value that keeps a probability below a bound"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),

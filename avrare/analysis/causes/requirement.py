@@ -3,8 +3,9 @@
 The estimates at several values have intervals that hold together: each is at the level 1 - alpha / m, for m
 estimates at most (Bonferroni), and each has noise of its own, so the values may be chosen from what came
 before. If the probability is monotone in the parameter, the value at which it reaches the bound then lies
-between the last value that is shown to keep the bound and the first that is shown to break it, with confidence
-1 - alpha. Values are chosen by a line through log p, as near to its root as the next estimate can tell apart.
+between the last value that is shown to keep the bound and the first that is shown to break it, with the
+confidence 1 - alpha. Values are chosen by a line through log p, as near to its root as the next estimate can
+tell apart.
 """
 
 from __future__ import annotations
@@ -151,10 +152,9 @@ def find_requirement(
         if value is None:
             break
         trials.append(evaluate(value, float(share), number, level))
-        kept, broken = _bracket(trials, limit)
-        if number == 1 and (kept is None or broken is None):
-            if all(one.interval[1] < limit for one in trials) or all(one.interval[0] > limit for one in trials):
-                break
+        sides = {one.interval[1] < limit or (one.interval[0] > limit and None) for one in trials}
+        if number == 1 and sides in ({True}, {None}):  # both ends keep the bound, or both break it
+            break
     rising = _rises(trials)
     kept, broken = _bracket(trials, limit)
     line = _fit(trials, limit, scaled)
@@ -208,7 +208,9 @@ def _fit(trials: list[Trial], limit: float, scaled: bool) -> tuple[float, float]
         return None
     x = np.array([_to(one.value, scaled) for one in rows])
     y = np.array([math.log(one.probability / limit) for one in rows])
-    spread = np.array([math.log(one.interval[1] / max(one.interval[0], one.interval[1] * 1e-4)) for one in rows])
+    spread = np.array(
+        [math.log(one.interval[1] / max(one.interval[0], one.interval[1] * 1e-4)) for one in rows]
+    )
     weight = 1.0 / (np.maximum(spread, 1e-3) ** 2 * (1.0 + y**2))
     centre = float((weight * x).sum() / weight.sum())
     square = float((weight * (x - centre) ** 2).sum())

@@ -1,0 +1,141 @@
+"""Requirement on a parameter of a scenario; finished trials are kept, so that a search can be resumed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from avrare.analysis.causes.requirement import Evaluate, Requirement, Trial, find_requirement
+from avrare.analysis.causes.scenario_parameters import ParametricScenario
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import UsageError
+from avrare.base.stored_files import read_json
+from avrare.estimation.budget import Budget
+from avrare.estimation.loop import Progress, Settings, run
+from avrare.rollout.executors.work import build_executor
+from avrare.rollout.problem import Problem
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.schema import Threshold
+
+TRIALS = "trials.json"
+_WIDE = 5.0
+Show = Callable[[str, Problem], AbstractContextManager[Progress | None]]
+"""Called with a label and a problem as each estimate begins; gives its progress display."""
+
+
+def require(
+    path: str | os.PathLike[str], parameter: str, probability: str | float, specification: str | None = None,
+    *, between: tuple[float, float] | None = None, overrides: Sequence[str] = (), rollouts: int = 20_000,
+    seed: int = 0, workers: int = 1, out: str | os.PathLike[str] | None = None, show: Show | None = None,
+) -> Requirement:  # fmt: skip
+    """Find how large (or small) a parameter of a scenario may be for a probability to stay below a bound.
+
+    Args:
+        path: YAML file; its estimator makes the estimates.
+        parameter: Dotted path of a number.
+        probability: Bound, such as "< 1e-4".
+        specification: Name; None: the only one.
+        between: Smallest and largest value; None: a fifth and five times the scenario's.
+        overrides: Settings as for ``--set``.
+        rollouts: Budget of all estimates together.
+        seed: Seed of the first estimate; each has its own.
+        workers: Number of processes.
+        out: Folder that keeps finished estimates; the same call goes on from there.
+        show: Progress display.
+
+    Raises:
+        UsageError: The parameter or the bound does not fit, or the folder holds another search.
+    """
+    scenario = ParametricScenario(path, tuple(overrides))
+    name, value = scenario.specification(specification), scenario.value(parameter)
+    limit = _read_limit(probability)
+    if between is None:
+        if value <= 0.0:
+            raise UsageError(f"{parameter} is {value:g}: where should be looked?", "give --between LOW,HIGH")
+        between = value / _WIDE, value * _WIDE
+    definition = scenario.scenario.definition
+    task = {
+        "fingerprint": fingerprint(definition), "parameter": parameter, "specification": name, "limit": limit,
+        "between": list(between), "rollouts": rollouts, "seed": seed, "confidence": definition.confidence,
+    }  # fmt: skip
+    kept = _KeptTrials.open(None if out is None else Path(out) / TRIALS, task)
+    whole = isinstance(value, int)
+
+    def evaluate(at: float, share: float, number: int, level: float) -> Trial:
+        at = round(at) if whole else float(f"{at:.6g}")
+        known = kept.find(number, at)
+        return known or kept.add(_estimate(scenario, parameter, name, at, share, number, level))
+
+    def _estimate(
+        scenario: ParametricScenario, parameter: str, name: str, at: float, share: float, number: int,
+        level: float,
+    ) -> Trial:  # fmt: skip
+        loaded = scenario.at(parameter, at)
+        problem, budget = loaded.problem(name), Budget.parse(f"rollouts={max(1, round(rollouts * share))}")
+        settings = Settings(seed + number, level, budget, definition.max_error_rate, definition.suppress)
+        label = f"{parameter}={at:.4g}"
+        with show(label, problem) if show is not None else nullcontext() as progress:
+            [result] = run(problem, loaded.estimator(), build_executor(workers), settings, progress)
+        return Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
+
+    search: Evaluate = evaluate
+    return find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
+
+
+def _read_limit(probability: str | float) -> float:
+    try:
+        return Threshold.model_validate({"specification": "any", "probability": probability}).limit
+    except ValidationError:
+        text = f"--probability {probability!r}: should be an upper bound such as '< 1e-4'"
+        raise UsageError(text, "quote it: the shell reads < as a redirection") from None
+
+
+@dataclass
+class _KeptTrials:
+    path: Path | None
+    task: dict[str, Any]
+    trials: list[Trial]
+
+    @staticmethod
+    def open(path: Path | None, task: dict[str, Any]) -> _KeptTrials:
+        if path is None or not path.is_file():
+            return _KeptTrials(path, task, [])
+        content = read_json(path, "choose another --out")
+        if content.get("task") != task:
+            raise UsageError(f"{path}: holds another search", "choose another --out, or remove it")
+        return _KeptTrials(path, task, [_read_trial(path, one) for one in content.get("trials", [])])
+
+    def find(self, number: int, value: float) -> Trial | None:
+        if number >= len(self.trials):
+            return None
+        trial = self.trials[number]
+        if trial.value != value:
+            raise UsageError(f"{self.path}: was changed", "choose another --out, or remove it")
+        return trial
+
+    def add(self, trial: Trial) -> Trial:
+        self.trials.append(trial)
+        if self.path is not None:
+            with explain_file_errors(f"{self.path}: cannot write", "choose another --out"):
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                content = {"task": self.task, "trials": [asdict(one) for one in self.trials]}
+                write_text(self.path, json.dumps(content, indent=1) + "\n")
+        return trial
+
+
+def _read_trial(path: Path, entry: Any) -> Trial:
+    try:
+        low, high = map(float, entry["interval"])
+        return Trial(
+            entry["value"], float(entry["probability"]), (low, high), int(entry["rollouts"]),
+            tuple(map(str, entry["warnings"])),
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError):
+        raise UsageError(f"{path}: cannot be read", "choose another --out, or remove it") from None

@@ -1,0 +1,73 @@
+"""Text below the options of a command's help."""
+
+from __future__ import annotations
+
+EPILOGS = {
+    "check": """\
+A threshold passes if the interval of the probability lies below the bound, and fails if it
+lies above. Each specification is also compared with the newest baseline, a numbered file in
+baselines/NAME next to the scenario, if there is one; the first comparison saves it. See
+docs/ci.md.
+
+examples:
+  avrare check scenarios/*.yaml --junit report.xml --markdown summary.md
+  avrare check drive.yaml --spend rollouts=80000    # up to four looks, until all verdicts are clear
+  avrare check drive.yaml --plan                    # estimate the cost of a verdict
+  avrare check drive.yaml --save                    # save a new baseline
+
+exit code: 0 all pass, 1 a threshold or comparison fails, 3 inconclusive, 4 bad scenario or
+usage, 5 plugin missing, 6 too many rollout errors
+""",
+    "compare": """\
+SCENARIO is a scenario file, or problem:ID for a reference problem with a known probability
+('avrare compare problem:' lists them).
+
+NAMES are estimators separated by commas; options of a variant follow after colons:
+mc,ams,ams:particles=100:discard=10
+
+examples:
+  avrare compare problem:d_rw_L3.8 --estimators mc,ams,ce --budget steps=1e6
+  avrare compare drive.yaml --specification no_collision --estimators mc,ams \\
+      --budget steps=40000 --repeat 5 --truth mc=10000 --workers 4 --out comparison
+  avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
+  avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
+""",
+    "monitor": """\
+FILE is one of
+  a CSV file of signals: a column 'time' and one column per signal
+  a CSV file of vehicles, one row per vehicle and time: time, vehicle, x, y,
+      heading, speed, length, width and, optionally, acceleration
+  a CommonRoad XML file
+  NN_tracks.csv of a recording in the format of highD or inD, beside its two files of metadata
+  a folder of such files: every vehicle is the ego in turn (as with --ego all for one file)
+  a run folder, whose stored failures are replayed
+
+examples:
+  avrare monitor gaps.csv --stl "always (gap > 2)"
+  avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
+  avrare monitor recordings --rule R_G1,R_I2 --jobs 2 --out table
+  avrare monitor runs/lane_change --specification safe_distance --failure 0
+
+exit code: 0 satisfied, 1 violated, 4 bad file or usage, 5 a package or plugin is missing
+""",
+    "report": """\
+DIR is a folder written by `avrare run`. The report is a single file without external
+resources: send it by mail, or archive it with the build.
+
+examples:
+  avrare run scenarios/lane_change.yaml --out runs/night
+  avrare report runs/night --open
+  avrare report runs/night --out lane_change.html
+""",
+    "history": """\
+`avrare history add` stores the estimates of DIR, the --out of `avrare run` or `avrare check`.
+Nothing else writes to the history. Adding a folder twice has no effect.
+
+examples:
+  avrare history add runs/night
+  avrare history lane_change --specification safe_distance --limit 20
+  avrare history --plot trend.png
+  avrare history add out --store postgresql://host/avrare
+""",
+}
+"""Command -> what follows its options: explanations, examples, exit codes."""

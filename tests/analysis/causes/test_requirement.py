@@ -1,0 +1,141 @@
+"""Requirements: the root is known, and lies between what is kept and what is broken."""
+
+import json
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.analysis.causes.requirement import SHARES, Trial, find_requirement
+from avrare.base.errors import UsageError
+from avrare.base.special_functions import bisect
+from avrare.cli.main import main
+from avrare.estimation.intervals import clopper_pearson
+from noisy_loop import exact
+
+ROOT = bisect(lambda scale: exact(scale).p, 0.01, 0.2, 5.0)
+
+
+def search(seed, probability=lambda value: exact(value).p, between=(0.2, 5.0), rollouts=40_000, limit=0.01):
+    rng = np.random.default_rng(seed)
+
+    def evaluate(value, share, number, level):
+        count = int(rollouts * share)
+        failures = int(rng.binomial(count, probability(value)))
+        return Trial(value, failures / count, clopper_pearson(failures, count, level), count)
+
+    return find_requirement(evaluate, "sd", "low", limit, between)
+
+
+def test_the_root_lies_between_what_is_kept_and_what_is_broken():
+    found = search(0)
+    assert found.kept < ROOT < found.broken < 1.5 * found.kept
+    assert found.rising
+    assert found.rollouts == 40_000
+    assert len(found.trials) == len(SHARES)
+    assert found.lines()[0].startswith(
+        f"sd must be at most {found.kept:.4g} for p(low) < 0.01 (95 % confidence"
+    )
+
+
+def test_a_probability_that_falls_gives_a_least_value():
+    found = search(1, lambda value: exact(1.0 / value).p)
+    assert not found.rising
+    assert found.broken < 1.0 / ROOT < found.kept
+    assert "must be at least" in found.lines()[0]
+
+
+def test_a_bound_that_no_value_keeps():
+    found = search(0, limit=1e-6, between=(1.0, 5.0))
+    assert found.kept is None
+    assert "no value in 1 .. 5 is shown to keep p(low) < 1e-06" in found.lines()[0]
+    assert len(found.trials) == 2
+
+
+def test_a_bound_that_every_value_keeps():
+    found = search(0, limit=0.9)
+    assert (found.kept, found.broken) == (5.0, None)
+    assert "no value was shown to break it" in found.lines()[0]
+
+
+def test_a_probability_with_two_roots_is_told():
+    # A better detector fails more often below 1, a worse one above.
+    found = search(3, lambda value: min(0.9, 0.004 + 0.05 * abs(np.log(value))), limit=0.03)
+    assert any("not monotone" in text for text in found.warnings) or found.kept is None
+
+
+def test_ends_in_the_wrong_order_are_refused():
+    with pytest.raises(UsageError, match="cannot be searched"):
+        search(0, between=(2.0, 1.0))
+
+
+@pytest.mark.slow
+def test_the_root_is_inside_in_95_of_100_repetitions():
+    found = [search(seed, rollouts=20_000) for seed in range(100)]
+    inside = [
+        (one.kept is None or one.kept < ROOT) and (one.broken is None or one.broken > ROOT) for one in found
+    ]
+    assert sum(inside) >= 95
+    assert sum(one.kept is not None and one.broken is not None for one in found) >= 95
+    assert np.median([one.broken / one.kept for one in found if one.kept and one.broken]) < 1.6
+
+
+PLANE = """
+name: plane
+steps: 10
+simulator:
+  plugin: linear
+  dt: 0.1
+  states: [x, v]
+  A: [[1, 0.1], [0, 1]]
+  process_noise: [0.0, 0.04]
+  initial: {mean: [0.0, 0], covariance: [0.04, 0.01]}
+specifications:
+  left: {stl: "always (x < 1.0)"}
+estimator: {plugin: mc, rollouts: 400}
+"""
+WORDS = ["--parameter", "simulator.initial.mean.0", "--probability", "< 0.05", "--between", "-0.5,0.9"]
+
+
+@pytest.fixture
+def plane(tmp_path):
+    path = tmp_path / "plane.yaml"
+    path.write_text(PLANE)
+    return str(path)
+
+
+def test_the_command_answers_and_writes(plane, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["require", plane, *WORDS, "--budget", "rollouts=3000", "--out", str(out), "--json"]
+    assert main(words) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert -0.5 <= answer["kept"] < answer["broken"] <= 0.9
+    assert json.loads((out / "require.json").read_text()) == answer
+
+
+def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
+    arguments = (plane, "simulator.initial.mean.0", "< 0.05")
+    keywords = {"between": (-0.5, 0.9), "rollouts": 3000}
+    whole = avrare.require(*arguments, **keywords)
+    out = tmp_path / "out"
+    avrare.require(*arguments, **keywords, out=out)
+    kept = json.loads((out / "trials.json").read_text())
+    (out / "trials.json").write_text(json.dumps(kept | {"trials": kept["trials"][:3]}))
+    assert avrare.require(*arguments, **keywords, out=out) == whole
+    with pytest.raises(UsageError, match="holds another search"):
+        avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--parameter", "simulator.dt"], "--parameter and --probability are required"),
+        (["--parameter", "simulator.dtt", "--probability", "< .1"], "'simulator.dtt' is not a number"),
+        (["--parameter", "simulator.dt", "--probability", "often"], "should be an upper bound"),
+        ([*WORDS[:4], "--between", "1"], "should be LOW,HIGH"),
+        (WORDS[:4], "is 0: where should be looked"),
+    ],
+)
+def test_wrong_arguments_are_a_clear_error(plane, words, text, capsys):
+    assert main(["require", plane, *words]) == 4
+    assert text in capsys.readouterr().err
