@@ -41,6 +41,8 @@ _PHASES = ("pilot", "learning", "trial")
 only rows of stages that come later."""
 _STAGES = 20
 """Most stages of learning: a small pilot climbs slowly. They take at most half of the rollouts anyway."""
+_CHECK = 0.3
+"""Share of the learned estimator's cross-check: its samples are small, and with less it often falls short."""
 _TRIAL = 2000
 """Most rollouts of a trial."""
 _BY_STEPS = ("smc", "ams")
@@ -209,7 +211,12 @@ class _Work:
         return self.told(result, f"{reason}; tried in vain: {tried}", spent)
 
     def _learned(self, problem: Problem, spent: list[_Attempt]) -> Result | None:
-        options: dict[str, Any] = {"pilot": max(200, self.aim.pilot), "stages": _STAGES, "fall_back": False}
+        options: dict[str, Any] = {
+            "pilot": max(200, self.aim.pilot),
+            "stages": _STAGES,
+            "check": _CHECK,
+            "fall_back": False,
+        }
         if self.aim.goal is not None:
             options |= {"relative_error": self.aim.goal}
         try:

@@ -23,15 +23,17 @@ class DecidingState:
 class Deciding:
     """Specification with the robust satisfaction interval of its formula over ``length`` samples.
 
-    It may have a formula that reads other signals than the system's (``SelectsSamples``). Without a formula
-    it is never decided before the end.
+    The formula is that of ``judge``, the specification without its score; by default that of ``inner``. It
+    may read other signals than the system's (``SelectsSamples``). Without one it is never decided before
+    the end.
     """
 
-    def __init__(self, inner: Specification, length: int) -> None:
+    def __init__(self, inner: Specification, length: int, judge: Specification | None = None) -> None:
         self.inner = inner
-        formula = find_formula(inner)
+        judge = judge or inner
+        formula = find_formula(judge)
         self._bounds = formula.interval_monitor(length) if formula is not None else None
-        self._selecting = find_ability(inner, SelectsSamples)
+        self._selecting = find_ability(judge, SelectsSamples)
 
     def start(self, n: int) -> DecidingState:
         """Return the state before sample 0."""

@@ -131,9 +131,12 @@ class _Simulation:
                 carry, rows = self._begin(np.flatnonzero(start == FROM_START))
             if t in carries:
                 carry, rows = self._join(carry, rows, carries[t], np.flatnonzero(start == t), t)
+            kept = self.request.keep_carries
+            if kept and carry is not None and self.request.stop_early:  # others may branch where a row ends
+                self.store.add(t, rows, carry)
             if carry is not None:
                 carry, rows = self._leave(carry, rows, t)
-            if carry is not None and self.request.keep_carries:
+            if kept and carry is not None and not self.request.stop_early:
                 self.store.add(t, rows, carry)
             if carry is not None and t in self.request.observe:
                 self.features[t] = rows, self._features(carry)
@@ -279,6 +282,8 @@ class _Simulation:
         if not decided.any():
             return carry, rows
         self._finish(batch.take(carry, decided), rows[decided])
+        if self.scored:
+            self.scores[rows[decided], t:] = self.scores[rows[decided], t : t + 1]
         rest = rows[~decided]
         return (batch.take(carry, ~decided) if len(rest) else None), rest
 

@@ -89,6 +89,10 @@ class AmsConfig(_GrowingConfig):
         description="published: Algorithm 2 of stl-ams as its code ran it, for comparison: K + 1 discarded, "
         "levels on the robustness of the prefix, robustness <= 0 is failure",
     )
+    early_stop: bool = Field(
+        default=False,
+        description="end a rollout once its verdict cannot change; robustness is that of the samples so far",
+    )
     floor: float = Field(
         default=1e-18, gt=0.0, lt=1.0, description="a run ends, as extinct, once its weight falls below this"
     )
@@ -96,6 +100,12 @@ class AmsConfig(_GrowingConfig):
     @property
     def _may_grow(self) -> bool:
         return self.variant == "unbiased"
+
+    @model_validator(mode="after")
+    def _stop_by_verdicts(self) -> AmsConfig:
+        if self.early_stop and self.variant == "published":
+            raise ValueError("early_stop needs verdicts, and the published variant has none: leave it out")
+        return self
 
     @model_validator(mode="after")
     def _discard_fewer_than_all(self) -> AmsConfig:

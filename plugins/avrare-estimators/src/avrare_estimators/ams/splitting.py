@@ -49,6 +49,7 @@ class Splitting:
     def __init__(self, config: AmsConfig) -> None:
         self.config = config
         self._published = config.variant == "published"
+        self.stops_early = config.early_stop
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem with the score of the variant."""
@@ -82,8 +83,9 @@ class Splitting:
         run, particle = np.divmod(pending.slots, state.particles)
         stage = np.full(len(pending.slots), state.stage)
         request = Request(
-            run + state.first_run, stage, particle, pending.start, keep_carries=True, every=state.every
-        )
+            run + state.first_run, stage, particle, pending.start, keep_carries=True, every=state.every,
+            stop_early=self.config.early_stop,
+        )  # fmt: skip
         if not state.stage:
             return replace(request, most_bytes=self._bytes_per_slot(state))
         branch = pending.parents, pending.start, state.every
@@ -98,7 +100,8 @@ class Splitting:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
             first = np.concatenate([state.first, first])
             state = replace(state, every=rollouts.every, first=first, fresh=state.fresh.plus(rollouts))
-        state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1)
+        saved = state.saved + state.pending.steps(state.plan.steps, state.every) - rollouts.simulated_steps
+        state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1, saved=saved)
         state, survivors = self._advance_level(state)
         info = self._info(state, survivors)
         if not len(state.pending.slots):
@@ -128,7 +131,7 @@ class Splitting:
         while growth > 1 and not self._affords(plan, growth):
             growth -= 1
         counting = self._begin_counting(plan, replace(pilot, growth=growth))
-        return replace(counting, tally=state.tally)
+        return replace(counting, tally=state.tally, saved=state.saved)
 
     def _forecast(self, state: AmsState) -> CostForecast | None:
         slope = (_STEPS_OF_RUN - 1.0) / math.log(_NOMINAL)

@@ -199,6 +199,10 @@ class Branches:
     parents: Integers
     start: Integers
 
+    def steps(self, last: int, every: int) -> int:
+        """Return the steps that count where all run to step ``last``, from the newest stored carry."""
+        return int((last - np.where(self.start < 0, 0, self.start - self.start % every)).sum())
+
 
 @dataclass(frozen=True)
 class EndedRuns:
@@ -304,6 +308,7 @@ class AmsState:
         looks: When to stop; None: this is the pilot.
         pilot: What the pilot has found, if there was one.
         ended: Runs before these, which come in batches that fit into memory.
+        saved: Steps of rollouts that ended early.
     """
 
     plan: Plan
@@ -327,6 +332,7 @@ class AmsState:
     looks: Looks | None = None
     pilot: Pilot | None = None
     ended: EndedRuns | None = None
+    saved: int = 0
 
     @staticmethod
     def begin(plan: Plan, runs: int, particles: int, **fields: Any) -> AmsState:
@@ -346,6 +352,7 @@ class AmsState:
         return AmsState.begin(
             self.plan, runs, self.particles, first=self.first, fresh=self.fresh, tally=self.tally,
             first_run=ended.runs, growth=self.growth, looks=self.looks, pilot=self.pilot, ended=ended,
+            saved=self.saved,
         )  # fmt: skip
 
     @property

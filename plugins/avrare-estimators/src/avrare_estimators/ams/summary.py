@@ -67,6 +67,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
             "roots": roots,
             "genealogical_variance": variance.tolist(),
         }
+        | ({"saved_steps": state.saved} if config.early_stop else {})
         | (pilot.diagnostics(state.particles, "particles") if pilot else {})
         | looks.diagnostics(math.sqrt(relative)),
     )
