@@ -14,6 +14,7 @@ from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.results.reader import RunFolder, read_run_folder, select_specifications
+from avrare.results.stored_causes import ATTRIBUTION_FILE
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 
 
@@ -26,12 +27,18 @@ def execute(args: argparse.Namespace) -> None:
     few = [name for name in names if len(folder.failures[name].robustness) < 2]
     print_warnings((f"{name}: one failure is too few to attribute", None) for name in few)
     found = {name: _attribute(folder, name, variants, args) for name in names if name not in few}
+    estimates = {one.specification: one for one in folder.result.estimates}
     content = {
-        name: {"noise": list(one.table()), "perfect": list(one.savings_table()), "rollouts": one.rollouts}
+        name: {
+            "probability": estimates[name].probability,
+            "noise": list(one.table()),
+            "perfect": list(one.savings_table()),
+            "rollouts": one.rollouts,
+        }
         for name, one in found.items()
     }
     lines = [line for one in found.values() for line in one.lines()]
-    show_or_write(args, "attribution.json", {"attribution": content}, lines)
+    show_or_write(args, ATTRIBUTION_FILE, {"attribution": content}, lines)
 
 
 def _split(variants: list[str]) -> list[tuple[str, str]]:

@@ -9,6 +9,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.kinds import Kinds, find_kinds
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.results.reader import RunFolder, read_run_folder, select_specifications
+from avrare.results.stored_causes import KINDS_FILE
 
 
 def execute(args: argparse.Namespace) -> None:
@@ -16,9 +17,14 @@ def execute(args: argparse.Namespace) -> None:
     folder = read_run_folder(Path(args.folder))
     print_warnings((line, None) for line in folder.changes)
     found = {name: _find(folder, name, args) for name in select_specifications(folder, args.specification)}
-    content = {"kinds": {name: list(kinds.table()) for name, kinds in found.items()}}
+    content = {
+        "kinds": {
+            name: {"probability": kinds.probability, "kinds": list(kinds.table())}
+            for name, kinds in found.items()
+        }
+    }
     lines = [line for kinds in found.values() for line in kinds.lines()]
-    show_or_write(args, "kinds.json", content, lines)
+    show_or_write(args, KINDS_FILE, content, lines)
 
 
 def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:

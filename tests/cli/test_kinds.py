@@ -37,7 +37,7 @@ def test_the_kinds_of_a_run_are_printed_and_written(run, tmp_path, capsys):
     assert out.startswith("left: 1 kind of failure, together ")
     assert "x < 1 is violated first" in out
     written = json.loads((tmp_path / "kinds.json").read_text())
-    [kind] = written["kinds"]["left"]
+    [kind] = written["kinds"]["left"]["kinds"]
     assert kind["share"] == pytest.approx(1.0)
     assert kind["low"] < kind["probability"] < kind["high"]
 

@@ -24,6 +24,7 @@ from avrare.estimation.loop import prepare_problem
 from avrare.estimation.result import worst_verdict
 from avrare.logic.formula import find_formula
 from avrare.report.html import charts
+from avrare.report.html.causes import render_causes
 from avrare.report.html.line_chart import Scale, make_log_scale
 from avrare.report.html.markup import Markup, tag
 from avrare.report.html.rollout_player import MonitoredRollout, render_player, replay_stored, select_rollouts
@@ -281,7 +282,7 @@ def _render_section(folder: RunFolder, index: int, entry: StoredEstimate, rollou
     head = tag("div", tag("h2", entry.specification), _render_badge(entry.verdict), class_="head")
     return tag(
         "section", head, _render_formula(folder, entry.specification), _render_facts(entry),
-        _render_warnings(entry), _draw_charts(folder, entry), rollouts,
+        _render_warnings(entry), render_causes(folder, entry), _draw_charts(folder, entry), rollouts,
         id=f"specification-{index}", class_="specification",
     )  # fmt: skip
 

@@ -1,0 +1,59 @@
+"""Kinds of failure and what to fix first, in the report."""
+
+import json
+import shutil
+
+import pytest
+
+from avrare.cli.main import main
+from avrare.report.html.page import render_report
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "run")
+
+
+@pytest.fixture
+def analysed(folder, capsys):
+    assert main(["kinds", str(folder), "--out", str(folder), "--specification", "left"]) == 0
+    words = ["attribution", str(folder), "--out", str(folder), "--specification", "left", "--fresh", "20"]
+    assert main(words) == 0
+    capsys.readouterr()
+    return folder
+
+
+def test_without_an_analysis_the_report_has_the_commands_that_make_it(folder):
+    page = render_report(folder)
+    assert f"avrare kinds {folder} --specification left --out {folder}" in page
+    assert f"avrare attribution {folder} --specification left --out {folder}" in page
+
+
+def test_the_kinds_and_the_savings_are_shown(analysed):
+    page = render_report(analysed)
+    assert "kind of failure</h3>" in page or "kinds of failure</h3>" in page
+    assert "x &lt; 1 is violated first" in page
+    assert "What to fix first</h3>" in page
+    assert "no noise beyond 2.5 sigma" in page
+    assert f"avrare kinds {analysed} --specification left" not in page
+
+
+def test_an_analysis_of_another_result_is_not_shown(analysed):
+    stored = json.loads((analysed / "kinds.json").read_text())
+    stored["kinds"]["left"]["probability"] *= 1.01
+    (analysed / "kinds.json").write_text(json.dumps(stored))
+    assert "x &lt; 1 is violated first" not in render_report(analysed)
+
+
+def test_a_damaged_analysis_is_a_note(analysed):
+    (analysed / "kinds.json").write_text('{"kinds": {"left": {"probability": "often", "kinds": []}}}')
+    page = render_report(analysed)
+    assert "kinds.left.probability" in page
+    assert "What to fix first</h3>" not in page
+
+
+def test_text_of_an_analysis_is_escaped(analysed):
+    stored = json.loads((analysed / "kinds.json").read_text())
+    stored["kinds"]["left"]["kinds"][0]["text"] = "<script>alert(1)</script>"
+    (analysed / "kinds.json").write_text(json.dumps(stored))
+    assert "<script>alert(1)" not in render_report(analysed)
