@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
@@ -72,7 +75,7 @@ class TapeDrawer:
 
 
 def draw_lineage(
-    noise: NoiseSource, law: TapeLaw | None, run: Integers, stage: Integers, particle: Integers
+    noise: NoiseSource, law: TapeLaw | None, run: Integers, stage: NDArray[Any], particle: NDArray[Any]
 ) -> Floats:
     """Draw tapes (P, K, noise_size) again whose steps were drawn for several addresses, K at most all steps.
 

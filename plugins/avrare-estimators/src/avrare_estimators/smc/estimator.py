@@ -267,7 +267,7 @@ def _count_features(problem: Problem) -> int:
     """Return the number of features of a state; a guess where it cannot be told without error."""
     try:
         state = problem.system.initial(np.zeros((1, problem.noise_size)))
-        return system_features(problem.system, state).shape[1] + 3
+        return int(system_features(problem.system, state).shape[1]) + 3
     except Exception:  # it is told where it matters: at the first rollout
         return 32
 

@@ -141,7 +141,7 @@ def fit(examples: Examples, seed: tuple[int, ...]) -> Network:
 
 def _chance(examples: Examples) -> Floats:
     weights = examples.weights[:, None] / examples.weights.sum()
-    return np.clip((weights * examples.reached).sum(axis=0), 1e-12, 1.0 - 1e-6)
+    return np.asarray(np.clip((weights * examples.reached).sum(axis=0), 1e-12, 1.0 - 1e-6))
 
 
 def _untrained(examples: Examples, offset: Floats, rng: np.random.Generator) -> Network:

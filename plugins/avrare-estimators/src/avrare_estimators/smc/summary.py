@@ -24,6 +24,7 @@ from avrare_estimators.importance.proposal_file import FILE
 from avrare_estimators.importance.result import DISTRUST, for_any_weights
 from avrare_estimators.importance.words import NoiseNames, describe_tapes
 from avrare_estimators.looks import Looks
+from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.learned_file import Learned
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
@@ -72,11 +73,12 @@ class Counted:
         run, weight = ends.rows.run, ends.rows.weight
 
         def by_run(chosen: Any) -> Floats:
-            return np.bincount(run, weights=np.where(chosen, weight, 0.0), minlength=runs)
+            return np.asarray(np.bincount(run, np.where(chosen, weight, 0.0), runs), dtype=np.float64)
 
         size = course.particles
         own = np.where(ends.violated, weight, 0.0)
-        by_root = np.bincount(ends.rows.root, weights=own, minlength=runs * size).reshape(runs, size)
+        sums = np.asarray(np.bincount(ends.rows.root, own, runs * size), dtype=np.float64)
+        by_root = sums.reshape(runs, size)
         alive = np.flatnonzero(~ends.error)
         least = alive[np.argsort(ends.robustness[alive], kind="stable")[:1]]
         below = [by_run(~ends.error & (ends.violated | (ends.robustness <= level))) for level in curve]
@@ -162,7 +164,7 @@ def summarise(
     return build_result(
         plan, name, tally, values, interval_at=interval_at, relative_error=math.sqrt(relative),
         health=warnings, failures=_failures(plan, counted, tally), worst=_worst(plan, counted),
-        robustness=first, blind_bound=fresh.blind_bound(plan.confidence) if fresh.rows else None,
+        robustness=first, blind_bound=fresh.blind_bound(plan.confidence),
         diagnostics=diagnostics, artifacts={FILE: learned.to_dict(names)},
     )  # fmt: skip
 
@@ -269,7 +271,7 @@ def _words(learned: Learned, counted: Sequence[Counted], names: NoiseNames) -> l
         parts.append((one, batch.take(one.failing, own)))
         begin = end
     law = counted[0].course.law
-    if learned.mixture is not None and law is not None:
+    if learned.mixture is not None and law is not None and isinstance(law.proposal, DefendedMixture):
         tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
         told += describe_tapes(learned.mixture, np.concatenate(tapes), law.proposal.share, names)
     if learned.potentials is not None and learned.potentials.reached and learned.potentials.useful:
