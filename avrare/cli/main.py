@@ -21,6 +21,7 @@ from avrare.base.visible_text import spell_controls
 COMMANDS = {
     "run": ("avrare.cli.run", "estimate the failure probabilities of scenarios"),
     "check": ("avrare.cli.check", "check thresholds and baselines: the CI gate"),
+    "rate": ("avrare.cli.rate", "estimate rates per hour and km over a catalogue of scenes"),
     "compare": ("avrare.cli.compare", "compare estimators with equal budgets, or two versions of a scenario"),
     "validate": ("avrare.cli.validate", "check scenario files without running them"),
     "replay": ("avrare.cli.replay", "replay a stored failure, shrink it, export it"),

@@ -116,6 +116,18 @@ OPTIONS: dict[str, Options] = {
         },
         **_DISPLAY,
     },
+    "rate": {
+        "catalogue CATALOGUE": "catalogue file: scenes with exposures",
+        **_WORKERS,
+        "--executor NAME": _RUN["--executor NAME"],
+        "--budget KIND=N": "budget of all scenes together, the pilot included: steps=N or rollouts=N; "
+        "default: the catalogue's",
+        "--out DIR": "results folder (default: a new one under runs/)",
+        "--resume DIR": "resume the interrupted run of the same catalogue in this folder",
+        "--json": "print rate.json and nothing else on stdout",
+        **_SAFE,
+        **_DISPLAY,
+    },
     "compare": {
         "scenario SCENARIO": "scenario file, or problem:ID",
         "--against OTHER": "second version of the scenario, run on the same noise tapes",

@@ -178,7 +178,7 @@ def _run_scenario(
 ) -> dict[str, Any]:
     definition = scenario.definition
     _use_failures(scenario, None, args)
-    results = _estimates(scenario, args, budget, checkpoint, stop)
+    results = estimate_run(scenario, args, budget, checkpoint, stop)
     content = rundir.document(definition, results)
     rundir.write(folder, definition, content, results, budget)
     _use_failures(scenario, results, args)
@@ -205,7 +205,10 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
     say(*lines, error=args.json)
 
 
-def _estimates(scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any) -> list[Any]:
+def estimate_run(
+    scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
+) -> list[Any]:
+    """Estimate a scenario with live lines and a journal; ``args`` has the options of ``avrare run``."""
     definition = scenario.definition
     confidence = definition.confidence if definition.estimator.plugin == "mc" else None
     journal = cache(lambda specification: checkpoint.journal(f"{definition.name}/{specification}"))

@@ -1,0 +1,119 @@
+"""One interval of a sum of exposures times probabilities, with its sampling and exposure parts told apart.
+
+The rate is the sum over scenes of e_i p_i, both factors estimated independently. The interval recovers the
+variances from the intervals of the parts, each at its own end (MOVER: Zou, Huang and Zhang, A note on
+confidence interval estimation for a linear function of binomial proportions, CSDA 53, 2009):
+
+    low = sum e_i p_i - sqrt(sum d_i^2),
+    d_i^2 = (e_i (p_i - l_i))^2 + (p_i (e_i - k_i))^2 - ((p_i - l_i) (e_i - k_i))^2
+
+with the lower ends l_i of p_i and k_i of e_i, the variance of a product (Goodman, On the exact variance of
+products, JASA 55, 1960); at the upper end the last term is added. Intervals of the parts are Jeffreys'.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from avrare.base.special_functions import beta_quantile, normal_factor
+from avrare.estimation.intervals import clopper_pearson
+
+Interval = tuple[float, float]
+
+FEW = 10
+"""Failures in all scenes together below which the exact intervals take the place of Jeffreys'."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Estimate with its interval, of one level for all quantities of a sum."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Total:
+    """Sum of products with its interval, and the interval that each kind of uncertainty alone would give.
+
+    Attributes:
+        value: The sum.
+        interval: Interval of both together.
+        sampling: Interval if the exposures were known.
+        exposure: Interval if the probabilities were known.
+        shares: Share of each term in the sum; 0 where the sum is 0.
+        doubts: Share of each term in the squared half widths of the interval.
+    """
+
+    value: float
+    interval: Interval
+    sampling: Interval
+    exposure: Interval
+    shares: tuple[float, ...]
+    doubts: tuple[float, ...]
+
+
+def combine(exposures: Sequence[Quantity], probabilities: Sequence[Quantity]) -> Total:
+    """Return the sum of exposure times probability over all scenes."""
+    pairs = list(zip(exposures, probabilities, strict=True))
+    value = math.fsum(e.value * p.value for e, p in pairs)
+    terms = [_deviations(e, p) for e, p in pairs]
+    known_e = [_deviations(Quantity(e.value, e.value, e.value), p) for e, p in pairs]
+    known_p = [_deviations(e, Quantity(p.value, p.value, p.value)) for e, p in pairs]
+    doubt = [below + above for below, above in terms]
+    whole = math.fsum(doubt)
+    return Total(
+        value,
+        _around(value, terms),
+        _around(value, known_e),
+        _around(value, known_p),
+        tuple(e.value * p.value / value if value else 0.0 for e, p in pairs),
+        tuple(one / whole if whole else 0.0 for one in doubt),
+    )
+
+
+def _deviations(e: Quantity, p: Quantity) -> tuple[float, float]:
+    # Squared distances of the lower and of the upper end from e p.
+    below = (e.value * (p.value - p.low)) ** 2 + (p.value * (e.value - e.low)) ** 2
+    below -= ((p.value - p.low) * (e.value - e.low)) ** 2
+    above = (e.value * (p.high - p.value)) ** 2 + (p.value * (e.high - e.value)) ** 2
+    above += ((p.high - p.value) * (e.high - e.value)) ** 2
+    return max(below, 0.0), above
+
+
+def _around(value: float, terms: Sequence[tuple[float, float]]) -> Interval:
+    below, above = (math.sqrt(math.fsum(one[k] for one in terms)) for k in (0, 1))
+    return max(value - below, 0.0), value + above
+
+
+def from_rollouts(failures: int, rollouts: int, errors: int, confidence: float, few: bool) -> Quantity:
+    """Return a probability from counts; the upper end counts errors as failures.
+
+    ``few`` asks for the exact interval in place of Jeffreys'.
+    """
+    if few:
+        return Quantity(failures / rollouts, *clopper_pearson(failures, rollouts, confidence, errors))
+    tail, worst = (1.0 - confidence) / 2.0, failures + errors
+    low = beta_quantile(tail, failures + 0.5, rollouts - failures + 0.5) if failures else 0.0
+    high = 1.0 if worst == rollouts else beta_quantile(1.0 - tail, worst + 0.5, rollouts - worst + 0.5)
+    return Quantity(failures / rollouts, low, high)
+
+
+def from_count(count: int, amount: float, confidence: float) -> Quantity:
+    """Return the rate of events of which ``count`` were seen in ``amount`` hours or km (Jeffreys)."""
+    from scipy.special import gammaincinv
+
+    tail = (1.0 - confidence) / 2.0
+    low = float(gammaincinv(count + 0.5, tail)) if count else 0.0
+    return Quantity(count / amount, low / amount, float(gammaincinv(count + 0.5, 1.0 - tail)) / amount)
+
+
+def from_interval(value: float, interval: Interval, given: float, confidence: float) -> Quantity:
+    """Return a rate whose interval of level ``given`` is brought to ``confidence`` on the logarithm."""
+    factor = normal_factor(confidence) / normal_factor(given)
+    low, high = interval
+    below = value * math.exp(-factor * math.log(value / low)) if low > 0.0 else 0.0
+    return Quantity(value, below, value * math.exp(factor * math.log(high / value)))

@@ -1,0 +1,166 @@
+"""Catalogues: read, divided, run, resumed, judged; every mistake at its place."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from avrare.analysis.rates.catalogue import load_catalogue
+from avrare.analysis.rates.rates import compute, divide
+from avrare.base.errors import ExitCode, ScenarioError, UsageError
+from avrare.cli.main import main
+from avrare.estimation.budget import Budget
+
+SCENARIO = """\
+name: tank
+steps: 3
+simulator: {plugin: tank}
+specifications:
+  dry: {stl: "always (level < 1.6)"}
+  calm: {stl: "always (level < 1.3)"}
+"""
+CATALOGUE = """\
+name: tanks
+speed: 50
+budget: {rollouts: 700}
+pilot: 50
+scenes:
+  - {name: calm_sea, scenario: tank.yaml, exposure: {count: 30, hours: 10.0}}
+  - {name: storm, scenario: tank.yaml, set: ["simulator.surge=0.5"], exposure: {count: 4, km: 1000.0}}
+  - {name: known, scenario: tank.yaml, exposure: {per_hour: 2.0}}
+thresholds:
+  - {rule: calm, per_hour: "< 1e4"}
+"""
+
+
+@pytest.fixture
+def catalogue(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("tank.yaml").write_text(SCENARIO)
+
+    def catalogue(text=CATALOGUE):
+        Path("c.yaml").write_text(text)
+        return "c.yaml"
+
+    return catalogue
+
+
+def refused(path):
+    with pytest.raises(ScenarioError) as caught:
+        load_catalogue(path)
+    return "\n".join(caught.value.lines())
+
+
+def test_rules_are_those_that_all_scenes_have(catalogue):
+    assert load_catalogue(catalogue()).rules == ("dry", "calm")
+
+
+def test_scenes_have_seeds_and_settings_of_their_own(catalogue):
+    read = load_catalogue(catalogue())
+    found = [read.scenario(k, phase, 77) for phase in ("pilot", "scenes") for k in range(3)]
+    assert len({one.seed for one in found}) == 6
+    assert {one.estimator.config.rollouts for one in found} == {77}
+    assert [one.name for one in found[:3]] == ["calm_sea", "storm", "known"]
+    assert found[1].simulator.config.surge == 0.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "words"),
+    [
+        ("count: 30", "count: -1", "6:61", "greater than or equal to 0"),
+        ("{count: 30, hours: 10.0}", "{count: 30}", "6:53", "a count needs either hours or km"),
+        ("{per_hour: 2.0}", "{per_hour: 2.0, per_km: 1.0}", "8:50", "give one of count, per_hour and per_km"),
+        ("{per_hour: 2.0}", "{per_hour: 2.0, interval: [3.0, 4.0]}", "8:50", "interval must contain"),
+        ("speed: 50\n", "", "1:1", "hours and km are mixed"),
+        ("name: known", "name: storm", "1:1", "name of its own"),
+        ("pilot: 50", "pilots: 50", "4:1", "did you mean 'pilot'?"),
+        ("rule: calm", "rule: clam", "10:12", "did you mean 'calm'?"),
+        ("pilot: 50", "pilot: 50\nrules: [dyr]", "5:9", "did you mean 'dry'?"),
+        ("surge=0.5", "surg=0.5", "7:29", "this scenario has mistakes"),
+        ("< 1e4", "< -1", "10:28", "an upper bound above 0"),
+    ],
+)
+def test_mistakes_have_their_place(catalogue, old, new, place, words):
+    assert old in CATALOGUE
+    error = refused(catalogue(CATALOGUE.replace(old, new)))
+    assert f"c.yaml:{place}: " in error
+    assert words in error
+
+
+def test_units_are_converted_by_the_speed(catalogue):
+    read = load_catalogue(catalogue())
+    counts = [dict.fromkeys(read.rules, (10, 100, 0))] * 3
+    rate = compute(read, counts).rates[0]
+    assert rate.totals["hour"].value == pytest.approx(0.1 * (3.0 + 4e-3 * 50 + 2.0))
+    assert rate.totals["km"].value == pytest.approx(rate.totals["hour"].value / 50)
+    assert rate.totals["km"].interval == pytest.approx([x / 50 for x in rate.totals["hour"].interval])
+    assert rate.totals["hour"].shares == pytest.approx((3.0 / 5.2, 0.2 / 5.2, 2.0 / 5.2))
+
+
+def test_without_a_speed_there_is_one_unit(catalogue):
+    text = CATALOGUE.replace("speed: 50\n", "").replace("km: 1000.0", "hours: 20.0")
+    read = load_catalogue(catalogue(text))
+    assert set(compute(read, [dict.fromkeys(read.rules, (1, 50, 0))] * 3).rates[0].totals) == {"hour"}
+
+
+@pytest.mark.parametrize(
+    ("bound", "code"),
+    [("< 1e4", ExitCode.PASS), ("< 1e-9", ExitCode.FAIL), ("< 0.52", ExitCode.INCONCLUSIVE)],
+)
+def test_thresholds_decide_the_exit_code(catalogue, bound, code):
+    read = load_catalogue(catalogue(CATALOGUE.replace("< 1e4", bound)))
+    rates = compute(read, [dict.fromkeys(read.rules, (10, 100, 0))] * 3)
+    assert rates.exit_code == code
+    assert compute(read, rates.counts, ["storm"]).exit_code == ExitCode.ROLLOUT_ERRORS
+
+
+def test_a_budget_that_is_too_small_is_refused(catalogue):
+    read = load_catalogue(catalogue())
+    pilot = [dict.fromkeys(read.rules, (0, 50, 0))] * 3
+    with pytest.raises(UsageError, match="the pilot alone costs 150 rollouts of 150"):
+        divide(read, Budget("rollouts", 150), [3, 3, 3], pilot)
+    assert sum(divide(read, Budget("steps", 3 * 700), [3, 3, 3], pilot)) in range(548, 551)
+    with pytest.raises(UsageError, match="rollouts or steps"):
+        read.budget(Budget("seconds", 10))
+
+
+def test_a_catalogue_is_run_resumed_and_reported(catalogue, capsys):
+    path = catalogue()
+    assert main(["rate", path, "--out", "out", "--plain"]) == 0
+    shown = capsys.readouterr().out
+    assert "calm < 10000 per hour: pass" in shown
+    first = json.loads(Path("out/rate.json").read_text())
+    assert sum(scene["rollouts"] for scene in first["scenes"]) in range(548, 551)
+    page = Path("out/report.html").read_text()
+    assert all(name in page for name in ("calm_sea", "storm", "known", "per hour", "per km"))
+    assert Path("out/scenes/storm/result.json").exists()
+
+    assert main(["rate", path, "--out", "out"]) == 4
+    assert "--resume it" in capsys.readouterr().err
+    for name in ("rate.json", "scenes/storm/result.json"):
+        Path("out", name).unlink()
+    assert main(["rate", path, "--resume", "out", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == first
+    assert json.loads(Path("out/rate.json").read_text()) == first
+
+
+def test_another_catalogue_is_not_mixed_with_the_old_one(catalogue, capsys):
+    assert main(["rate", catalogue(), "--out", "out", "--quiet"]) == 0
+    changed = CATALOGUE.replace("budget", "seed: 3\nbudget")
+    assert main(["rate", catalogue(changed), "--resume", "out"]) == 4
+    assert "contains the result of another run" in capsys.readouterr().err
+
+
+def test_safe_mode_refuses_overrides_and_other_folders(catalogue, capsys):
+    assert main(["rate", catalogue(), "--safe"]) == 4
+    assert "safe mode: scene 'storm' overrides options" in capsys.readouterr().err
+    outside = CATALOGUE.replace("known, scenario: tank.yaml", "known, scenario: ../tank.yaml")
+    assert main(["rate", catalogue(outside.replace('set: ["simulator.surge=0.5"], ', "")), "--safe"]) == 4
+    assert "leads out of the scenario's folder" in capsys.readouterr().err
+
+
+def test_the_shipped_catalogue_has_six_scenes():
+    path = Path(__file__).parents[3] / "scenarios" / "catalogues" / "parked_car.yaml"
+    read = load_catalogue(str(path))
+    assert len(read.document.scenes) == 6
+    assert {scene.exposure.unit for scene in read.document.scenes} == {"hour", "km"}
