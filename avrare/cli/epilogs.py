@@ -3,6 +3,17 @@
 from __future__ import annotations
 
 EPILOGS = {
+    "rate": """\
+CATALOGUE lists scenarios with exposures: how often each scene is met, per hour or per km. A
+pilot divides one budget among them. See docs/rates.md.
+
+examples:
+  avrare rate scenarios/catalogues/parked_car.yaml --workers 2 --out night
+  avrare rate scenarios/catalogues/parked_car.yaml --resume night
+
+exit code: 0 all thresholds pass (or there are none), 1 a threshold fails, 3 inconclusive, 4 bad
+catalogue or command, 6 too many rollout errors
+""",
     "check": """\
 A threshold passes if the interval of the probability lies below the bound, and fails if it
 lies above. Each specification is also compared with the newest baseline, a numbered file in

@@ -67,8 +67,57 @@ class EgoConfig(_Options):
         return self
 
 
+class MergeConfig(_Options):
+    """Lane that a driver wants, as soon as the gaps are safe."""
+
+    lane: int = Field(ge=0, description="index of the lane, from the right")
+    from_step: int = Field(default=0, ge=0, description="first step at which it is wanted")
+
+
+class BrakeConfig(_Options):
+    """Steps, first and last included, at which a driver brakes whatever is ahead."""
+
+    from_step: int = Field(ge=0, description="first step")
+    to_step: int = Field(ge=0, description="last step")
+    acceleration: float = Field(
+        le=0.0, description="acceleration, or less where the model brakes harder [m/s^2]"
+    )
+
+
+class DriverConfig(_Options):
+    """Driver that reacts to all vehicles: IDM along the road, MOBIL and gap acceptance across it."""
+
+    desired_speed: Drawable = Field(gt=0.0, description="speed on a free road [m/s]")
+    time_gap: Drawable = Field(default=1.5, ge=0.0, description="time gap to the vehicle ahead [s]")
+    standstill_gap: Drawable = Field(
+        default=2.0, gt=0.0, description="gap to it at rest, bumper to bumper [m]"
+    )
+    acceleration: Drawable = Field(default=1.5, gt=0.0, description="acceleration on a free road [m/s^2]")
+    deceleration: Drawable = Field(default=2.0, gt=0.0, description="comfortable deceleration [m/s^2]")
+    braking_max: Drawable = Field(default=8.0, gt=0.0, description="bound of the deceleration [m/s^2]")
+    lane_changes: bool = Field(default=True, description="change lanes where it pays (MOBIL)")
+    lanes: tuple[int, int] | None = Field(
+        default=None, description="first and last lane to choose from; default: all of the road"
+    )
+    politeness: Drawable = Field(default=0.3, ge=0.0, description="weight of what followers gain and lose")
+    gain: Drawable = Field(default=0.2, description="least gain of a lane change [m/s^2]")
+    safe_braking: Drawable = Field(
+        default=3.0, gt=0.0, description="deceleration that a change may impose on anybody [m/s^2]"
+    )
+    lane_change_time: Drawable = Field(default=3.0, gt=0.0, description="duration of a lane change [s]")
+    merge: MergeConfig | None = Field(default=None, description="a change that is wanted whatever it gains")
+    lane_end: float | None = Field(
+        default=None, description="x at which the lane of its start ends, where it stops otherwise [m]"
+    )
+    brake: tuple[BrakeConfig, ...] = Field(default=(), description="scripted braking")
+    acceleration_sd: float = Field(
+        default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
+    )
+    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of that noise [s]")
+
+
 class VehicleConfig(_Options):
-    """Other vehicle: parked, at constant velocity, or following a plan made before the run."""
+    """Other vehicle: parked, at constant velocity, following a plan made before the run, or reacting."""
 
     name: str = Field(min_length=1, description="as it is called in messages and pictures")
     x: Drawable = Field(description="centre at the start [m]")
@@ -80,6 +129,14 @@ class VehicleConfig(_Options):
     drive: TrajectoryPlan | None = Field(
         default=None, description="goals of the planner that scripts it; without: constant velocity"
     )
+
+    driver: DriverConfig | None = Field(default=None, description="driver that reacts to the other vehicles")
+
+    @model_validator(mode="after")
+    def _one_mind(self) -> Self:
+        if self.drive is not None and self.driver is not None:
+            raise ValueError(f"{self.name!r} follows a script (drive) or reacts (driver), not both")
+        return self
 
     @field_validator("name")
     @classmethod
@@ -120,7 +177,13 @@ class SingleTrackConfig(_Options):
         count = len(self.road.lane_centres)
         for vehicle in self.vehicles:
             drive = vehicle.drive
+            driver = vehicle.driver
             last = max((*drive.lanes, *drive.fixed_lanes().values())) if drive else 0
+            last = (
+                max((last, *(driver.lanes or ()), driver.merge.lane if driver.merge else 0))
+                if driver
+                else last
+            )
             if last >= count:
                 raise ValueError(f"{vehicle.name!r} drives on lane {last}, the lanes are 0..{count - 1}")
         return self

@@ -63,7 +63,7 @@ class DrawnTraffic:
         for index, vehicle in enumerate(vehicles):
             prefix = f"vehicles.{index}."
             own = {path.removeprefix(prefix): law for path, law in laws.items() if path.startswith(prefix)}
-            planned = [name for name in own if not _is_shift(name, vehicle)]
+            planned = [name for name in own if not _is_shift(name, vehicle) and "driver." not in name]
             self._axes.append({name: np.unique(own[name].at(_NODES)) for name in planned})
             if len(planned) > 3:
                 raise UsageError(

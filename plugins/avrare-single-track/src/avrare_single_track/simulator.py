@@ -18,6 +18,7 @@ from avrare_single_track.config import SingleTrackConfig, VehicleConfig
 from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture
 from avrare_single_track.levels import lateral_acceleration, time_to_collision
 from avrare_single_track.plant import advance
+from avrare_single_track.reactive_traffic import DriverMemory, ReactiveTraffic
 
 
 def build(config: SingleTrackConfig, scene: Scene | None = None) -> SingleTrack:
@@ -34,12 +35,14 @@ class TrackWorld(World):
         slips: (N,) number of steps so far whose demand was beyond the friction circle.
         friction: (N,) drawn friction coefficient; None: that of the options.
         plans: Place among the plans of the scripted vehicles, where they are drawn.
+        drivers: Memory of the drivers that react, if there are any.
     """
 
     jerk: Floats
     slips: NDArray[np.int64]
     friction: Floats | None = None
     plans: Mixture | None = None
+    drivers: DriverMemory | None = None
 
 
 class SingleTrack:
@@ -47,11 +50,9 @@ class SingleTrack:
 
     Attributes:
         dt: Step [s].
-        noise_size: 0.
+        noise_size: One number for each driver that reacts, the noise of its acceleration.
         scene: Road, sizes and names.
     """
-
-    noise_size = 0
 
     def __init__(self, config: SingleTrackConfig) -> None:
         self.config = config
@@ -67,11 +68,15 @@ class SingleTrack:
             lengths=np.array([vehicle.length for vehicle in vehicles]),
             widths=np.array([vehicle.width for vehicle in vehicles]),
             moving=np.array(
-                [vehicle.speed > 0.0 or vehicle.drive is not None for vehicle in vehicles], dtype=bool
+                [vehicle.speed > 0.0 or bool(vehicle.drive or vehicle.driver) for vehicle in vehicles],
+                dtype=bool,
             ),
         )
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
         self.drawn_traffic: DrawnTraffic | None = None
+        self.reactive = ReactiveTraffic(vehicles, self.scene)
+        self.noise_names = tuple(f"acceleration of {name}" for name in self.reactive.names)
+        self.noise_size = len(self.noise_names)
 
     def reset(self, noise: Floats) -> TrackWorld:
         """Return the worlds at the scenario's start."""
@@ -80,8 +85,16 @@ class SingleTrack:
         start = Vehicles(*(np.full(n, value) for value in (ego.x, ego.y, ego.heading, ego.speed, 0.0)))
         step = np.zeros(n, dtype=np.int64)
         weather = None if self.config.weather is None else np.full(n, self.config.weather)
+        others = self.traffic.at(step)
         return TrackWorld(
-            step, start, self.traffic.at(step), np.zeros(n), np.zeros(n), np.zeros_like(step), weather=weather
+            step,
+            start,
+            others,
+            np.zeros(n),
+            np.zeros(n),
+            np.zeros_like(step),
+            drivers=self.reactive.start(others, noise) if self.noise_size else None,
+            weather=weather,
         )
 
     def drawing(self, laws: Mapping[str, Any]) -> SingleTrack:
@@ -103,6 +116,8 @@ class SingleTrack:
         if self.drawn_traffic is not None:
             world = replace(world, plans=self.drawn_traffic.mix(values, len(noise)))
             world = replace(world, others=self._others(world.step, world.plans))
+        if self.noise_size:
+            world = replace(world, drivers=self.reactive.start(world.others, noise, values))
         return world
 
     def _others(self, step: NDArray[np.int64], plans: Mixture | None) -> Vehicles:
@@ -124,11 +139,16 @@ class SingleTrack:
         before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
         jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
         step = world.step + 1
+        others, drivers = self._others(step, world.plans), world.drivers
+        if drivers is not None:
+            drivers, found = self.reactive.step(drivers, world.step, world.ego, world.others, noise)
+            others = self.reactive.placed(others, found)
         return replace(
             world,
             step=step,
             ego=ego,
-            others=self._others(step, world.plans),
+            others=others,
+            drivers=drivers,
             steering=steering,
             jerk=jerk,
             slips=world.slips + slips,

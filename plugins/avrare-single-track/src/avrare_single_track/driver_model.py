@@ -1,0 +1,219 @@
+"""Kernels of drivers that react: IDM along the road, MOBIL and gap acceptance across it.
+
+Along the road the intelligent driver model (Treiber, Hennecke and Helbing, Physical Review E 62, 2000):
+
+    a (1 - (v / v0)^4 - (s* / s)^2),    s* = s0 + max(0, v T + v (v - u) / (2 sqrt(a b)))
+
+with the gap s and the speed u of the vehicle ahead. A lane is changed by MOBIL (Kesting, Treiber and Helbing,
+Transportation Research Record 1999, 2007): where nobody behind must brake harder than is safe, and the gain
+of the driver and, weighed by politeness, of the two followers is above a threshold. A merge asks for the safe
+gaps alone, at every step. All functions stand in this file, since numba's cache looks at no other.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare_mpc.riccati.jit import entry, kernel
+
+PARAMETERS = (
+    "desired_speed",
+    "time_gap",
+    "standstill_gap",
+    "acceleration",
+    "deceleration",
+    "braking_max",
+    "politeness",
+    "gain",
+    "safe_braking",
+    "lane_change_time",
+)
+"""Parameters of a driver, in the order of the last axis of the kernel's table."""
+_MARGIN = 0.25
+"""How far a vehicle may reach into a lane before it counts as in it [m]."""
+_CRAWL = 0.5
+"""Speed below which a lane change rests [m/s]."""
+_TOUCH = 0.1
+"""Least gap that enters the model [m]."""
+
+
+@kernel
+def idm(v: float, u: float, gap: float, p: Any) -> float:
+    """Return the acceleration at speed ``v``, ``gap`` behind a vehicle at speed ``u`` (inf: behind none)."""
+    ratio = v / p[0]
+    wanted = 1.0 - ratio * ratio * ratio * ratio
+    if gap < math.inf:
+        s = p[2] + max(0.0, v * p[1] + 0.5 * v * (v - u) / math.sqrt(p[3] * p[4]))
+        near = s / max(gap, _TOUCH)
+        wanted -= near * near
+    return max(p[3] * wanted, -p[5])
+
+
+@kernel
+def _sort(x: Any, y: Any, widths: Any, centres: Any, half: float, order: Any, rank: Any, lanes: Any) -> None:
+    # Vehicles by x, the place of each among them, and a bit for each lane that it is in.
+    for i in range(len(x)):
+        k = i
+        while k > 0 and x[order[k - 1]] > x[i]:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = i
+        lanes[i] = 0
+        for c in range(len(centres)):
+            if abs(y[i] - centres[c]) < half + 0.5 * widths[i]:
+                lanes[i] |= 1 << c
+    for k in range(len(x)):
+        rank[order[k]] = k
+
+
+@kernel
+def _ahead(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane: int) -> tuple[int, float]:
+    # Nearest vehicle ahead in a lane, -1 for none, and the gap to it.
+    for k in range(rank[i] + 1, len(order)):
+        j = order[k]
+        if lanes[j] >> lane & 1:
+            return j, x[j] - x[i] - 0.5 * (lengths[i] + lengths[j])
+    return -1, math.inf
+
+
+@kernel
+def _behind(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane: int) -> tuple[int, float]:
+    for k in range(rank[i] - 1, -1, -1):
+        j = order[k]
+        if lanes[j] >> lane & 1:
+            return j, x[i] - x[j] - 0.5 * (lengths[i] + lengths[j])
+    return -1, math.inf
+
+
+@kernel
+def _follow(v: Any, i: int, ahead: int, gap: float, p: Any) -> float:
+    return idm(v[i], v[ahead] if ahead >= 0 else 0.0, gap, p)
+
+
+@kernel
+def _incentive(
+    x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, now: int, to: int, p: Any,
+    drivers: Any, table: Any, end: float,
+) -> tuple[bool, float]:  # fmt: skip
+    # Whether a change is safe, and what it gains by MOBIL. Followers that are no drivers are taken for
+    # drivers like this one.
+    new_ahead, new_gap = _ahead(x, lengths, order, rank, lanes, i, to)
+    new, new_behind = _behind(x, lengths, order, rank, lanes, i, to)
+    after = _follow(v, i, new_ahead, new_gap, p)
+    if after < -p[8] or new_gap <= 0.0 or new_behind <= 0.0:
+        return False, 0.0
+    ahead, gap = _ahead(x, lengths, order, rank, lanes, i, now)
+    old, behind = _behind(x, lengths, order, rank, lanes, i, now)
+    imposed, gained = 0.0, 0.0
+    if new >= 0:
+        q = table[drivers[new]] if drivers[new] >= 0 else p
+        imposed = idm(v[new], v[i], new_behind, q)
+        if imposed < -p[8]:
+            return False, 0.0
+        between = new_gap + new_behind + lengths[i]
+        imposed -= _follow(v, new, new_ahead, between, q)
+    if old >= 0 and p[6] > 0.0:
+        q = table[drivers[old]] if drivers[old] >= 0 else p
+        gained = _follow(v, old, ahead, gap + behind + lengths[i], q) - idm(v[old], v[i], behind, q)
+    current = _follow(v, i, ahead, gap, p)
+    if end < math.inf:
+        current = min(current, idm(v[i], 0.0, end, p))
+    return True, after - current + p[6] * (imposed + gained)
+
+
+@entry
+def advance(
+    x: Floats, y: Floats, v: Floats, lengths: Floats, widths: Floats, drivers: Any, places: Any,
+    table: Floats, limits: Any, ends: Floats, forced: Any, brake: Floats, centres: Floats, width: float,
+    dt: float, step: Any, mood: Floats, pause_after: float, look: float, lane: Any, base: Floats,
+    clock: Floats, pause: Floats, out: Floats,
+) -> None:  # fmt: skip
+    """Advance R drivers among V vehicles (the ego is the last) by one step, in N particles.
+
+    Args:
+        x: (N, V) positions along the road [m].
+        y: (N, V) positions across it [m].
+        v: (N, V) speeds [m/s].
+        lengths: (V,) lengths [m].
+        widths: (V,) widths [m].
+        drivers: (V,) index of each vehicle among the drivers, -1 for others.
+        places: (R,) index of each driver among the vehicles.
+        table: (1 or N, R, 10) ``PARAMETERS``.
+        limits: (R, 2) first and last lane that a driver may choose.
+        ends: (R,) x at which the lane of its start ends [m], inf where it does not.
+        forced: (R, 3) lane of a merge (-1: none), step from which it is wanted, lane of the start.
+        brake: (B, 4) driver, first and last step, acceleration [m/s^2] of scripted braking.
+        centres: (L,) lane centres [m].
+        width: Lane width [m].
+        dt: Step [s].
+        step: (N,) steps so far.
+        mood: (N, R) added to the model's acceleration [m/s^2].
+        pause_after: Time after a change before the next [s].
+        look: Time between two comparisons of the lanes [s].
+        lane: (N, R) lane of each driver; changed in place, as the next three.
+        base: (N, R) y from which a change began, or that is kept [m].
+        clock: (N, R) time since a change began, -1 where none is under way [s].
+        pause: (N, R) time until a change may begin [s].
+        out: (5, N, R) x, y, heading, speed and acceleration after the step.
+    """
+    half = 0.5 * width - _MARGIN
+    order, rank, lanes = np.empty_like(drivers), np.empty_like(drivers), np.empty_like(drivers)
+    for n in range(len(x)):
+        _sort(x[n], y[n], widths, centres, half, order, rank, lanes)
+        own = table[n] if len(table) > 1 else table[0]
+        for r in range(len(places)):
+            i, p, here = places[r], own[r], lane[n, r]
+            end = math.inf
+            if here == forced[r, 2] and ends[r] < math.inf:
+                end = ends[r] - x[n, i] - 0.5 * lengths[i]
+            if clock[n, r] < 0.0:
+                pause[n, r] -= dt
+                best, chosen = p[7], -1
+                wanted = forced[r, 0] if step[n] >= forced[r, 1] else -1
+                merging = wanted >= 0 and wanted != here
+                looking = wanted < 0 and pause[n, r] <= 0.0
+                if looking:
+                    pause[n, r] = look
+                for side in (-1, 1):
+                    to = here + side
+                    chooses = looking and limits[r, 0] <= to <= limits[r, 1]
+                    if chooses or (merging and (wanted - here) * side > 0):
+                        safe, gain = _incentive(
+                            x[n], v[n], lengths, order, rank, lanes, i, here, to, p, drivers, own, end
+                        )
+                        if safe and (merging or gain > best):
+                            best, chosen = gain, to
+                if chosen >= 0:
+                    lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]
+            ahead, gap = _ahead(x[n], lengths, order, rank, lanes, i, lane[n, r])
+            a = _follow(v[n], i, ahead, gap, p)
+            if clock[n, r] >= 0.0:  # still between the lanes: the old one counts as well
+                for c in range(len(centres)):
+                    if lanes[i] >> c & 1:
+                        ahead, gap = _ahead(x[n], lengths, order, rank, lanes, i, c)
+                        a = min(a, _follow(v[n], i, ahead, gap, p))
+            elif end < math.inf:
+                a = min(a, idm(v[n, i], 0.0, end, p))
+            a += mood[n, r]
+            for k in range(len(brake)):
+                if brake[k, 0] == r and brake[k, 1] <= step[n] <= brake[k, 2]:
+                    a = min(a, brake[k, 3])
+            a = min(max(a, -p[5]), p[3])
+            speed = max(v[n, i] + a * dt, 0.0)
+            out[0, n, r] = x[n, i] + 0.5 * dt * (v[n, i] + speed)
+            out[1, n, r], out[2, n, r] = y[n, i], 0.0
+            out[3, n, r], out[4, n, r] = speed, (speed - v[n, i]) / dt
+            if clock[n, r] >= 0.0:
+                if speed > _CRAWL:
+                    clock[n, r] += dt
+                share = min(clock[n, r] / p[9], 1.0)
+                across = centres[lane[n, r]] - base[n, r]
+                out[1, n, r] = base[n, r] + across * share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
+                rate = across * 30.0 * share**2 * (1.0 - share) ** 2 / p[9]
+                out[2, n, r] = math.atan2(rate, speed) if speed > _CRAWL else 0.0
+                if share >= 1.0:
+                    clock[n, r], pause[n, r], base[n, r] = -1.0, pause_after, out[1, n, r]
