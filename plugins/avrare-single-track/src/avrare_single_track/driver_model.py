@@ -50,7 +50,7 @@ def idm(v: float, u: float, gap: float, p: Any) -> float:
         s = p[2] + max(0.0, v * p[1] + 0.5 * v * (v - u) / math.sqrt(p[3] * p[4]))
         near = s / max(gap, _TOUCH)
         wanted -= near * near
-    return max(p[3] * wanted, -p[5])
+    return max(p[3] * wanted, -p[5])  # type: ignore[no-any-return]
 
 
 @kernel

@@ -114,9 +114,8 @@ class ReactiveTraffic:
     ) -> tuple[DriverMemory, Floats]:
         """Return the memory and (5, N, R) x, y, heading, speed, acceleration of the drivers a step later."""
         with announced("note: the drivers of single_track are compiled, once for this machine and version"):
-            lane, base, clock, pause = (
-                np.array(part) for part in (memory.lane, memory.base, memory.clock, memory.pause)
-            )
+            lane = memory.lane.copy()
+            base, clock, pause = memory.base.copy(), memory.clock.copy(), memory.pause.copy()
             x, y, v = (
                 np.ascontiguousarray(np.column_stack([getattr(others, name), getattr(ego, name)]))
                 for name in ("x", "y", "speed")
