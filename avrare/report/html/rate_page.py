@@ -74,7 +74,10 @@ def _render_rate(rate: RuleRate, unit: str, total: Total, scale: Scale) -> Marku
         tag("span", format_typeset_interval(total.interval), class_="interval"),
     ]
     verdicts = [
-        [tag("span", _SIGNS[one.verdict], class_=f"badge {one.verdict}"), tag("span", one.threshold.text)]
+        [
+            tag("span", _SIGNS[one.verdict], class_=f"badge {one.verdict}"),
+            tag("span", one.threshold.text, class_="bound"),
+        ]
         for one in rate.decisions
         if one.threshold.unit == unit
     ]
@@ -87,7 +90,7 @@ def _render_rate(rate: RuleRate, unit: str, total: Total, scale: Scale) -> Marku
     kinds = ("number", "bars", "number", "number", None)
     return tag(
         "tr",
-        tag("th", rate.rule, scope="row"),
+        tag("th", rate.rule, scope="row", style="white-space:nowrap;overflow-wrap:normal;word-break:normal"),
         [tag("td", cell, class_=kind) for cell, kind in zip(cells, kinds, strict=True)],
     )
 
