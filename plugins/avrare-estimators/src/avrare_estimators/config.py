@@ -89,6 +89,11 @@ class AmsConfig(_GrowingConfig):
         description="published: Algorithm 2 of stl-ams as its code ran it, for comparison: K + 1 discarded, "
         "levels on the robustness of the prefix, robustness <= 0 is failure",
     )
+    look_ahead: int | None = Field(
+        default=None, ge=1,
+        description="score by the robustness of the noise-free continuation, every so many steps, in place "
+        "of the problem's score; its steps are counted apart, as look_ahead_steps",
+    )  # fmt: skip
     early_stop: bool = Field(
         default=False,
         description="end a rollout once its verdict cannot change; robustness is that of the samples so far",
@@ -102,9 +107,10 @@ class AmsConfig(_GrowingConfig):
         return self.variant == "unbiased"
 
     @model_validator(mode="after")
-    def _stop_by_verdicts(self) -> AmsConfig:
-        if self.early_stop and self.variant == "published":
-            raise ValueError("early_stop needs verdicts, and the published variant has none: leave it out")
+    def _fit_variant(self) -> AmsConfig:
+        for name in ("early_stop", "look_ahead"):
+            if getattr(self, name) and self.variant == "published":
+                raise ValueError(f"{name} is no option of the published variant: leave it out")
         return self
 
     @model_validator(mode="after")

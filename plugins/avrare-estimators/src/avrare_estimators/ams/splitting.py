@@ -17,6 +17,7 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ams.forecast import forecast_cost
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
+from avrare_estimators.ams.look_ahead import LookAheadProblem
 from avrare_estimators.ams.state import AmsState, Branches, run_bytes
 from avrare_estimators.ams.summary import summarise
 from avrare_estimators.config import AmsConfig
@@ -52,7 +53,9 @@ class Splitting:
         self.stops_early = config.early_stop
 
     def prepare(self, problem: Problem) -> Problem:
-        """Return the problem with the score of the variant."""
+        """Return the problem with the score of the variant, or that looks ahead."""
+        if self.config.look_ahead is not None:
+            return LookAheadProblem(problem, self.config.look_ahead)
         return problem.rescored("prefix") if self._published else problem
 
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
