@@ -192,9 +192,7 @@ class SequentialMonteCarlo:
         assert state.learned is not None
         counted = Counted.of(particles, state.learned.curve)
         if counted.plain:
-            size = state.course.particles
-            failures, errors = (round(float(x.sum()) * size) for x in (counted.probabilities, counted.errors))
-            state = replace(state, fresh=state.fresh + FreshRows(counted.rows, failures, errors))
+            state = replace(state, fresh=state.fresh + counted.fresh)
         state = replace(state, counted=(*state.counted, counted), particles=None)
         return self._next_runs(state)
 

@@ -66,6 +66,13 @@ class Counted:
     failing: Ends
     worst: Ends
 
+    @property
+    def fresh(self) -> FreshRows:
+        """Counts of independent rollouts of the target."""
+        size = self.course.particles
+        failures, errors = (round(float(share.sum()) * size) for share in (self.probabilities, self.errors))
+        return FreshRows(self.rows, failures, errors)
+
     @staticmethod
     def of(particles: Particles, curve: Sequence[float]) -> Counted:
         """Sum up runs that have ended."""
@@ -185,8 +192,8 @@ def _relative_variance(values: Floats, contributions: Floats) -> float:
 def _interval(
     counted: Sequence[Counted], values: Floats, relative: float, fresh: FreshRows
 ) -> Callable[[float], Interval]:
-    if counted[0].plain and fresh.rows:
-        return fresh.interval
+    if counted[0].plain:
+        return sum((one.fresh for one in counted), FreshRows()).interval
     if not values.any():
         return fresh.interval_of_zero() if fresh.rows else intervals.unknown
     return partial(
