@@ -232,9 +232,12 @@ class _Work:
         return None
 
     def _trial(self, name: str, problem: Problem, evidence: Evidence, spent: list[_Attempt]) -> bool:
+        rollouts = min(_TRIAL, self.aim.pilot)
+        if not self.aim.may_try(rollouts + sum(one.rollouts for one in spent), evidence):
+            return False
         built = find_ability(self._build(name, {}), ScalesToCost)
         probability = max(evidence.failures, 0.3) / evidence.rollouts
-        sized = built.scaled(min(_TRIAL, self.aim.pilot), probability) if built is not None else None
+        sized = built.scaled(rollouts, probability) if built is not None else None
         if sized is None:
             return False
         try:
@@ -277,7 +280,8 @@ class _Work:
 
     def _budget(self, problem: Problem, spent: Sequence[_Attempt]) -> Budget:
         rollouts = max(1.0, self.aim.rollouts - sum(one.rollouts for one in spent))
-        if not problem.steps:
+        given = self.settings.budget
+        if not problem.steps or (given is not None and given.kind == "rollouts"):
             return Budget("rollouts", rollouts)
         steps = self.aim.rollouts * problem.steps - sum(one.steps for one in spent)
         return Budget("steps", max(float(problem.steps), steps))

@@ -23,6 +23,8 @@ _LEAST = 5000
 """Rollouts below which the pilot and learning would find too little: Monte Carlo takes them all."""
 _TIMES = 5
 """Learning is tried where Monte Carlo would cost so many times what learning in vain costs."""
+_VAIN = 0.3
+"""Most of Monte Carlo's cost that may go into a choice in vain."""
 _ENOUGH = 100
 """Failures that make Monte Carlo exact enough where rollouts are spent: a relative error of 10 %."""
 _GAIN = 3.0
@@ -69,6 +71,10 @@ class Aim:
         if self.goal is None:
             return self.needed(evidence) <= self.rollouts
         return self.needed(evidence) <= _TIMES * 2 * self.pilot
+
+    def may_try(self, cost: float, evidence: Evidence) -> bool:
+        """Return whether choosing may cost so many rollouts, should it all be in vain."""
+        return cost <= _VAIN * (self.needed(evidence) if self.goal is not None else self.rollouts)
 
     def describe(self, evidence: Evidence) -> str:
         """Return what the pilot saw, and what Monte Carlo would need after it."""
