@@ -8,6 +8,7 @@ from functools import reduce
 
 import numpy as np
 
+from avrare.driving.frames import to_plane
 from avrare.driving.values import Floats, Scene, Vehicles
 
 
@@ -69,11 +70,13 @@ def _corner_distances(a: Rectangle, b: Rectangle) -> tuple[Floats, Floats]:
 
 
 def ego_rectangle(ego: Vehicles, scene: Scene) -> Rectangle:
-    """Return the ego's rectangle with fields (N, 1), which broadcast against the others' (N, V)."""
+    """Return the ego's rectangle in the plane, fields (N, 1), which broadcast against the others' (N, V)."""
+    ego = to_plane(scene.road, ego)
     length, width = np.asarray(scene.ego_length), np.asarray(scene.ego_width)
     return Rectangle(ego.x[:, None], ego.y[:, None], ego.heading[:, None], length, width)
 
 
 def other_rectangles(others: Vehicles, scene: Scene) -> Rectangle:
-    """Return the others' rectangles, fields (N, V)."""
+    """Return the others' rectangles in the plane, fields (N, V)."""
+    others = to_plane(scene.road, others)
     return Rectangle(others.x, others.y, others.heading, scene.lengths, scene.widths)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import multiprocessing
 import warnings
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Floats
+from avrare_mpc.bends import beside_ego, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import Memory, Search, shift, start_of
 
@@ -67,6 +69,9 @@ class MpcController:
         """
         start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
         others = self._predicted(prediction)
+        line = self._scene.road.line
+        if line is not None:
+            others = beside_ego(line, ego, others[0]), others[1]
         old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
         result = self._search(memory.solved, start, old, others)
         found = result.found
@@ -85,7 +90,10 @@ class MpcController:
             fallbacks=memory.fallbacks + ~found,
             start_policy=np.where(first_plan, result.chosen, memory.start_policy),
         )
-        return self._action(solved, inputs[:, 0], ego.speed), later
+        action = self._action(solved, inputs[:, 0], ego.speed)
+        if line is not None:
+            action = replace(action, yaw_rate=action.yaw_rate + turn_of_road(line, ego, self._scene.dt))
+        return action, later
 
     def counts(self, memory: Memory) -> dict[str, NDArray[np.int64]]:
         """Return the counters to report, each (N,)."""

@@ -18,14 +18,33 @@ class _Options(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class PieceConfig(_Options):
+    """Straight, arc or clothoid of a road's reference line."""
+
+    length: float = Field(gt=0.0, description="[m]")
+    curvature: float = Field(default=0.0, description="at its begin, 1 / radius, positive to the left [1/m]")
+    end_curvature: float | None = Field(
+        default=None, description="at its end; it changes linearly; default: an arc or a straight [1/m]"
+    )
+
+
 class RoadConfig(_Options):
-    """Straight parallel lanes along x."""
+    """Parallel lanes along x, or along a line that bends."""
 
     lane_centres: tuple[float, ...] = Field(
         default=(-1.75, 1.75, 5.25), min_length=1, description="y of the lane centres, from right to left [m]"
     )
     lane_width: float = Field(default=3.5, gt=0.0, description="width of every lane [m]")
     access_ramp: tuple[int, ...] = Field(default=(), description="indices of the lanes of an access ramp")
+    line: tuple[PieceConfig, ...] = Field(
+        default=(),
+        max_length=1000,
+        description="pieces of the reference line from x = 0 on, straight before and beyond; x then is the "
+        "length along it, y the distance to its left, headings are against it; default: straight",
+    )
+    broad_markings: tuple[int, ...] = Field(
+        default=(), description="indices of the lanes whose left border is a broad marking"
+    )
     begin: float = Field(default=0.0, description="first x that is drawn [m]")
     end: float = Field(default=160.0, description="last x that is drawn [m]")
 
@@ -35,8 +54,19 @@ class RoadConfig(_Options):
             raise ValueError("lane_centres must ascend: the rightmost lane first")
         if any(b - a < self.lane_width - 1e-9 for a, b in pairwise(self.lane_centres)):
             raise ValueError("the lanes overlap: lane_width is more than the distance of their centres")
-        if any(not 0 <= lane < len(self.lane_centres) for lane in self.access_ramp):
-            raise ValueError(f"access_ramp must name lanes 0..{len(self.lane_centres) - 1}")
+        for name in ("access_ramp", "broad_markings"):
+            if any(not 0 <= lane < len(self.lane_centres) for lane in getattr(self, name)):
+                raise ValueError(f"{name} must name lanes 0..{len(self.lane_centres) - 1}")
+        half = 0.5 * self.lane_width
+        for piece in self.line:
+            for curvature in (piece.curvature, piece.end_curvature or 0.0):
+                if (
+                    max(curvature * (self.lane_centres[-1] + half), curvature * (self.lane_centres[0] - half))
+                    > 0.5
+                ):
+                    raise ValueError(
+                        f"a lane reaches half the way to the centre of a bend of {1.0 / abs(curvature):.4g} m"
+                    )
         return self
 
 

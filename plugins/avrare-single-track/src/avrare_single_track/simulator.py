@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Road, Scene, Vehicles, World
+from avrare.driving.frames import to_plane, to_road
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
 from avrare.protocols import Bools, Floats, Signals
-from avrare_single_track.config import SingleTrackConfig, VehicleConfig
+from avrare_single_track.config import RoadConfig, SingleTrackConfig, VehicleConfig
 from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture
 from avrare_single_track.levels import lateral_acceleration, time_to_collision
 from avrare_single_track.plant import advance
@@ -57,11 +59,10 @@ class SingleTrack:
     def __init__(self, config: SingleTrackConfig) -> None:
         self.config = config
         self.dt = config.dt
-        road = config.road
         vehicles = config.vehicles
         self.scene = Scene(
             dt=config.dt,
-            road=Road(road.lane_centres, road.lane_width, road.access_ramp, road.begin, road.end),
+            road=build_road(config.road),
             ego_length=config.ego.length,
             ego_width=config.ego.width,
             names=tuple(vehicle.name for vehicle in vehicles),
@@ -133,9 +134,12 @@ class SingleTrack:
         """
         if action is None:
             raise UsageError("single_track needs a controller", "add a `controller:` block to the scenario")
+        road = self.scene.road
         ego, steering, slips = advance(
-            self.config.ego, self.dt, world.ego, world.steering, action, world.friction
+            self.config.ego, self.dt, to_plane(road, world.ego), world.steering, action, world.friction
         )
+        if road.line is not None:
+            ego = to_road(road.line, ego)
         before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
         jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
         step = world.step + 1
@@ -196,6 +200,7 @@ class ScriptedTraffic:
 
     def __init__(self, vehicles: tuple[VehicleConfig, ...], road: Road, dt: float) -> None:
         self.dt = dt
+        self._line = road.line
         samples = [_samples(vehicle, road, dt) for vehicle in vehicles]
         self._last = np.array([len(x) - 1 for x, _, _, _ in samples], dtype=np.int64)
         longest = int(self._last.max(initial=0)) + 1
@@ -213,9 +218,10 @@ class ScriptedTraffic:
         x, y, heading, speed = (self._table[k][row, np.arange(row.shape[1])] for k in range(4))
         beyond = (step[:, None] - row) * self.dt
         change = np.where(beyond > 0.0, 0.0, self._change[row, np.arange(row.shape[1])])
-        return Vehicles(
-            x + beyond * speed * np.cos(heading), y + beyond * speed * np.sin(heading), heading, speed, change
-        )
+        along, across = beyond * speed * np.cos(heading), beyond * speed * np.sin(heading)
+        if self._line is None:
+            return Vehicles(x + along, y + across, heading, speed, change)
+        return Vehicles(self._line.advance(x, y + 0.5 * across, along), y + across, heading, speed, change)
 
 
 @lru_cache(maxsize=256)
@@ -227,4 +233,35 @@ def _samples(vehicle: VehicleConfig, road: Road, dt: float) -> tuple[Floats, Flo
     from avrare_mpc.trajectory import plan_trajectory
 
     planned = plan_trajectory(vehicle.drive, vehicle.x, vehicle.y, vehicle.speed, vehicle.heading, road, dt)
-    return planned.x, planned.y, planned.heading, planned.speed
+    x = planned.x if road.line is None else _along_bends(road.line, planned.x, planned.y)
+    return x, planned.y, planned.heading, planned.speed
+
+
+def _along_bends(line: ReferenceLine, x: Floats, y: Floats) -> Floats:
+    # Stations of a way planned on a straight road, whose steps have their lengths where the vehicle drives.
+    found = x[:1]
+    for step in range(len(x) - 1):
+        aside = 0.5 * (y[step : step + 1] + y[step + 1 : step + 2])
+        found = np.append(found, line.advance(found[-1:], aside, x[step + 1 : step + 2] - x[step : step + 1]))
+    return found
+
+
+def build_road(config: RoadConfig) -> Road:
+    """Return the road of the options."""
+    pieces = tuple(
+        Piece(
+            piece.length,
+            piece.curvature,
+            piece.curvature if piece.end_curvature is None else piece.end_curvature,
+        )
+        for piece in config.line
+    )
+    return Road(
+        config.lane_centres,
+        config.lane_width,
+        config.access_ramp,
+        config.begin,
+        config.end,
+        CurvedLine(pieces) if pieces else None,
+        broad_markings=config.broad_markings,
+    )

@@ -10,6 +10,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene, World
+from avrare.driving.frames import world_in_plane
 from avrare.protocols import Floats
 from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig, Persistence
 from avrare_gp_pem.runtime import normal
@@ -89,7 +90,8 @@ class GpPem(LawPem):
     def law(self, world: World) -> ObservationLaw:
         """Return the distribution of the observation of ``world``."""
         levels = category(visibility(world, self.scene, self.config.rays))
-        box = box_of(relative(world), self.scene.lengths, self.scene.widths, self.config.height, levels)
+        seen = relative(world_in_plane(self.scene.road, world))
+        box = box_of(seen, self.scene.lengths, self.scene.widths, self.config.height, levels)
         return scale_law(self.variant.law(box, self.config.speed_sd), self.config)
 
 
@@ -148,7 +150,7 @@ class ParametricPem(LawPem):
 
     def law(self, world: World) -> ObservationLaw:
         """Return the distribution of the observation of ``world``."""
-        config, distance = self.config, relative(world).range
+        config, distance = self.config, relative(world_in_plane(self.scene.road, world)).range
         steepness = (distance - config.detection_range) / config.detection_width
         in_range = config.detection_plateau / (1 + np.exp(np.minimum(steepness, MAX_EXPONENT)))
         seen = visibility(world, self.scene, config.rays)

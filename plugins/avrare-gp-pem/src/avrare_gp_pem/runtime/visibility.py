@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Scene, World
+from avrare.driving.frames import world_in_plane
 from avrare.protocols import Bools, Floats
 
 Indices = NDArray[np.intp]
@@ -41,7 +42,7 @@ class Relative:
 
 
 def relative(world: World) -> Relative:
-    """Return the other vehicles of ``world`` in the ego's frame."""
+    """Return the other vehicles of ``world``, which is in the plane, in the ego's frame."""
     heading = world.ego.heading[:, None]
     dx = world.others.x - world.ego.x[:, None]
     dy = world.others.y - world.ego.y[:, None]
@@ -60,7 +61,7 @@ def visibility(world: World, scene: Scene, rays: int = 24) -> Floats:
     Returns:
         (N, V) in [0, 1]; a vehicle that covers the ego's centre is fully seen.
     """
-    seen = relative(world)
+    seen = relative(world_in_plane(scene.road, world))
     if not scene.names:
         return np.ones_like(seen.forward)
     half = np.stack([scene.lengths, scene.widths], axis=-1) / 2  # (V, 2)
