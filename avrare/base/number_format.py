@@ -87,6 +87,14 @@ def format_percent(share: float) -> str:
     return f"{100.0 * share:.4g} %"
 
 
+def describe_share(share: float) -> str:
+    """Return ``95 %``, ``0.4 %`` below one percent, ``under 0.1 %``: a share of a whole."""
+    percent = 100.0 * share
+    if 0.0 < percent < 0.1:
+        return "under 0.1 %"
+    return f"{percent:.1f} %" if 0.0 < percent < 1.0 else f"{percent:.0f} %"
+
+
 def format_signed(value: float) -> str:
     """Return a difference with its sign: ``+0.012``."""
     return f"{value:+.2g}" if value else "0"

@@ -153,7 +153,7 @@ class FailureSample:
 
     def part_interval(self, chosen: Bools) -> tuple[float, Interval]:
         """Return the probability of the failures ``chosen`` (F,) and its interval."""
-        share = float(self.shares[chosen].sum())
+        share = 1.0 if chosen.all() else float(self.shares[chosen].sum())
         part = share * self.probability
         if share == 0.0:
             return 0.0, (0.0, self.probability)

@@ -21,7 +21,7 @@ from avrare.analysis.causes.first_violation import FirstViolation, find_first_vi
 from avrare.analysis.causes.origin import require_problem
 from avrare.analysis.failures.clusters import cluster
 from avrare.base.errors import UsageError
-from avrare.base.number_format import format_interval, format_percent, format_probability
+from avrare.base.number_format import describe_share, format_interval, format_probability
 from avrare.base.records import Records
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Result
@@ -127,7 +127,7 @@ class Kinds(Sequence[Kind]):
 
 def _describe(number: int, kind: Kind) -> list[str]:
     part = f"{format_probability(kind.probability)} ({format_interval(kind.interval)})"
-    share = f"{format_percent(float(f'{100 * kind.share:.2g}') / 100)} of failures"
+    share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
     return [line, *(f"   warning: {text}" for text in kind.warnings)]
 

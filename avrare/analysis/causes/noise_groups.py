@@ -76,7 +76,7 @@ def _parts(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
         (kind, "error", [name for name, parts in split.items() if parts[0] == kind]) for kind in kinds
     ]
     return rows + [
-        (f"all of {vehicle}", "vehicle", [name for name, parts in split.items() if parts[1] == vehicle])
+        (f"all noise of {vehicle}", "vehicle", [name for name, parts in split.items() if parts[1] == vehicle])
         for vehicle in vehicles
     ]
 

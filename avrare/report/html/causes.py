@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 
 from avrare.base.errors import UsageError
-from avrare.base.number_format import format_typeset, format_typeset_interval
+from avrare.base.number_format import describe_share, format_typeset, format_typeset_interval
 from avrare.report.html.markup import Markup, tag
 from avrare.results.reader import RunFolder, StoredEstimate
 from avrare.results.stored_causes import (
@@ -56,7 +56,7 @@ def _render_kinds(kinds: StoredKinds) -> Markup:
         (
             str(one.kind), [tag("strong", format_typeset(one.probability)), " ",
                             tag("span", format_typeset_interval((one.low, one.high)), class_="interval")],
-            f"{100 * one.share:.2g} %",
+            describe_share(one.share),
             [one.text, [tag("span", f" {text}.", class_="muted") for text in one.warnings]],
             str(one.representative),
         )

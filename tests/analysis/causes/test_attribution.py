@@ -111,7 +111,7 @@ def test_groups_of_a_driving_scenario_have_its_names():
     problem = avrare.load("scenarios/lane_change.yaml").problem("no_collision")
     groups = {group.name: group for group in list_groups(problem)}
     assert groups["detection"].sort == "error"
-    assert groups["all of parked"].mask[0].sum() == 4
+    assert groups["all noise of parked"].mask[0].sum() == 4
     assert "perception" in groups
     tapes = draw_tapes(problem, 0, 0, 2)
     perfect = make_perfect(problem, tapes, groups["detection"].mask)

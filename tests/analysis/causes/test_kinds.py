@@ -9,6 +9,7 @@ import pytest
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.base.errors import UsageError
+from avrare.base.number_format import describe_share
 from avrare.estimation.result import Failures
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
@@ -58,7 +59,7 @@ def test_one_mode_is_one_kind():
     kinds = avrare.estimate(problem, rollouts=2000, seed=0).kinds()
     assert len(kinds) == 1
     assert kinds[0].share == pytest.approx(1.0)
-    assert kinds[0].probability == pytest.approx(kinds.probability)
+    assert kinds[0].probability == kinds.probability
     assert kinds[0].interval == kinds.interval
 
 
@@ -72,9 +73,10 @@ def test_the_table_and_the_text_name_every_kind(result):
     assert repr(kinds).splitlines()[0].startswith("specification: 2 kinds of failure, together 0.02")
 
 
-@pytest.mark.parametrize("estimator", ["ams", "is"])
+@pytest.mark.parametrize("estimator", ["ams", "ess", "is"])
 def test_weighted_and_related_failures_add_up_to_the_estimate(estimator):
-    options = {"particles": 40, "discard": 10, "runs": 4} if estimator == "ams" else {"runs": 2}
+    few = {"ams": {"particles": 40, "discard": 10}, "ess": {"chains": 20}, "is": {}}
+    options = few[estimator] | {"runs": 2}
     problem = walk(2.5).problem()
     result = avrare.estimate(problem, estimator, seed=1, **options)
     failures = result.failures
@@ -158,3 +160,11 @@ def test_failures_of_few_runs_have_wider_shares():
     _, narrow = sample_of(noise, trials=4000).share_interval(chosen)
     _, wide = sample_of(noise, weights, ancestors, runs=5).share_interval(chosen)
     assert wide[1] - wide[0] > 1.5 * (narrow[1] - narrow[0])
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(1.0, "100 %"), (0.954, "95 %"), (0.0042, "0.4 %"), (0.0001, "under 0.1 %"), (0.0, "0 %")],
+)
+def test_shares_in_words(share, text):
+    assert describe_share(share) == text

@@ -72,11 +72,11 @@ class EssState:
         if self.ended is None:
             return self
         assert self.kept is not None
-        new = _distinct_failures(self.level_pass, 0)
-        kept = Failures(
-            np.concatenate([self.kept.noise, new.noise])[: self.plan.kept_failures],
-            np.concatenate([self.kept.robustness, new.robustness])[: self.plan.kept_failures], 0,
-        )  # fmt: skip
+        new, most = _distinct_failures(self.level_pass, 0, self.ended.shape.runs), self.plan.kept_failures
+        arrays = [(getattr(self.kept, name), getattr(new, name)) for name in _ARRAYS]
+        kept = Failures(**{
+            name: np.concatenate(pair)[:most] for name, pair in zip(_ARRAYS, arrays, strict=True)
+        }, count=0)  # fmt: skip
         whole = self.ended.joined(self.level_pass.without_tapes())
         return replace(self, level_pass=whole, ended=None, kept=kept)
 
@@ -107,12 +107,22 @@ class EssState:
         return Worst(tapes[row].copy(), float(robustness[row]))
 
 
-def _distinct_failures(last: LevelPass, count: int) -> Failures:
-    # A chain that stays repeats its tape.
+def _distinct_failures(last: LevelPass, count: int, first_run: int = 0) -> Failures:
+    # A chain that stays repeats its tape, which then weighs as often. A run's failures share its estimate.
     different: dict[bytes, int] = {}
-    for row in np.flatnonzero(last.points.violated):
-        if len(different) == last.plan.kept_failures:
-            break
-        different.setdefault(last.points.tape[row].tobytes(), int(row))
+    points, samples = last.points, last.shape.samples
+    parts = (last.weights * last.failed).reshape(-1)
+    mass = np.zeros(len(parts))
+    for row in np.flatnonzero(points.violated):
+        key = points.tape[row].tobytes()
+        if key in different or len(different) < last.plan.kept_failures:
+            mass[different.setdefault(key, int(row))] += parts[row]
     rows = np.array(list(different.values()), dtype=np.int64)
-    return Failures(last.points.tape[rows], last.points.robustness[rows], count)
+    run = rows // samples
+    kept = np.bincount(run, mass[rows], minlength=last.shape.runs)
+    weights = mass[rows] * (last.probabilities[run] / np.maximum(kept[run], 1e-300))
+    ancestors = np.stack([first_run + run, points.root[rows]], axis=1)
+    return Failures(points.tape[rows], points.robustness[rows], count, weights, ancestors)
+
+
+_ARRAYS = ("noise", "robustness", "weights", "ancestors")

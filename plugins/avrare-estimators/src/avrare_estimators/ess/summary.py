@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from avrare.estimation import health, intervals
-from avrare.estimation.result import Interval, Result
+from avrare.estimation.result import Failures, Interval, Result
 from avrare.estimation.result_builder import build_result
 from avrare.protocols import Floats
 from avrare_estimators.config import EssConfig
@@ -48,7 +49,7 @@ def summarise(
         interval_at=looks.interval(len(values), _interval(last, fresh, values, relative_variance)),
         relative_error=math.sqrt(relative_variance),
         health=warnings,
-        failures=state.failures,
+        failures=_scaled(state.failures, probability),
         worst=state.worst,
         robustness=state.first,
         blind_bound=looks.interval(len(values), fresh.interval)(plan.confidence)[1],
@@ -75,6 +76,14 @@ def summarise(
         | (state.found.diagnostics(last.shape.chains, "chains") if state.found and config.grow else {})
         | looks.diagnostics(math.sqrt(relative_variance)),
     )
+
+
+def _scaled(failures: Failures, probability: float) -> Failures:
+    # The weights are of runs in turn; together they add up to the estimate.
+    total = 0.0 if failures.weights is None else float(failures.weights.sum())
+    if failures.weights is None or total == 0.0:
+        return failures
+    return replace(failures, weights=failures.weights * (probability / total))
 
 
 def _count_ancestors(last: LevelPass) -> list[int]:
