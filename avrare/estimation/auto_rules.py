@@ -25,6 +25,8 @@ _TIMES = 5
 """Learning is tried where Monte Carlo would cost so many times what learning in vain costs."""
 _VAIN = 0.3
 """Most of Monte Carlo's cost that may go into a choice in vain."""
+_VAIN_OF_ALL = 0.27
+"""Most of all rollouts that may."""
 _ENOUGH = 100
 """Failures that make Monte Carlo exact enough where rollouts are spent: a relative error of 10 %."""
 _GAIN = 3.0
@@ -74,7 +76,8 @@ class Aim:
 
     def may_try(self, cost: float, evidence: Evidence) -> bool:
         """Return whether choosing may cost so many rollouts, should it all be in vain."""
-        return cost <= _VAIN * (self.needed(evidence) if self.goal is not None else self.rollouts)
+        needed = self.needed(evidence) if self.goal is not None else self.rollouts
+        return cost <= min(_VAIN * needed, _VAIN_OF_ALL * self.rollouts)
 
     def describe(self, evidence: Evidence) -> str:
         """Return what the pilot saw, and what Monte Carlo would need after it."""
