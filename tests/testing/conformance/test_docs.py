@@ -15,7 +15,8 @@ from avrare.scenario.yaml import parse
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
-PAGES = [DOCS / "index.md", DOCS / "write-a-plugin.md", *sorted((DOCS / "concepts").glob("*.md"))]
+HOURS = [DOCS / "av-engineers-hour.md", DOCS / "researchers-hour.md"]
+PAGES = [DOCS / "index.md", DOCS / "write-a-plugin.md", *HOURS, *sorted((DOCS / "concepts").glob("*.md"))]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 FOREIGN = re.compile(
     r'<(?:script|img|iframe)[^>]*\ssrc="(?:https?:)?//'
@@ -81,7 +82,7 @@ def test_the_snippets_run(page, tmp_path, monkeypatch, capsys):
 
 def test_there_are_snippets_to_run():
     found = [language for page in PAGES for language, _ in FENCE.findall(page.read_text())]
-    assert len(PAGES) == 10
+    assert len(PAGES) == 12
     assert min(found.count(language) for language in ("python", "yaml", "console")) >= 4
 
 

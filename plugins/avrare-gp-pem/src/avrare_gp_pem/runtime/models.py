@@ -55,11 +55,11 @@ class LawPem(ABC):
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
-        return self.law(world).in_weather(world.weather).draw(world, noise)
+        return self.law(world).in_weather(_weather(world)).draw(world, noise)
 
     def log_prob(self, world: World, observation: Observation) -> Floats:
         """Return the (N,) log density of ``observation``."""
-        return self.law(world).in_weather(world.weather).log_prob(world, observation)
+        return self.law(world).in_weather(_weather(world)).log_prob(world, observation)
 
     def shift_noise(self, world: World, noise: Floats, other: LawPem) -> tuple[Floats, Floats]:
         """Return how noise moves for ``other`` to observe the same, and log density ratios."""
@@ -239,3 +239,7 @@ class NaivePem:
 def build_naive(config: NaivePemConfig, scene: Scene) -> NaivePem | PersistentPem:
     """Build the naive model for a scene."""
     return with_persistence(NaivePem(config, scene), config.persistence, scene)
+
+
+def _weather(world: World) -> Floats | None:
+    return getattr(world, "weather", None)  # worlds of other simulators may know none
