@@ -20,7 +20,12 @@ def wheels(session: nox.Session) -> None:
     build = ("--no-deps", "--no-build-isolation", "--quiet", "--wheel-dir", str(wheels))
     session.run("python", "-m", "pip", "wheel", *build, ".", *(f"./{plugin}" for plugin in PLUGINS))
     session.install(
-        "--find-links", str(wheels), "avrare[estimators,plot]", "avrare-gymnasium", "avrare-policy[onnx]", "onnx"
+        "--find-links",
+        str(wheels),
+        "avrare[estimators,plot]",
+        "avrare-gymnasium",
+        "avrare-policy[onnx]",
+        "onnx",
     )
     script = Path("tests/packaging/first_hour.py").resolve()
     session.chdir(home)

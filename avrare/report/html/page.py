@@ -34,7 +34,7 @@ _VERDICTS = {"pass": "Passes", "fail": "Fails", "inconclusive": "Inconclusive", 
 _SIGNS = {"pass": "✓", "fail": "✕", "inconclusive": "?", None: "–"}
 _RARE = 0.1  # a smaller probability is written as one in so many
 _SENTENCES = {
-    None: "The scenario sets no threshold, so there is no verdict.",
+    None: "No threshold is set, so there is no verdict.",
     "pass": "Every threshold is met: the whole interval lies below the threshold for {}.",
     "fail": "The whole interval lies above the threshold for {}.",
     "inconclusive": "The interval contains the threshold for {}: more rollouts are needed for a verdict.",
