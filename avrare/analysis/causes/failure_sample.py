@@ -7,8 +7,10 @@ splitting keeps copies of a few first ancestors in each run: their means have an
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +58,7 @@ class FailureSample:
                 f"{result.specification}: no failure is kept, so nothing can be said of its causes",
                 "run more rollouts, or an estimator for rare events",
             )
-        independent = result.failures.weights is None and result.estimator == "mc"
+        independent = _is_binomial(result.estimator, result.failures, result.diagnostics)
         return FailureSample(
             result.failures, result.probability, result.relative_error,
             result.rollouts if independent else 0, len(result.run_probabilities), result.errors,
@@ -66,7 +68,7 @@ class FailureSample:
     @staticmethod
     def stored(estimate: StoredEstimate, failures: Failures) -> FailureSample:
         """Return the sample of an estimate in a run folder and its stored failures."""
-        independent = failures.weights is None and estimate.estimator == "mc"
+        independent = _is_binomial(estimate.estimator, failures, estimate.diagnostics or {})
         error = math.nan if estimate.relative_error is None else estimate.relative_error
         return FailureSample(
             failures, estimate.probability, error, estimate.rollouts if independent else 0,
@@ -177,6 +179,11 @@ class FailureSample:
             relative, freedom = known + (1.0 - share) / effective, max(1, round(effective) - 1)
         tail = self.errors / self.trials if self.trials else 0.0
         return intervals.log_normal(part, relative, self.confidence, freedom=freedom, errors=tail)
+
+
+def _is_binomial(estimator: str, failures: Failures, diagnostics: Mapping[str, Any]) -> bool:
+    # Monte Carlo that stops by a rule is not: its number of rollouts depends on the failures.
+    return estimator == "mc" and failures.weights is None and "used_rollouts" not in diagnostics
 
 
 def normal_interval(value: float, error: float, confidence: float) -> Interval:

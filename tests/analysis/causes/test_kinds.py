@@ -107,6 +107,13 @@ def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():
     assert "rests on one first rollout" in rare.warnings[0]
 
 
+def test_monte_carlo_that_stops_by_a_rule_has_wider_parts():
+    stopped = avrare.estimate(two_modes(), relative_error=0.2, seed=2)
+    assert FailureSample.of(stopped).trials == 0
+    kinds = stopped.kinds()
+    assert sum(kind.probability for kind in kinds) == pytest.approx(stopped.probability)
+
+
 def test_without_failures_there_are_no_kinds():
     problem = avrare.Problem(Static(1), avrare.stl("always (u0 < 9)"), steps=0)
     with pytest.raises(UsageError, match="no failure is kept"):
