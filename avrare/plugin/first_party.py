@@ -61,7 +61,7 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-mpc": {"controller": ("mpc",)},
     "avrare-policy": {"controller": ("policy",)},
     "avrare-ray": {"executor": ("ray",)},
-    "avrare-single-track": {"simulator": ("single_track",)},
+    "avrare-single-track": {"simulator": ("single_track", "commonroad")},
     "avrare-traffic-rules": {"specification": ("traffic_rules",)},
 }
 FIRST_PARTY = {
@@ -74,6 +74,7 @@ FIRST_PARTY = {
 
 PACKAGES = {
     "PIL": "pillow",
+    "commonroad": "commonroad-io",
     "cv2": "opencv-python",
     "metadrive": "metadrive-simulator==0.4.3",  # `metadrive` on PyPI is another project
     "pyro": "pyro-ppl",

@@ -37,7 +37,31 @@ def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Rec
 
 def open_commonroad(path: str, road: Road | None = None) -> PlaneDrives:
     """Read a scenario once, for any number of egos."""
-    scenario = _open_scenario(path)
+    return _read_drives(path, _open_scenario(path), road)
+
+
+def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obstacle]:
+    """Read a scenario and the start of a planning problem, as an obstacle at one step.
+
+    Raises:
+        UsageError: There is no such problem, or there are several and none is chosen.
+    """
+    scenario, problems = _open_file(path)
+    known = dict(problems.planning_problem_dict)
+    if number is None and len(known) == 1:
+        (number,) = known
+    if number not in known:
+        text = "no planning problem is chosen" if number is None else f"there is no planning problem {number}"
+        names = ", ".join(map(str, sorted(known))) or "none"
+        raise UsageError(f"{path}: {text}", f"choose it with `problem`; there are: {names}")
+    state = known[number].initial_state
+    x, y = (float(value) for value in state.position)
+    pose = np.array([[x], [y], [float(state.orientation)], [float(state.velocity)]])
+    start = Obstacle(str(number), 0.0, 0.0, np.array([int(state.time_step)]), pose)
+    return _read_drives(path, scenario, None), start
+
+
+def _read_drives(path: str, scenario: Any, road: Road | None) -> PlaneDrives:
     obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in scenario.obstacles}
     moving = tuple(sorted((str(one.obstacle_id) for one in scenario.dynamic_obstacles), key=int))
     return PlaneDrives(
@@ -55,6 +79,9 @@ def to_commonroad(recording: Recording, name: str) -> str:
     scene = recording.scene
     if scene is None:
         text = f"{recording.source}: a CommonRoad file needs vehicles and a road"
+        raise UsageError(text, "use --csv instead")
+    if scene.road.line is not None or scene.road.lanes:
+        text = f"{recording.source}: only straight roads are written as CommonRoad files"
         raise UsageError(text, "use --csv instead")
     root = ET.Element(
         "commonRoad", timeStepSize=repr(recording.dt), commonRoadVersion="2020a", author="avrare",
@@ -77,6 +104,10 @@ def to_commonroad(recording: Recording, name: str) -> str:
 
 
 def _open_scenario(path: str) -> Any:
+    return _open_file(path)[0]
+
+
+def _open_file(path: str) -> tuple[Any, Any]:
     try:
         reader = importlib.import_module("commonroad.common.file_reader")
     except ImportError as error:
@@ -84,13 +115,13 @@ def _open_scenario(path: str) -> Any:
         raise PluginError(text, "pip install 'avrare[commonroad]'") from error
     try:
         open(path, "rb").close()
-        scenario, _ = reader.CommonRoadFileReader(path).open()
+        scenario, problems = reader.CommonRoadFileReader(path).open()
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
     except Exception as error:  # the reader raises whatever its XML parser or its assertions raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise UsageError(f"{path}: not a CommonRoad scenario: {reason[:200]}") from None
-    return scenario
+    return scenario, problems
 
 
 def _list_states(path: str, obstacle: Any) -> list[Any]:

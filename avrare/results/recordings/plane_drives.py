@@ -15,7 +15,8 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
-from avrare.results.recordings.lanelet_road import ASIDE, find_road
+from avrare.results.recordings.lanelet_road import ASIDE
+from avrare.results.recordings.lanelet_road import find_road as find_lanelet_road
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
 from avrare.results.recordings.straight_road import find_straight_lanes, rotate
 
@@ -52,7 +53,7 @@ class PlaneDrives:
             raise UsageError(
                 f"{self.path}: obstacle {ego} has gaps in time", "the ego needs a state at every step"
             )
-        road, angle = self._find_road(own)
+        road, angle = self.find_road(own)
         tracks = {name: one.track(first, samples, angle, road.line) for name, one in self.obstacles.items()}
         if not tracks[ego].present.all():
             at = first + int(np.argmin(tracks[ego].present))
@@ -61,12 +62,13 @@ class PlaneDrives:
         others = [track for name, track in tracks.items() if name != ego and track.present.any()]
         return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
 
-    def _find_road(self, ego: Obstacle) -> tuple[Road, float]:
+    def find_road(self, ego: Obstacle) -> tuple[Road, float]:
+        """Return the road of an ego, and the angle by which the plane is turned where it has no line."""
         if self.road is not None:
             return self.road, 0.0
         if self._straight is not None:
             return self._straight
-        return find_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+        return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
 
     @cached_property
     def _straight(self) -> tuple[Road, float] | None:

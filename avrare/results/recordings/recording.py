@@ -91,7 +91,8 @@ class VehicleTrack:
     present: Bools
     states: Floats
 
-    def _fill_gaps(self, dt: float) -> dict[str, Floats]:
+    def fill_gaps(self, dt: float) -> dict[str, Floats]:
+        """Return the states by name (T,), those of an absent vehicle where it was not recorded."""
         values = dict(zip(FIELDS, self.states, strict=True))
         change = np.zeros(len(self.present))
         both = self.present[1:] & self.present[:-1]
@@ -113,8 +114,8 @@ def assemble_recording(
             f"{source}: a vehicle other than the ego is called {name!r}",
             f"in formulas that means {_RESERVED[name]}: rename the vehicle",
         )
-    signals = {f"ego_{field}": x for field, x in ego._fill_gaps(dt).items()}
-    filled = [other._fill_gaps(dt) for other in others]
+    signals = {f"ego_{field}": x for field, x in ego.fill_gaps(dt).items()}
+    filled = [other.fill_gaps(dt) for other in others]
     for field in FIELDS:
         rows = np.array([values[field] for values in filled], dtype=np.float64)
         signals[f"others_{field}"] = rows.reshape(len(others), len(ego.present)).T.copy()

@@ -5,14 +5,22 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """Return the simulator ``single_track``."""
+    """Return the simulators ``single_track`` and ``commonroad``."""
     return [
         Component(
             kind="simulator",
             name="single_track",
             config="avrare_single_track.config:SingleTrackConfig",
             factory="avrare_single_track.simulator:build",
-            summary="straight road, kinematic single-track ego, scripted vehicles",
+            summary="road with or without bends, kinematic single-track ego, scripted vehicles",
             needs=("casadi",),
-        )
+        ),
+        Component(
+            kind="simulator",
+            name="commonroad",
+            config="avrare_single_track.recorded:RecordedConfig",
+            factory="avrare_single_track.recorded:build",
+            summary="recorded CommonRoad scene: its planning problem as the ego, its obstacles replayed",
+            needs=("casadi", "commonroad"),
+        ),
     ]

@@ -1,0 +1,104 @@
+"""Simulator: a CommonRoad scene, its planning problem as the ego and its obstacles as recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from avrare.base.errors import UsageError
+from avrare.driving import Scene, Vehicles, World
+from avrare.protocols import Bools, Floats
+from avrare.results.recordings.commonroad import open_problem
+from avrare_single_track.config import EgoConfig, SingleTrackConfig
+from avrare_single_track.simulator import ScriptedTraffic, SingleTrack
+
+
+class RecordedConfig(BaseModel):
+    """Options of the simulator ``commonroad``."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": "scene.xml"}]}
+    )
+
+    file: Path = Field(description="CommonRoad scenario", json_schema_extra={"file": True})
+    problem: int | None = Field(default=None, description="id of the planning problem; default: the only one")
+    without: tuple[int, ...] = Field(
+        default=(), description="obstacles to leave out, such as the one that the ego stands for"
+    )
+    ego: dict[str, float] = Field(
+        default_factory=dict,
+        description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
+    )
+
+
+def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
+    """Build the simulator of a scenario.
+
+    Raises:
+        UsageError: The file cannot be read, or the planning problem is not on a lane.
+    """
+    return RecordedScene(config)
+
+
+class RecordedScene(SingleTrack):
+    """Single-track ego among obstacles that repeat what was recorded, whatever the ego does."""
+
+    def __init__(self, config: RecordedConfig) -> None:
+        path = str(config.file)
+        if wrong := sorted(set(config.ego) & {"x", "y", "heading", "speed"}):
+            raise UsageError(f"{path}: ego.{wrong[0]} is that of the planning problem", "leave it out")
+        drives, start = open_problem(path, config.problem)
+        road, angle = drives.find_road(start)
+        if unknown := {str(one) for one in config.without} - set(drives.obstacles):
+            raise UsageError(f"{path}: there is no obstacle {min(unknown)}", "look at `without`")
+        kept = [one for name, one in drives.obstacles.items() if int(name) not in config.without]
+        steps = [int(one.steps.max()) for one in kept if len(one.steps)]
+        first, self.last = int(start.steps[0]), max(steps, default=0)
+        samples = self.last - first + 1
+        if samples < 2:
+            raise UsageError(f"{path}: no obstacle is recorded after the planning problem begins")
+        every = [one.track(first, samples, angle, road.line) for one in kept]
+        others = [track for track in every if track.present.any()]
+        pose = start.track(first, 1, angle, road.line).states[:4, 0]
+        body: dict[str, Any] = {
+            **config.ego,
+            **dict(zip(("x", "y", "heading", "speed"), pose.tolist(), strict=True)),
+        }
+        super().__init__(SingleTrackConfig(dt=drives.dt, ego=EgoConfig(**body)))
+        self.last -= first
+        filled = [track.fill_gaps(drives.dt) for track in others]
+        self.traffic = ReplayedTraffic(filled)
+        self.scene = Scene(
+            drives.dt,
+            road,
+            self.config.ego.length,
+            self.config.ego.width,
+            tuple(f"v{track.name}" for track in others),
+            np.array([track.length for track in others]),
+            np.array([track.width for track in others]),
+            np.array([bool(np.nanmax(np.abs(track.states[3])) > 0.01) for track in others], dtype=bool),
+        )
+
+    def faults(self, world: World) -> Bools:
+        """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""
+        return super().faults(world) | (world.step > self.last)
+
+
+class ReplayedTraffic(ScriptedTraffic):
+    """Recorded states of V obstacles; one that is not there at a step is far away, in no lane."""
+
+    def __init__(self, tracks: list[dict[str, Floats]]) -> None:
+        names = ("x", "y", "heading", "speed", "acceleration")
+        self._recorded: Mapping[str, Floats] = {
+            name: np.array([track[name] for track in tracks], dtype=np.float64).reshape(len(tracks), -1).T
+            for name in names
+        }
+
+    def at(self, step: NDArray[np.int64]) -> Vehicles:
+        """Return vehicles (N, V) at each particle's step, at most the last one."""
+        return Vehicles(*(values[np.minimum(step, len(values) - 1)] for values in self._recorded.values()))
