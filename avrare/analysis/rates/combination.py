@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from avrare.base.special_functions import beta_quantile, normal_factor
+from avrare.base.special_functions import normal_factor
 from avrare.estimation.intervals import clopper_pearson
 
 Interval = tuple[float, float]
@@ -96,9 +96,13 @@ def from_rollouts(failures: int, rollouts: int, errors: int, confidence: float, 
     """
     if few:
         return Quantity(failures / rollouts, *clopper_pearson(failures, rollouts, confidence, errors))
+    from scipy.special import betaincinv
+
     tail, worst = (1.0 - confidence) / 2.0, failures + errors
-    low = beta_quantile(tail, failures + 0.5, rollouts - failures + 0.5) if failures else 0.0
-    high = 1.0 if worst == rollouts else beta_quantile(1.0 - tail, worst + 0.5, rollouts - worst + 0.5)
+    low = float(betaincinv(failures + 0.5, rollouts - failures + 0.5, tail)) if failures else 0.0
+    high = 1.0
+    if worst < rollouts:
+        high = float(betaincinv(worst + 0.5, rollouts - worst + 0.5, 1.0 - tail))
     return Quantity(failures / rollouts, low, high)
 
 

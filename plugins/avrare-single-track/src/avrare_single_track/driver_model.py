@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare_mpc.riccati.jit import entry, kernel
+from avrare_mpc.riccati.jit import entry, inlined
 
 PARAMETERS = (
     "desired_speed",
@@ -41,7 +41,7 @@ _TOUCH = 0.1
 """Least gap that enters the model [m]."""
 
 
-@kernel
+@inlined
 def idm(v: float, u: float, gap: float, p: Any) -> float:
     """Return the acceleration at speed ``v``, ``gap`` behind a vehicle at speed ``u`` (inf: behind none)."""
     ratio = v / p[0]
@@ -53,7 +53,7 @@ def idm(v: float, u: float, gap: float, p: Any) -> float:
     return max(p[3] * wanted, -p[5])  # type: ignore[no-any-return]
 
 
-@kernel
+@inlined
 def _sort(x: Any, y: Any, widths: Any, centres: Any, half: float, order: Any, rank: Any, lanes: Any) -> None:
     # Vehicles by x, the place of each among them, and a bit for each lane that it is in.
     for i in range(len(x)):
@@ -70,7 +70,7 @@ def _sort(x: Any, y: Any, widths: Any, centres: Any, half: float, order: Any, ra
         rank[order[k]] = k
 
 
-@kernel
+@inlined
 def _ahead(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane: int) -> tuple[int, float]:
     # Nearest vehicle ahead in a lane, -1 for none, and the gap to it.
     for k in range(rank[i] + 1, len(order)):
@@ -80,7 +80,7 @@ def _ahead(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane
     return -1, math.inf
 
 
-@kernel
+@inlined
 def _behind(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane: int) -> tuple[int, float]:
     for k in range(rank[i] - 1, -1, -1):
         j = order[k]
@@ -89,12 +89,12 @@ def _behind(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lan
     return -1, math.inf
 
 
-@kernel
+@inlined
 def _follow(v: Any, i: int, ahead: int, gap: float, p: Any) -> float:
     return idm(v[i], v[ahead] if ahead >= 0 else 0.0, gap, p)
 
 
-@kernel
+@inlined
 def _incentive(
     x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, now: int, to: int, p: Any,
     drivers: Any, table: Any, end: float,

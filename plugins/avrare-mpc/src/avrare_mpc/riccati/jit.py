@@ -34,6 +34,11 @@ def kernel(function: Function) -> Function:
     Arithmetic is strictly IEEE, so that every run has the same bits.
     """
     _SOURCES.add(function.__code__.co_filename)
+    return inlined(function)
+
+
+def inlined(function: Function) -> Function:
+    """Compile a function like ``kernel``, for an entry in the same file, whose cache knows of its changes."""
     return numba.njit(forceinline=True, **_OPTIONS)(function) if COMPILED else function
 
 
