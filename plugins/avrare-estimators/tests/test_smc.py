@@ -170,6 +170,18 @@ def test_a_problem_without_steps_is_plain_monte_carlo():
     assert result.interval[0] < result.probability < result.interval[1]
 
 
+def test_kept_failures_replay_with_their_robustness():
+    task = problem(limit=1.2)
+    result = estimate(task)
+    tapes = result.failures.noise
+    assert len(tapes) > 20
+    again = task.replay(tapes)
+    assert again.violated.all()
+    assert np.array_equal(again.robustness[:, 0], result.failures.robustness)
+    assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
+    assert result.worst.robustness <= 0.0
+
+
 def test_without_structure_it_is_monte_carlo():
     """The pilot's failures are not those that count: the interval is that of the latter alone."""
     for seed in range(3):

@@ -10,7 +10,7 @@ from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Result
+from avrare.estimation.result import Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -85,9 +85,11 @@ class SequentialMonteCarlo:
         self.file = LearnedFile.read(config.learned) if config.learned is not None else None
         self.names: NoiseNames | None = None
         self.features = 0
+        self.problem: Problem | None = None
 
     def prepare(self, problem: Problem) -> Problem:
-        """Return the problem unchanged; its noise names are for the report."""
+        """Return the problem unchanged; its noise names are for the report, and failures are replayed."""
+        self.problem = problem
         self.names = NoiseNames.of(problem)
         self.features = _count_features(problem)
         return problem
@@ -132,12 +134,17 @@ class SequentialMonteCarlo:
         assert self.names is not None
         assert state.learned is not None
         assert state.looks is not None
-        return [
-            summarise(
-                self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
-                state.tally, state.first, state.fresh, self.names,
-            )
-        ]  # fmt: skip
+        assert self.problem is not None
+        result = summarise(
+            self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
+            state.tally, state.first, state.fresh, self.names,
+        )  # fmt: skip
+        # A failing particle ended early: the robustness of its complete rollout takes a replay.
+        tapes, size = result.failures.noise, self.problem.chunk
+        parts = [self.problem.robustness(tapes[k : k + size]) for k in range(0, len(tapes), size)]
+        failures = replace(result.failures, robustness=np.concatenate([*parts, np.zeros(0)]))
+        worst = Worst(result.worst.noise, float(self.problem.robustness(result.worst.noise[None])[0]))
+        return [replace(result, failures=failures, worst=worst)]
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
