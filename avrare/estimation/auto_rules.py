@@ -64,9 +64,12 @@ class Aim:
         return min(10, max(3, round(needed / 5)))
 
     def needed(self, evidence: Evidence) -> float:
-        """Return the rollouts that Monte Carlo is expected to need; of no failure it is the least."""
+        """Return the rollouts that Monte Carlo is expected to need.
+
+        A pilot that ended before its failures gets one more: too few are likelier than too many.
+        """
         wanted = _ENOUGH if self.goal is None else self.goal**-2 + 2.0
-        return wanted * evidence.rollouts / max(evidence.failures, 1)
+        return wanted * evidence.rollouts / max(evidence.failures, min(evidence.failures + 1, self.failures))
 
     def is_frequent(self, evidence: Evidence) -> bool:
         """Return whether Monte Carlo is the estimator: nothing can pay for the attempt to learn."""

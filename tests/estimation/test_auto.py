@@ -181,14 +181,14 @@ def test_cross_check_is_of_another_family():
 def test_rules():
     goal, spend = Aim(0.2, 50_000), Aim(None, 30_000)
     assert (goal.failures, goal.pilot, spend.pilot) == (5, 3000, 2000)
-    assert goal.is_frequent(Evidence(3000, 3))
-    assert not goal.is_frequent(Evidence(3000, 2))
-    assert spend.is_frequent(Evidence(2000, 7))
-    assert not spend.is_frequent(Evidence(2000, 6))
-    assert goal.may_try(12_000, Evidence(3000, 2))
-    assert not goal.may_try(13_000, Evidence(3000, 2))
+    assert goal.is_frequent(Evidence(3000, 2))
+    assert not goal.is_frequent(Evidence(3000, 1))
+    assert spend.is_frequent(Evidence(2000, 6))
+    assert not spend.is_frequent(Evidence(2000, 5))
+    assert goal.may_try(12_000, Evidence(3000, 1))
+    assert not goal.may_try(13_000, Evidence(3000, 1))
     # learning in vain costs at most 0.3 of what Monte Carlo then needs
-    assert 3 * goal.pilot / goal.needed(Evidence(3000, 2)) < 0.3
+    assert 3 * goal.pilot / goal.needed(Evidence(3000, 1)) < 0.3
     assert promised_gain(Evidence(3000, 0), 0.0, float("nan"), 100.0) == 0.0
     assert promised_gain(Evidence(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
     assert promised_gain(Evidence(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
