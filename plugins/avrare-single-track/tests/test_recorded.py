@@ -6,7 +6,8 @@ import pytest
 from avrare.base.errors import UsageError
 from avrare.driving import Action
 from avrare.results.recordings.commonroad import open_commonroad
-from avrare_single_track.recorded import RecordedConfig, RecordedScene
+from avrare_single_track.config import RecordedConfig
+from avrare_single_track.recorded import RecordedScene
 from lanelet_scenes import KINDS
 
 pytest.importorskip("commonroad.common.file_reader")

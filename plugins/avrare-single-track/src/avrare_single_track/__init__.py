@@ -18,7 +18,7 @@ def avrare_components() -> list[Component]:
         Component(
             kind="simulator",
             name="commonroad",
-            config="avrare_single_track.recorded:RecordedConfig",
+            config="avrare_single_track.config:RecordedConfig",
             factory="avrare_single_track.recorded:build",
             summary="recorded CommonRoad scene: its planning problem as the ego, its obstacles replayed",
             needs=("casadi", "commonroad"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -217,3 +218,21 @@ class SingleTrackConfig(_Options):
             if last >= count:
                 raise ValueError(f"{vehicle.name!r} drives on lane {last}, the lanes are 0..{count - 1}")
         return self
+
+
+class RecordedConfig(BaseModel):
+    """Options of the simulator ``commonroad``."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": "scene.xml"}]}
+    )
+
+    file: Path = Field(description="CommonRoad scenario", json_schema_extra={"file": True})
+    problem: int | None = Field(default=None, description="id of the planning problem; default: the only one")
+    without: tuple[int, ...] = Field(
+        default=(), description="obstacles to leave out, such as the one that the ego stands for"
+    )
+    ego: dict[str, float] = Field(
+        default_factory=dict,
+        description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
+    )

@@ -3,37 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.base.errors import UsageError
 from avrare.driving import Scene, Vehicles, World
 from avrare.protocols import Bools, Floats
 from avrare.results.recordings.commonroad import open_problem
-from avrare_single_track.config import EgoConfig, SingleTrackConfig
+from avrare_single_track.config import EgoConfig, RecordedConfig, SingleTrackConfig
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack
-
-
-class RecordedConfig(BaseModel):
-    """Options of the simulator ``commonroad``."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": "scene.xml"}]}
-    )
-
-    file: Path = Field(description="CommonRoad scenario", json_schema_extra={"file": True})
-    problem: int | None = Field(default=None, description="id of the planning problem; default: the only one")
-    without: tuple[int, ...] = Field(
-        default=(), description="obstacles to leave out, such as the one that the ego stands for"
-    )
-    ego: dict[str, float] = Field(
-        default_factory=dict,
-        description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
-    )
 
 
 def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
