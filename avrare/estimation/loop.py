@@ -208,7 +208,7 @@ class _Loop:
         if journal and self._timed and journal.rows(stage + 1, 0):
             return  # the time left did not pay for the rest of this stage, or so it seemed
         sent: deque[Request] = deque()
-        for outcome in self.executor.map(self._pieces(request, done, sent)):
+        for outcome in self.executor.map(self._pieces(request, done, sent, stage)):
             chunk = sent.popleft()
             self.pace.finish(chunk.rows)
             if journal:
@@ -218,13 +218,13 @@ class _Loop:
         if done < request.rows and (self.stopped or not self._timed):
             raise Interrupted("interrupted")
 
-    def _pieces(self, request: Request, at: int, sent: deque[Request]) -> Iterator[Request]:
+    def _pieces(self, request: Request, at: int, sent: deque[Request], stage: int) -> Iterator[Request]:
         # A piece of a chunk gives the same bits; a budget of seconds has pieces that fit into the time left.
         most = self._piece(request.rows - at)
         while at < request.rows and not self._asked_to_stop():
             size = min(most, request.rows - at)
             if self._timed:
-                size = self.pace.take(self.seconds, self._time_left, size)
+                size = self.pace.take(self.seconds, self._time_left, size, first=stage == 0 and at == 0)
             if not size:
                 return
             sent.append(request.slice(at, at + size))

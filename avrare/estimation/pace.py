@@ -16,11 +16,14 @@ class Pace:
     rows: int = 0  # finished
     flight: int = 0  # given out and not finished
 
-    def take(self, now: float, left: float, most: int) -> int:
-        """Return how many of ``most`` rows to run next in the seconds ``left``; 0: none."""
+    def take(self, now: float, left: float, most: int, first: bool = False) -> int:
+        """Return how many of ``most`` rows to run next in the seconds ``left``; 0: none.
+
+        The ``first`` row of an estimate runs however little time is left, or there would be no result.
+        """
         if self.began is None:
             self.began = now
-        rows = 1 if left > 0.0 else 0  # one at a time, until an outcome says how long that takes
+        rows = 1 if first or left > 0.0 else 0  # one at a time, until an outcome says how long that takes
         if self.rows:
             rate = self.rows / max(now - self.began, 1e-9)
             rows = max(min(most, int(rate * left) - self.flight), 0)

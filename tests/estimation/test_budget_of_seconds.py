@@ -1,5 +1,7 @@
 """Budgets of seconds, by a clock that the simulated system itself moves on."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,13 @@ def test_pieces_of_chunks_are_resumed(estimate, tmp_path, chunks):
     again = estimate(10.0, 0.4, 0.02, saved.journal("it"))  # killed before it wrote its result
     assert again.rollouts >= result.rollouts
     np.testing.assert_array_equal(again.robustness, of_the_first(again.rollouts).robustness)
+
+
+def test_the_first_rollout_runs_however_little_time_there_is(monkeypatch):
+    monkeypatch.setattr(loop.time, "perf_counter", itertools.count().__next__)  # a second between two looks
+    problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 0.5)"), steps=STEPS)
+    settings = Settings(budget=Budget("seconds", 0.5))
+    assert run(problem, MonteCarlo(McConfig()), SerialExecutor(), settings)[0].rollouts == 1
 
 
 def test_outcomes_that_arrive_at_once_do_not_look_fast():
