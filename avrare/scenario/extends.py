@@ -60,18 +60,19 @@ def _content(path: str, named_at: Mark | None) -> bytes:
         with open(path, "rb") if given_pipe else open_regular(path) as file:
             return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise ScenarioError([(f"{where}: no such file", _similar_files(path))]) from None
+        raise ScenarioError([(f"{where}: no such file", _similar_files(path, named_at))]) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
         raise ScenarioError([(f"{where}: cannot be read: {reason}", None)]) from None
 
 
-def _similar_files(path: str) -> str | None:
+def _similar_files(path: str, named_at: Mark | None) -> str | None:
     folder, name = os.path.split(path)
     try:
         names = os.listdir(folder or ".")
     except OSError:
-        return f"there is no folder {printable(folder)}"
+        missing = f"there is no folder {printable(folder)}"
+        return f"{missing}: a copy of a scenario needs a copy of what it extends" if named_at else missing
     files = [file for file in names if file.endswith((".yaml", ".yml"))]
     return did_you_mean(path, [os.path.join(folder, file) for file in files]) if name else None
 

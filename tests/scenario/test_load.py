@@ -188,6 +188,11 @@ def test_a_missing_file_suggests_a_similar_one(tmp_path, monkeypatch, registry):
         "hint: did you mean 'scenarios/lane_change.yaml'?",
     ]
     assert refused("nowhere/a.yaml", registry)[1] == "hint: there is no folder nowhere"
+    write("scenarios", copy="extends: _base/road.yaml\n")
+    assert refused("scenarios/copy.yaml", registry) == [
+        "scenarios/copy.yaml:1:10: extends: scenarios/_base/road.yaml: no such file",
+        "hint: there is no folder scenarios/_base: a copy of a scenario needs a copy of what it extends",
+    ]
     assert "cannot be read" in refused("scenarios", registry)[0]
     assert "cannot be read" in refused("a\0b", registry)[0]
 
