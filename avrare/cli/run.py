@@ -256,4 +256,8 @@ def _show(
     print_lines(console, learnt_lines(results))
     print_lines(console, blind_lines(results))
     print_lines(console, check_lines(results))
-    print_lines(console, [f"results in {folder}", *(f"  {path.name}" for path in pictures)])
+    command = shlex.join(["avrare", "report", str(folder), "--open"])
+    print_lines(
+        console,
+        [f"results in {folder}; to look at them: {command}", *(f"  {path.name}" for path in pictures)],
+    )
