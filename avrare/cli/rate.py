@@ -6,6 +6,7 @@ import argparse
 import json
 import shlex
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +14,7 @@ from typing import Any, Literal
 from avrare.analysis.rates.catalogue import Catalogue, load_catalogue
 from avrare.analysis.rates.rates import CatalogueRates, Counts, compute, divide
 from avrare.base.errors import Interrupted, UsageError
+from avrare.base.stored_files import read_json
 from avrare.cli.options import display
 from avrare.cli.output import print_warnings, say, write_files
 from avrare.cli.run import estimate_run
@@ -23,8 +25,10 @@ from avrare.report.terminal.rate_table import print_rates
 from avrare.results import run_folder as rundir
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.safe_mode import is_safe
 
 Phase = Literal["pilot", "scenes"]
+_BUDGET = "budget.json"
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -36,8 +40,8 @@ def execute(args: argparse.Namespace) -> int:
         with Stopping() as stop:
             rates = _estimate(args, catalogue, budget, out, stop)
     except (Interrupted, KeyboardInterrupt) as error:
-        command = shlex.join(["avrare", "rate", args.catalogue, "--resume", str(out)])
-        raise Interrupted("interrupted, finished chunks are saved", f"resume with {command}") from error
+        hint = f"resume with {_resume_command(args, out)}"
+        raise Interrupted("interrupted, finished chunks are saved", hint) from error
     files = {"rate.json": json.dumps(rates.to_dict(), indent=2) + "\n", "report.html": render_rates(rates)}
     write_files(out, files)
     if args.json:
@@ -46,6 +50,12 @@ def execute(args: argparse.Namespace) -> int:
         print_rates(make_console(display(args)), rates, quiet=display(args) == "quiet")
         say(f"results in {out}: rate.json, report.html, a run folder of each scene in scenes")
     return int(rates.exit_code)
+
+
+def _resume_command(args: argparse.Namespace, out: Path) -> str:
+    budget = ["--budget", str(args.budget)] if args.budget is not None else []
+    safe = ["--safe"] if is_safe() else []
+    return shlex.join(["avrare", "rate", args.catalogue, "--resume", str(out), *budget, *safe])
 
 
 def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:
@@ -57,7 +67,7 @@ def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:
         rundir.refuse_links(Path(args.resume))
         return Path(args.resume)
     out = Path(args.out or f"runs/{catalogue.document.name}-{datetime.now():%Y%m%d-%H%M%S}")
-    if any((out / name).exists() for name in ("pilot", "scenes", "rate.json")):
+    if any((out / name).exists() for name in ("pilot", "scenes", "rate.json", _BUDGET)):
         raise UsageError(
             f"{out}: there is a catalogue's run in this folder", "--resume it, or choose another"
         )
@@ -71,6 +81,7 @@ def _estimate(
     count = len(document.scenes)
     steps = [catalogue.scenario(index, "scenes", 1).steps for index in range(count)]
     divide(catalogue, budget, steps, [dict.fromkeys(catalogue.rules, (0, 1, 0))] * count)  # enough?
+    _keep_budget(budget, out)
     pilot = _run_phase(args, catalogue, "pilot", [document.pilot] * count, out, stop)
     rollouts = divide(catalogue, budget, steps, [_counts(content) for content in pilot])
     contents = _run_phase(args, catalogue, "scenes", rollouts, out, stop)
@@ -80,6 +91,18 @@ def _estimate(
         if any("errors" in one["health"] for one in content["estimates"])
     ]
     return compute(catalogue, [_counts(content) for content in contents], broken)
+
+
+def _keep_budget(budget: Budget, out: Path) -> None:
+    # Shares of another budget are other runs: they would be refused one by one, without this reason.
+    path = out / _BUDGET
+    if path.exists():
+        kept = read_json(path, "choose another --out")
+        if kept != asdict(budget):
+            text = f"{out}: it was begun with another budget, {kept.get('kind')}={kept.get('amount')}"
+            raise UsageError(text, "--resume it with that --budget, or choose another --out")
+        return
+    write_files(out, {_BUDGET: json.dumps(asdict(budget)) + "\n"})
 
 
 def _run_phase(

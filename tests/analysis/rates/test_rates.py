@@ -151,6 +151,25 @@ def test_another_catalogue_is_not_mixed_with_the_old_one(catalogue, capsys):
     assert "contains the result of another run" in capsys.readouterr().err
 
 
+def test_another_budget_is_refused_with_that_reason(catalogue, capsys):
+    path = catalogue()
+    assert main(["rate", path, "--out", "out", "--budget", "rollouts=400", "--quiet"]) == 0
+    assert main(["rate", path, "--resume", "out"]) == 4
+    assert "begun with another budget, rollouts=400" in capsys.readouterr().err
+    assert main(["rate", path, "--resume", "out", "--budget", "rollouts=400", "--quiet"]) == 0
+
+
+def test_the_resume_command_is_whole(catalogue, capsys, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("avrare.cli.rate.estimate_run", interrupt)
+    path = catalogue(CATALOGUE.replace('set: ["simulator.surge=0.5"], ', ""))
+    main(["rate", path, "--out", "out", "--budget", "rollouts=400", "--safe"])
+    command = f"avrare rate {path} --resume out --budget rollouts=400 --safe"
+    assert f"resume with {command}" in capsys.readouterr().err
+
+
 def test_safe_mode_refuses_overrides_and_other_folders(catalogue, capsys):
     assert main(["rate", catalogue(), "--safe"]) == 4
     assert "safe mode: scene 'storm' overrides options" in capsys.readouterr().err
