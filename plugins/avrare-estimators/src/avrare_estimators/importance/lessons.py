@@ -96,6 +96,8 @@ class Lessons:
         key = np.where(violated, np.inf, score)
         order = np.argsort(-key, kind="stable")
         order = order[~error[order]]
+        if not len(order):  # every rollout broke down
+            return order, weights[order]
         total, squares = np.cumsum(weights[order]), np.cumsum(weights[order] ** 2)
         enough = np.flatnonzero(total**2 >= LEAST_ELITE * squares)
         last = order[enough[0]] if len(enough) else order[-1]
@@ -114,7 +116,7 @@ class Lessons:
         newest = self.samples[-1]
         own = np.exp(newest.log_weights)
         score = np.concatenate([sample.score for sample in self.samples])
-        reached = bool(violated[rows].all())
+        reached = bool(len(rows) and violated[rows].all())
         variance = self._variance(rows, np.concatenate(self.log_ratios)[:, -1]) if self.mixtures else None
         chance = float(elite.sum() / len(weights))
         return {

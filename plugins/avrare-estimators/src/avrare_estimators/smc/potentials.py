@@ -127,6 +127,8 @@ class Potentials:
 def learn(stages: Sequence[Paths], schedule: Integers, seed: tuple[int, ...]) -> Potentials | None:
     """Return potentials learnt from the stages so far; None where no level has rollouts enough."""
     paths = Paths.join(stages)
+    if not paths.weights.any():  # every rollout broke down
+        return None
     levels, chances = _choose_levels(paths)
     if not len(levels):
         return None
