@@ -112,3 +112,36 @@ def test_too_many_numbers_of_one_script_are_refused():
     }
     with pytest.raises(UsageError, match="at most 3 can be"):
         simulator().drawing(laws)
+
+
+BENT = {"line": [{"length": 80.0}, {"length": 200.0, "curvature": 0.01}]}
+
+
+def test_vehicles_at_constant_velocity_are_exact_in_bends():
+    vehicle = {"name": "cruiser", "x": 0.0, "y": 5.25, "speed": 15.0, "heading": -0.02}
+    laws = {
+        f"vehicles.0.{name}": TypeAdapter(Law).validate_python({"law": "normal", "mean": mean, "sd": 1.0})
+        for name, mean in (("x", 0.0), ("y", 5.25), ("speed", 15.0))
+    }
+    drawn = simulator(road=BENT, vehicles=[vehicle]).drawing(laws)
+    starts = {
+        "x": np.array([40.0, 0.0, -7.0]),
+        "y": np.array([5.25, 4.0, 6.0]),
+        "speed": np.array([15.0, 12, 18]),
+    }
+    mixture = drawn.drawn_traffic.mix({f"vehicles.0.{name}": value for name, value in starts.items()}, 3)
+    for row in range(3):
+        own = with_numbers(drawn.config.vehicles[0], {name: value[row] for name, value in starts.items()})
+        exact = ScriptedTraffic((own,), drawn.scene.road, drawn.dt)
+        for step in (0, 40, 100):
+            found, wanted = drawn.drawn_traffic.at(np.full(3, step), mixture), exact.at(np.array([step]))
+            for name in ("x", "y", "heading", "speed"):
+                assert getattr(found, name)[row, 0] == pytest.approx(getattr(wanted, name)[0, 0], abs=1e-8), (
+                    name
+                )
+
+
+def test_the_start_of_a_script_is_not_drawn_along_a_bend():
+    simulator(road=BENT).drawing({"vehicles.0.x": LAWS["vehicles.0.x"]})
+    with pytest.raises(UsageError, match=r"'driven': its x is drawn, but it follows a script on a bent road"):
+        simulator(road=BENT).drawing({"vehicles.1.x": LAWS["vehicles.1.x"]})

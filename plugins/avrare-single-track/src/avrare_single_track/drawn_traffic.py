@@ -2,8 +2,9 @@
 
 A plan is solved once for a few values of each number that is drawn, not for every particle: its samples are
 smooth in its start and its goals, so those between are a polynomial of degree two through the solved ones,
-of every number of a vehicle at once. Positions along the road are shifted, which is exact, and so are those
-across it of a vehicle at constant velocity.
+of every number of a vehicle at once. Positions along a straight road are shifted, which is exact, and so are
+those across it of a vehicle at constant velocity. In bends a vehicle at constant velocity advances from its
+own start, and the start of a script cannot be drawn along them: where a bend begins would move with it.
 """
 
 from __future__ import annotations
@@ -52,17 +53,26 @@ class DrawnTraffic:
         plan: Makes the traffic of vehicles with fixed numbers: an object with ``at(step)``.
 
     Raises:
-        UsageError: Too many numbers of one vehicle are drawn, or a plan is not found.
+        UsageError: Too many numbers of one vehicle are drawn, or the start of a script along a road that
+            bends, or a plan is not found.
     """
 
     def __init__(
         self, vehicles: tuple[VehicleConfig, ...], road: Road, dt: float, laws: Mapping[str, Any], plan: Any
     ) -> None:
         self.vehicles = vehicles
+        self._dt, self._line = dt, road.line
+        self._steady = np.array([k for k, one in enumerate(vehicles) if one.drive is None], dtype=np.int64)
+        self._starts = np.array([vehicles[k].x for k in self._steady], dtype=np.float64)
         self._axes: list[dict[str, Floats]] = []
         for index, vehicle in enumerate(vehicles):
             prefix = f"vehicles.{index}."
             own = {path.removeprefix(prefix): law for path, law in laws.items() if path.startswith(prefix)}
+            if road.line is not None and vehicle.drive is not None and "x" in own:
+                raise UsageError(
+                    f"{vehicle.name!r}: its x is drawn, but it follows a script on a bent road",
+                    "draw its speed or its goals, leave out its drive, or make the road straight",
+                )
             planned = [name for name in own if not _is_shift(name, vehicle) and "driver." not in name]
             self._axes.append({name: np.unique(own[name].at(_NODES)) for name in planned})
             if len(planned) > 3:
@@ -113,7 +123,14 @@ class DrawnTraffic:
                 part + mixture.weights[:, :, j] * field for part, field in zip(total, fields, strict=True)
             ]
         x, y, heading, speed, acceleration = total
-        return Vehicles(x + mixture.x, y + mixture.y, heading, speed, acceleration)
+        x, y = x + mixture.x, y + mixture.y
+        if self._line is not None:
+            own = self._steady
+            way = step[:, None] * self._dt * speed[:, own]
+            along, across = way * np.cos(heading[:, own]), way * np.sin(heading[:, own])
+            starts = self._starts + mixture.x[:, own]
+            x[:, own] = self._line.advance(starts, y[:, own] - 0.5 * across, along)
+        return Vehicles(x, y, heading, speed, acceleration)
 
 
 def with_numbers(vehicle: VehicleConfig, numbers: Mapping[str, float]) -> VehicleConfig:
