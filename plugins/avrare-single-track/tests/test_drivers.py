@@ -228,3 +228,19 @@ def test_a_vehicle_has_one_mind():
         simulator(both)
     with pytest.raises(ValidationError, match="drives on lane 7"):
         simulator(car("one", 0.0, merge={"lane": 7}))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"lanes": (-1, 2)}, "greater than or equal to 0"),
+        ({"lanes": (2, 0)}, "the first lane must not be above the last one"),
+        (
+            {"brake": [{"from_step": 9, "to_step": 3, "acceleration": -2.0}]},
+            "from_step must not be above to_step",
+        ),
+    ],
+)
+def test_reversed_and_negative_ranges_are_refused(options, words):
+    with pytest.raises(ValidationError, match=words):
+        simulator(car("a", 0.0, **options))

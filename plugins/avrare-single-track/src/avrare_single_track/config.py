@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -13,6 +13,7 @@ from avrare_mpc.config import TrajectoryPlan
 
 _RESERVED = ("ego", "others")
 """Names in formulas of the vehicle under test and of all other vehicles."""
+_Lane = Annotated[int, Field(ge=0)]
 
 
 class _Options(BaseModel):
@@ -114,6 +115,12 @@ class BrakeConfig(_Options):
         le=0.0, description="acceleration, or less where the model brakes harder [m/s^2]"
     )
 
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.from_step > self.to_step:
+            raise ValueError("from_step must not be above to_step")
+        return self
+
 
 class DriverConfig(_Options):
     """Driver that reacts to all vehicles: IDM along the road, MOBIL and gap acceptance across it."""
@@ -127,7 +134,7 @@ class DriverConfig(_Options):
     deceleration: Drawable = Field(default=2.0, gt=0.0, description="comfortable deceleration [m/s^2]")
     braking_max: Drawable = Field(default=8.0, gt=0.0, description="bound of the deceleration [m/s^2]")
     lane_changes: bool = Field(default=True, description="change lanes where it pays (MOBIL)")
-    lanes: tuple[int, int] | None = Field(
+    lanes: tuple[_Lane, _Lane] | None = Field(
         default=None, description="first and last lane to choose from; default: all of the road"
     )
     politeness: Drawable = Field(default=0.3, ge=0.0, description="weight of what followers gain and lose")
@@ -145,6 +152,13 @@ class DriverConfig(_Options):
         default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
     )
     correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of that noise [s]")
+
+    @field_validator("lanes")
+    @classmethod
+    def _ordered(cls, lanes: tuple[int, int] | None) -> tuple[int, int] | None:
+        if lanes is not None and lanes[0] > lanes[1]:
+            raise ValueError("the first lane must not be above the last one")
+        return lanes
 
 
 class VehicleConfig(_Options):
