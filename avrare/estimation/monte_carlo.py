@@ -75,7 +75,7 @@ class MonteCarlo:
             per_run = _affordable_rollouts(plan, self.config)
         open_ended = per_run == _UNLIMITED or self.config.sequential
         goal = None if open_ended else per_run * self.config.runs
-        info = Info(goal=goal, forecast=self._forecast(per_run, None))
+        info = Info(goal=goal, forecast=self._forecast(plan, per_run, None))
         counts = Counts(per_run, plan.kept_failures, ordered=self.config.sequential)
         return McState(plan, per_run * self.config.runs, per_run, counts, info), info
 
@@ -103,9 +103,9 @@ class MonteCarlo:
 
     def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
         """Append the outcome of a stage."""
-        info = state.info.plus(rollouts)
-        state = replace(state, counts=state.counts.plus(rollouts), info=info)
-        return state, replace(info, forecast=self._forecast(state.total, state))
+        info, counts = state.info.plus(rollouts), state.counts.plus(rollouts)
+        state = replace(state, counts=counts, info=info)
+        return state, replace(info, forecast=self._forecast(state.plan, state.total, counts))
 
     def estimate(self, state: McState) -> list[Result]:
         """Return one result per specification, all from the same rollouts."""
@@ -164,20 +164,21 @@ class MonteCarlo:
             diagnostics=diagnostics or {},
         )  # fmt: skip
 
-    def _forecast(self, total: int, state: McState | None) -> CostForecast | None:
+    def _forecast(self, plan: Plan, total: int, counts: Counts | None) -> CostForecast | None:
         """Return the rollouts until a stopping rule has enough failures of the rarest specification."""
-        if not self.config.sequential:
+        stopping = self._stopping(plan)
+        if stopping is None:
             return None
-        if self.config.relative_error is None:
+        if not isinstance(stopping, AtFailures):
             return CostForecast("rollouts", 0.0, total)
-        wanted = AtFailures.for_error(self.config.relative_error).failures
-        if state is None:
-            return CostForecast("rollouts", wanted, total)
-        violated, error = state.counts.joined_verdicts()
+        wanted = stopping.failures
+        if counts is None:
+            return CostForecast("rollouts", min(wanted, total), total)
+        violated, error = counts.joined_verdicts()
         found, trials = int(violated.sum(axis=0).min()), len(error)
-        low, high = intervals.clopper_pearson(found, trials, state.plan.confidence)
-        most = min(wanted / low if low else math.inf, total)
-        return CostForecast("rollouts", wanted / high, most, f"{found} of {wanted} failures")
+        low, high = intervals.clopper_pearson(found, trials, plan.confidence)
+        least, most = (min(wanted / p if p else math.inf, total) for p in (high, low))
+        return CostForecast("rollouts", least, most, f"{found} of {wanted} failures")
 
     def _stopping(self, plan: Plan) -> Stopping | None:
         if self.config.relative_error is not None:

@@ -205,3 +205,10 @@ def test_unbiased_where_the_choice_is_a_toss(reference):
     assert abs(deviation(values, reference.probability)) < 3.5
     hits = sum(one.interval[0] <= reference.probability <= one.interval[1] for one in runs)
     assert coverage_at_most(hits, len(runs), 0.95) > 1e-3
+
+
+def test_the_pilot_forecasts_the_failures_at_which_it_stops():
+    seen = []
+    avrare.estimate(problem("always (x < 1)"), "auto", seed=3, relative_error=0.3, progress=seen.append)
+    assert seen[0].forecast.least == Aim(0.3, 1e6).failures
+    assert seen[1].forecast.given.endswith(f" of {Aim(0.3, 1e6).failures} failures")

@@ -211,8 +211,10 @@ def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: i
     kept = [np.concatenate(found)[chosen[run_of[chosen] == r]] for r in range(len(runs))]
     pairs = list(zip(runs, kept, strict=True))
     # Where only the target's rows can be drawn again, those alone are a sample of failures: of equal weights.
-    equal = not all(run.sample.source.replayable for run in runs)
-    weights = np.concatenate([run.contributions[rows] ** (1 - equal) for run, rows in pairs])
+    weighted = all(run.sample.source.replayable for run in runs)
+    weights = np.concatenate(
+        [run.contributions[rows] if weighted else np.ones(len(rows)) for run, rows in pairs]
+    )
     if weights.any():
         weights *= float(np.mean([run.probability for run in runs])) / weights.sum()
     return Failures(
