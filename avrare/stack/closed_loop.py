@@ -91,8 +91,8 @@ class ClosedLoop:
 
     @property
     def perfect_noise(self) -> Floats:
-        """Numbers (noise_size,) of a loop whose simulator and perception make no errors."""
-        parts = [find_perfect_noise(self.simulator)]
+        """Numbers (noise_size,) of a loop whose simulator and perception make no errors; 0 for draws."""
+        parts = [np.zeros(self._drawn), find_perfect_noise(self.simulator)]
         if self.perception is not None:
             parts.append(find_perfect_noise(self.perception))
         return np.concatenate(parts)

@@ -36,6 +36,15 @@ class Adder:
         return {"x": world.x}
 
 
+class Drawn:
+    """Start with two drawn options that change nothing."""
+
+    size, noise_names = 2, ("draw of gap", "draw of speed")
+
+    def reset(self, noise):
+        return Line(np.zeros(len(noise))), None
+
+
 class Sensor:
     """Perception: sees sd times the noise."""
 
@@ -83,9 +92,9 @@ class Gain:
 STEPS, LIMIT = 5, 4.0
 
 
-def noisy_problem(sd=1.0, gain=1.0, limit=LIMIT):
+def noisy_problem(sd=1.0, gain=1.0, limit=LIMIT, start=None):
     """Fails where gain * sd * (sum of STEPS - 1 normals) exceeds the limit at the end."""
-    loop = ClosedLoop(Adder(), Sensor(sd), Last(), Gain(gain))
+    loop = ClosedLoop(Adder(), Sensor(sd), Last(), Gain(gain), start)
     return avrare.Problem(loop, avrare.stl(f"always[{STEPS}, {STEPS}] (x < {limit})"), STEPS)
 
 

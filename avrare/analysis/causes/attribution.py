@@ -20,7 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.analysis.causes.failure_sample import FailureSample
-from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
+from avrare.analysis.causes.noise_groups import (
+    NoiseGroup,
+    clip_outliers,
+    count_draws,
+    list_groups,
+    make_perfect,
+)
 from avrare.analysis.causes.origin import require_problem
 from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
 from avrare.base.errors import UsageError
@@ -223,7 +229,7 @@ def _list_perfect(
 ) -> list[tuple[str, Problem, Floats, Floats]]:  # fmt: skip
     found = []
     for group in groups:
-        if group.sort != "time":
+        if group.sort != "time" and group.mask[:, count_draws(problem) :].any():
             some, more = (make_perfect(problem, one, group.mask) for one in (tapes, fresh))
             found.append((f"perfect {group.name}", problem, some, more))
     some, more = (clip_outliers(problem, one, _OUTLIERS) for one in (tapes, fresh))

@@ -40,9 +40,13 @@ def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> l
         channels: Give each channel a row of its own, if there are not too many.
     """
     names, shape = find_noise_names(problem.system), (problem.steps + 1, problem.noise_size)
-    found = [NoiseGroup(name, sort, np.broadcast_to(_of(names, members), shape)) for name, sort, members in (
-        *_components(problem, names), *_parts(names), *(_single(names) if channels or len(names) <= 4 else [])
-    )]  # fmt: skip
+    single = _single(names) if channels or len(names) <= 4 else []
+    found = [
+        NoiseGroup(name, sort, np.broadcast_to(_of(names, members), shape))
+        for name, sort, members in (
+            *_components(problem, names), *_parts(names[count_draws(problem) :]), *single,
+        )
+    ]  # fmt: skip
     found += _windows(problem, windows)
     kept: list[NoiseGroup] = []
     for group in found:
@@ -60,8 +64,8 @@ def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, 
     loop = problem.system
     if not isinstance(loop, ClosedLoop) or find_ability(loop, HasSimulator) is None:
         return []
-    own = loop.simulator.noise_size
-    parts = (("simulator", names[:own]), ("perception", names[own:]))
+    drawn, own = count_draws(problem), loop.world_noise
+    parts = (("draws", names[:drawn]), ("simulator", names[drawn:own]), ("perception", names[own:]))
     return [(name, "component", members) for name, members in parts if members]
 
 
@@ -97,12 +101,25 @@ def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:
     return found
 
 
+def count_draws(problem: Problem) -> int:
+    """Return how many numbers draw options of the scene; they come first in a tape."""
+    loop = problem.system
+    return loop.world_noise - loop.simulator.noise_size if isinstance(loop, ClosedLoop) else 0
+
+
+def _is_draw(problem: Problem) -> Bools:
+    return np.arange(problem.noise_size) < count_draws(problem)
+
+
 def make_perfect(problem: Problem, tapes: Floats, mask: Bools) -> Floats:
-    """Return tapes (N, steps + 1, noise_size) whose numbers in ``mask`` are those of a perfect part."""
-    return np.where(mask, find_perfect_noise(problem.system), tapes)
+    """Return tapes (N, steps + 1, noise_size) whose numbers in ``mask`` are those of a perfect part.
+
+    Drawn options are no errors, so they stay.
+    """
+    return np.where(mask & ~_is_draw(problem), find_perfect_noise(problem.system), tapes)
 
 
 def clip_outliers(problem: Problem, tapes: Floats, limit: float) -> Floats:
-    """Return tapes without numbers beyond ``limit``, but for those that decide detections."""
-    errors = find_perfect_noise(problem.system) == 0.0
+    """Return tapes without numbers beyond ``limit``, but for draws and those that decide detections."""
+    errors = (find_perfect_noise(problem.system) == 0.0) & ~_is_draw(problem)
     return np.where(errors, np.clip(tapes, -limit, limit), tapes)

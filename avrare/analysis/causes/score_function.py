@@ -55,7 +55,7 @@ def log_ratios(problem: Problem, others: list[Any], tapes: Floats) -> Floats:
 
 
 def _sum_ratios(loop: ClosedLoop, others: list[Any], tapes: Floats, carries: Any) -> Floats:
-    own, model = loop.simulator.noise_size, loop.perception
+    own, model = loop.world_noise, loop.perception
     lasts = isinstance(model, PersistentPerceptionErrorModel)
     memories = [other.start(tapes[:, 0, own:]) if lasts else None for other in others]
     total, before = np.zeros((len(tapes), len(others))), None

@@ -7,10 +7,12 @@ import avrare
 from avrare.analysis.causes.attribution import attribute
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
-from avrare.analysis.causes.tape_runs import draw_tapes
+from avrare.analysis.causes.sensitivity import sample_failures
+from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
+from noisy_loop import Drawn, noisy_problem
 
 
 def static(formula, size=3):
@@ -120,6 +122,21 @@ def test_groups_of_a_driving_scenario_have_its_names():
     clipped = clip_outliers(problem, tapes, 1.0)
     assert (clipped[..., 0] == tapes[..., 0]).all()
     assert np.abs(clipped[..., 1]).max() <= 1.0
+
+
+def test_draws_are_a_group_of_their_own_that_nothing_makes_perfect():
+    problem = noisy_problem(start=Drawn())
+    sample = sample_failures(problem, 2000, 1, 0.95, TapeRunner())
+    found = attribute(problem, sample, fresh=0, groups=list_groups(problem, windows=0))
+    assert [(one.name, one.carries) for one in found.shares[:2]] == [("draws", 0.0), ("perception", 1.0)]
+    perfect = {one.name: one.vanish for one in found.savings}
+    assert perfect["perfect perception"] == 1.0
+    assert not any("draw" in name for name in perfect)
+    tapes = 9.0 * sample.failures.noise
+    whole = np.ones(tapes.shape[1:], dtype=bool)
+    for changed in (clip_outliers(problem, tapes, 1.0), make_perfect(problem, tapes, whole)):
+        assert (changed[..., :2] == tapes[..., :2]).all()
+        assert (changed[..., 2] != tapes[..., 2]).any()
 
 
 def test_one_failure_is_too_few():

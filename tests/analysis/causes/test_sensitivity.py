@@ -10,13 +10,13 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
-from noisy_loop import Sensor, exact, noisy_problem
+from noisy_loop import Drawn, Sensor, exact, noisy_problem
 
 SCENARIO = "scenarios/lane_change.yaml"
 
 
-def by_score(rollouts, seed=1, sd=1.0):
-    problem = noisy_problem(sd)
+def by_score(rollouts, seed=1, sd=1.0, start=None):
+    problem = noisy_problem(sd, start=start)
     sample = sample_failures(problem, rollouts, seed, 0.95, TapeRunner())
     return derive_by_score(problem, sample, "perception.sd", sd, Sensor)
 
@@ -36,6 +36,12 @@ def test_the_score_function_gives_the_derivative():
     assert low < truth.derivative < high
     assert high - low < 0.5 * truth.derivative
     assert found.derivative == pytest.approx(truth.derivative, rel=0.1)
+
+
+def test_the_score_function_skips_the_draws_of_a_tape():
+    low, high = by_score(5000, start=Drawn()).interval
+    assert low < exact().derivative < high
+    assert high - low < exact().derivative
 
 
 def test_pairs_give_the_quotient():
