@@ -161,11 +161,9 @@ class Problem:
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
         specifications = self.specifications if scored else self.monitors
-        if request.stop_early:
+        if request.stop_early or request.stop_failed:
             pairs = zip(specifications, self.monitors, strict=True)
             specifications = tuple(Deciding(spec, self.steps + 1, judge) for spec, judge in pairs)
-        elif request.stop_failed:
-            specifications = tuple(Deciding(spec, self.steps + 1) for spec in specifications)
         return simulate(self.system, specifications, self.steps, noise, request, scored=scored)
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:

@@ -175,11 +175,36 @@ def test_kept_failures_replay_with_their_robustness():
     result = estimate(task)
     tapes = result.failures.noise
     assert len(tapes) > 20
+    assert result.failures.weights.sum() == pytest.approx(result.probability)
+    assert len(np.unique(result.failures.ancestors[:, 0])) == 5
+    assert len(np.unique(tapes, axis=0)) == len(tapes)
     again = task.replay(tapes)
     assert again.violated.all()
     assert np.array_equal(again.robustness[:, 0], result.failures.robustness)
     assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
     assert result.worst.robustness <= 0.0
+
+
+class BreaksAfterFailure(faulty_systems.Walk):
+    """Walk that breaks down in the step after x has exceeded 1."""
+
+    def moved(self, x, noise):
+        return np.where(x > 1.0, np.nan, super().moved(x, noise))
+
+    def signals(self, state):
+        return {"x": state["x"], "half": 0.5 * state["x"]}
+
+
+def test_a_failure_that_breaks_down_later_counts_for_any_score():
+    formula = avrare.stl("always (x < 1) and always (half < 40)")
+    for score in (None, "robustness"):
+        task = avrare.Problem(BreaksAfterFailure(), formula, 20, score=score)
+        result = estimate(task, particles=300, runs=2, proposal="none")
+        assert 0.008 < result.probability < 0.04  # exact: 0.0188, without these failures 0.003
+        # Where the complete rollout has no robustness, a failure keeps that of its end.
+        assert np.isnan(task.robustness(result.failures.noise)).any()
+        assert (result.failures.robustness <= 0.0).all()
+        assert not np.isnan(result.worst.robustness)
 
 
 def test_without_structure_it_is_monte_carlo():

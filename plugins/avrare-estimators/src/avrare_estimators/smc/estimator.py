@@ -34,6 +34,8 @@ _COUNTING_STAGE = 2**16
 """Address of the noise of what counts, beyond all stages of learning."""
 _ROW = 250
 """Bytes of a particle at the peak, but for its carry."""
+_CARRY = 4096
+"""Bytes of a particle's carry where they are not known."""
 
 
 def build(config: SmcConfig, scene: object | None = None) -> SequentialMonteCarlo:
@@ -55,7 +57,7 @@ class SmcState:
         counted: Runs that have ended.
         tally: Cost so far.
         first: Robustness of the pilot's rollouts, NaN for errors.
-        fresh: Counts of the rollouts of the target.
+        fresh: Counts of the rollouts of the target that were learnt from.
     """
 
     plan: Plan
@@ -84,7 +86,7 @@ class SequentialMonteCarlo:
         self.config = config
         self.file = LearnedFile.read(config.learned) if config.learned is not None else None
         self.names: NoiseNames | None = None
-        self.features = 0
+        self.features, self.carry = 0, _CARRY
         self.problem: Problem | None = None
 
     def prepare(self, problem: Problem) -> Problem:
@@ -139,22 +141,21 @@ class SequentialMonteCarlo:
             self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
             state.tally, state.first, state.fresh, self.names,
         )  # fmt: skip
-        # A failing particle ended early: the robustness of its complete rollout takes a replay.
-        tapes, size = result.failures.noise, self.problem.chunk
-        parts = [self.problem.robustness(tapes[k : k + size]) for k in range(0, len(tapes), size)]
-        failures = replace(result.failures, robustness=np.concatenate([*parts, np.zeros(0)]))
-        worst = Worst(result.worst.noise, float(self.problem.robustness(result.worst.noise[None])[0]))
-        return [replace(result, failures=failures, worst=worst)]
+        kept, worst = result.failures, result.worst
+        robustness = _complete(self.problem, kept.noise, kept.robustness)
+        (least,) = _complete(self.problem, worst.noise[None], np.array([worst.robustness])).tolist()
+        failures = replace(kept, robustness=robustness)
+        return [replace(result, failures=failures, worst=Worst(worst.noise, least))]
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
-        config = self.config
+        config, self.carry = self.config, carry or _CARRY
         rows = config.pilot * (2 + config.stages) // 2
         learning = 0 if self.file is not None else rows * (8 * self.features * config.times + 150)
         if self.file is None and config.proposal == "learned":
             learning += dictionary_bytes(plan.steps)
-        together = min(self._together(plan, config.particles, carry), config.most)
-        counting = together * config.particles * (3 * carry + self._row)
+        together = min(self._together(config.particles), config.most)
+        counting = together * config.particles * (3 * self.carry + self._row)
         held = learning + max(wave_bytes(plan, config.memory), counting)
         return Demand(held, config.memory, "pilot" if learning > counting else "particles")
 
@@ -162,9 +163,9 @@ class SequentialMonteCarlo:
     def _row(self) -> int:
         return _ROW + 40 * self.config.times
 
-    def _together(self, plan: Plan, particles: int, carry: int = 4096) -> int:
+    def _together(self, particles: int) -> int:
         """Return the number of runs that may advance together: they take half of the memory."""
-        return max(1, allowance(self.config.memory) // (2 * particles * (3 * carry + self._row)))
+        return max(1, allowance(self.config.memory) // (2 * particles * (3 * self.carry + self._row)))
 
     def _told_learning(self, state: SmcState, rollouts: Rollouts) -> SmcState:
         assert state.learning is not None
@@ -195,11 +196,8 @@ class SequentialMonteCarlo:
         state = replace(state, tally=tally, particles=particles)
         if not particles.done:
             return state
-        assert state.course is not None
         assert state.learned is not None
         counted = Counted.of(particles, state.learned.curve)
-        if counted.plain:
-            state = replace(state, fresh=state.fresh + counted.fresh)
         state = replace(state, counted=(*state.counted, counted), particles=None)
         return self._next_runs(state)
 
@@ -210,7 +208,7 @@ class SequentialMonteCarlo:
         more = state.looks.missing(done, lambda: _relative_error(state.counted))
         if not more:
             return state
-        runs = min(more, self._together(state.plan, state.course.particles))
+        runs = min(more, self._together(state.course.particles))
         return replace(state, particles=Particles.begin(state.course, done, runs))
 
     def _begin_counting(self, state: SmcState) -> SmcState:
@@ -266,6 +264,17 @@ class SequentialMonteCarlo:
         return replace(
             state.tally, stage=stages, probability=float(np.concatenate(values).mean()) if values else None
         )
+
+
+def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
+    """Return the robustness (n,) of complete rollouts, whose failing ones were told with that of their end.
+
+    It stays so where the rollout breaks down after its failure.
+    """
+    size = problem.chunk
+    parts = [problem.robustness(noise[k : k + size]) for k in range(0, len(noise), size)]
+    found = np.concatenate([*parts, np.zeros(0)])
+    return np.where(np.isnan(found), robustness, found)
 
 
 def _count_features(problem: Problem) -> int:

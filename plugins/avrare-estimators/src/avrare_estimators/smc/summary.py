@@ -13,7 +13,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.estimation import health, intervals
 from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Interval, Result, Worst
+from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
@@ -104,12 +104,12 @@ def _some_failures(ends: Ends, runs: int) -> Ends:
         own = np.flatnonzero(ends.violated & (ends.rows.run == run))
         weight = ends.rows.weight[own]
         if len(own) > _KEPT:
-            own = own[resample(weight, _KEPT, 0.5)]
-            weight = np.full(_KEPT, weight.sum() / _KEPT)
+            some, copies = np.unique(resample(weight, _KEPT, 0.5), return_counts=True)
+            own, weight = own[some], copies * weight.sum() / _KEPT
         chosen.append(own)
         weights.append(weight)
-    some = batch.take(ends, np.concatenate(chosen))
-    return replace(some, rows=replace(some.rows, weight=np.concatenate(weights)))
+    kept = batch.take(ends, np.concatenate(chosen))
+    return replace(kept, rows=replace(kept.rows, weight=np.concatenate(weights)))
 
 
 def summarise(
@@ -127,16 +127,23 @@ def summarise(
         learning: How it was learnt; None: it was given.
         tally: Cost of all rollouts.
         first: Robustness of the pilot.
-        fresh: Counts of all rollouts of the target.
+        fresh: Counts of the rollouts of the target that were learnt from.
         names: Names of the noise.
     """
     values = _joined(counted, "probabilities")
     mean, runs = float(values.mean()), len(values)
     contributions, roots = _joined(counted, "contributions"), _joined(counted, "roots")
     relative = _relative_variance(values, contributions)
-    interval_at = looks.interval(runs, _interval(counted, values, relative, fresh))
-    warnings = _health(plan, counted, values, contributions, roots, tally)
-    if mean > 0.0 and not counted[0].plain:
+    # One resampled run suffices: its particles are not independent, whichever batch it advanced with.
+    plain = all(one.plain for one in counted)
+    own_fresh = sum((one.fresh for one in counted), FreshRows())
+    if plain:
+        fresh, interval = fresh + own_fresh, own_fresh.interval
+    else:
+        interval = _interval(counted, values, relative, fresh)
+    interval_at = looks.interval(runs, interval)
+    warnings = _health(plan, plain, values, contributions, roots, tally)
+    if mean > 0.0 and not plain:
         own = interval_at(plan.confidence)
         warnings |= find_doubts(mean, own, 0.0, fresh, [], plan.confidence)
         warnings |= _disagreement(learning, mean, relative)
@@ -161,7 +168,7 @@ def summarise(
                 map(str, learned.potentials.schedule.tolist()), learned.potentials.gains.tolist(), strict=True
             )
         )
-    if counted[0].plain:
+    if plain:
         diagnostics["note"] = (
             "nothing was learnt that tells failures from other rollouts: the particles are independent "
             "rollouts of the target, which is Monte Carlo"
@@ -170,7 +177,7 @@ def summarise(
         diagnostics |= looks.diagnostics(math.sqrt(relative))
     return build_result(
         plan, name, tally, values, interval_at=interval_at, relative_error=math.sqrt(relative),
-        health=warnings, failures=_failures(plan, counted, tally), worst=_worst(plan, counted),
+        health=warnings, failures=_failures(plan, counted, mean, plain, tally), worst=_worst(plan, counted),
         robustness=first, blind_bound=fresh.blind_bound(plan.confidence),
         diagnostics=diagnostics, artifacts={FILE: learned.to_dict(names)},
     )  # fmt: skip
@@ -192,8 +199,6 @@ def _relative_variance(values: Floats, contributions: Floats) -> float:
 def _interval(
     counted: Sequence[Counted], values: Floats, relative: float, fresh: FreshRows
 ) -> Callable[[float], Interval]:
-    if counted[0].plain:
-        return sum((one.fresh for one in counted), FreshRows()).interval
     if not values.any():
         return fresh.interval_of_zero() if fresh.rows else intervals.unknown
     return partial(
@@ -204,7 +209,7 @@ def _interval(
 
 def _health(
     plan: Plan,
-    counted: Sequence[Counted],
+    plain: bool,
     values: Floats,
     contributions: Floats,
     roots: Integers,
@@ -213,7 +218,7 @@ def _health(
     found = health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if float(values.mean()) == 1.0:
         found |= health.warn("all_failed")
-    if counted[0].plain:
+    if plain:
         return found
     if not values.any():
         return found | health.warn("no_failures")
@@ -245,14 +250,32 @@ def _curve(counted: Sequence[Counted], levels: Sequence[float]) -> list[dict[str
     return found
 
 
-def _failures(plan: Plan, counted: Sequence[Counted], tally: Info) -> Failures:
-    tapes, robustness, room = [], [], plan.kept_failures
+def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, tally: Info) -> Failures:
+    total = sum(len(one.failing.robustness) for one in counted)
+    parts = _chosen(counted, spread(np.arange(total), plan.kept_failures))
+    tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
+    robustness = np.concatenate([some.robustness for _, some in parts])
+    if plain:  # independent, of equal weights
+        return Failures(np.concatenate(tapes), robustness, tally.failures)
+    weights = np.concatenate([some.rows.weight for _, some in parts])
+    if weights.any():
+        weights *= mean / weights.sum()
+    ancestors = [
+        np.stack([some.rows.run + one.first_run, some.rows.root % one.course.particles], axis=1)
+        for one, some in parts
+    ]
+    return Failures(np.concatenate(tapes), robustness, tally.failures, weights, np.concatenate(ancestors))
+
+
+def _chosen(counted: Sequence[Counted], rows: Integers) -> list[tuple[Counted, Ends]]:
+    """Return some of the failures, ``rows`` of those of all runs, ascending."""
+    parts, begin = [], 0
     for one in counted:
-        chosen = batch.take(one.failing, slice(0, room))
-        tapes.append(draw_tapes(one.course, one.first_run, chosen.rows))
-        robustness.append(chosen.robustness)
-        room -= len(chosen.robustness)
-    return Failures(np.concatenate(tapes), np.concatenate(robustness), tally.failures)
+        end = begin + len(one.failing.robustness)
+        own = rows[(rows >= begin) & (rows < end)] - begin
+        parts.append((one, batch.take(one.failing, own)))
+        begin = end
+    return parts
 
 
 def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
@@ -271,12 +294,7 @@ def _words(learned: Learned, counted: Sequence[Counted], names: NoiseNames) -> l
     if not weights.any():
         return told
     chosen = np.sort(resample(weights, min(len(weights), _MOST_TOLD), 0.5))
-    parts, begin = [], 0
-    for one in counted:
-        end = begin + len(one.failing.robustness)
-        own = chosen[(chosen >= begin) & (chosen < end)] - begin
-        parts.append((one, batch.take(one.failing, own)))
-        begin = end
+    parts = _chosen(counted, chosen)
     law = counted[0].course.law
     if learned.mixture is not None and law is not None and isinstance(law.proposal, DefendedMixture):
         tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
