@@ -113,11 +113,14 @@ def _with_columns(node: Node, folder: str) -> Node:
     items = [_with_columns(child, folder) for child in node.items]
     if entries.get("law", node).value != "empirical" or "file" not in entries:
         return Node(entries or items or node.value, node.mark, node.key)
+    if "values" in entries:
+        raise UsageError("give values or a file, not both")
     file, column = str(entries.pop("file").value), entries.pop("column", None)
     beside = os.path.dirname(node.mark.file) if node.mark.line else folder
     name = os.path.normpath(os.path.join(beside, file))
     refuse_outside(name, folder, "empirical law: file")
     table = read_csv_table(name)
+    table.check_rows()
     if column is None or str(column.value) not in table.names:
         word = "" if column is None else str(column.value)
         text = f"{file} has no column {word!r}" if word else "give the column of the file"

@@ -153,6 +153,20 @@ def test_a_column_becomes_values_and_the_file_is_not_needed_later(read):
         read(text.replace("speeds.csv", "sped.csv"))
 
 
+@pytest.mark.parametrize(
+    ("rows", "more", "words"),
+    [
+        ("18.0,1\n22.0\n", "", "speeds.csv:3: 1 values, but the header has 2 columns"),
+        ("", "", "no rows below the header"),
+        ("18.0,1\n", ", values: [1.0, 2.0]", "give values or a file, not both"),
+    ],
+)
+def test_columns_that_cannot_be_read_are_refused(refused, rows, more, words):
+    Path("speeds.csv").write_text(f"other,speed\n{rows}")
+    law = f"{{law: empirical, file: speeds.csv, column: speed{more}}}"
+    assert words in refused("{law: normal, mean: 20.0, sd: 1.0}", law)
+
+
 def test_safe_mode_reads_no_column_outside_the_folder(read):
     text = SCENE.replace("{law: normal, mean: 20.0, sd: 1.0}", "{law: empirical, file: ../a.csv, column: a}")
     with safe_mode(), pytest.raises(ScenarioError, match="outside the scenario's folder"):

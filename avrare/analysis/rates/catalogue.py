@@ -217,8 +217,9 @@ def load_catalogue(path: str) -> Catalogue:
     try:
         with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from None
+    except (OSError, ValueError) as error:  # ValueError: a pipe, or a NUL in the path
+        reason = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
+        raise UsageError(f"{path}: cannot be read: {reason}") from None
     tree = parse(data, path, "catalogue", "a catalogue needs name, scenes and budget")
     document, mistakes = check(CatalogueDocument, tree)
     if document is None:

@@ -113,7 +113,8 @@ def divide(catalogue: Catalogue, budget: Budget, steps: Sequence[int], pilot: Se
         text = f"the pilot alone costs {spent:,.0f} {budget.kind} of {budget.amount:,.0f}"
         raise UsageError(text, "raise the budget, or lower pilot")
     document = catalogue.document
-    known = [entry.exposure.rate(document.confidence).value for entry in document.scenes]
+    rates = [entry.exposure.rate(document.confidence) for entry in document.scenes]
+    known = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
     exposures = _in_unit(catalogue, known, "hour") or _in_unit(catalogue, known, "km") or known
     seen = [[scene[rule][:2] for rule in catalogue.rules] for scene in pilot]
     return allocate(exposures, seen, costs, budget.amount - spent)

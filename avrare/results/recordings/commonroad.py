@@ -44,7 +44,8 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
     """Read a scenario and the start of a planning problem, as an obstacle at one step.
 
     Raises:
-        UsageError: There is no such problem, or there are several and none is chosen.
+        UsageError: There is no such problem, or there are several and none is chosen, or its start is not
+            exact.
     """
     scenario, problems = _open_file(path)
     known = dict(problems.planning_problem_dict)
@@ -55,8 +56,7 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
         names = ", ".join(map(str, sorted(known))) or "none"
         raise UsageError(f"{path}: {text}", f"choose it with `problem`; there are: {names}")
     state = known[number].initial_state
-    x, y = (float(value) for value in state.position)
-    pose = np.array([[x], [y], [float(state.orientation)], [float(state.velocity)]])
+    pose = np.array([_read_pose(path, f"planning problem {number}", state)]).T
     start = Obstacle(str(number), 0.0, 0.0, np.array([int(state.time_step)]), pose)
     return _read_drives(path, scenario, None), start
 
@@ -138,19 +138,23 @@ def _read_obstacle(path: str, obstacle: Any) -> Obstacle:
     length, width = _read_size(path, obstacle)
     static = str(obstacle.obstacle_role.value) == "static"
     states = [obstacle.initial_state] if static else _list_states(path, obstacle)
-    poses = np.array([_read_pose(path, obstacle, state) for state in states]).T
+    name = f"obstacle {obstacle.obstacle_id}"
+    poses = np.array([_read_pose(path, name, state, static) for state in states]).T
     steps = [] if static else [int(state.time_step) for state in states]
     return Obstacle(str(obstacle.obstacle_id), length, width, np.array(steps, dtype=np.int64), poses)
 
 
-def _read_pose(path: str, obstacle: Any, state: Any) -> list[float]:
-    values: list[Any] = [getattr(state, name, None) for name in ("position", "orientation", "velocity")]
+def _read_pose(path: str, name: str, state: Any, static: bool = False) -> list[float]:
+    values: list[Any] = [getattr(state, field, None) for field in ("position", "orientation", "velocity")]
     position, heading, speed = values
-    if str(obstacle.obstacle_role.value) == "static":
+    if static:
         speed = 0.0
-    if not isinstance(position, np.ndarray) or not _is_number(heading) or not _is_number(speed):
-        text = f"obstacle {obstacle.obstacle_id} has no exact position, orientation and velocity"
-        raise UsageError(f"{path}: {text} at step {state.time_step}")
+    exact = isinstance(position, np.ndarray) and bool(np.isfinite(position).all())
+    if not exact or not _is_number(heading) or not _is_number(speed):
+        text = f"{name} has no exact position, orientation and velocity at step {state.time_step}"
+        raise UsageError(f"{path}: {text}")
+    if not static and not _is_number(state.time_step):
+        raise UsageError(f"{path}: {name} has a state whose time is an interval", "only steps are supported")
     return [float(position[0]), float(position[1]), float(heading), float(speed)]
 
 

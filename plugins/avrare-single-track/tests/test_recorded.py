@@ -1,5 +1,7 @@
 """Recorded scenes as scenarios: road, ego and traffic are those of the file."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,22 @@ def test_mistakes(write):
         RecordedScene(RecordedConfig(file=path, without=(77,)))
     with pytest.raises(UsageError, match=r"ego\.speed is that of the planning problem"):
         RecordedScene(RecordedConfig(file=path, ego={"speed": 3.0}))
+    for ego, words in (({"lenght": 4.0}, r"ego\.lenght"), ({"length": -4.0}, r"ego\.length")):
+        with pytest.raises(UsageError, match=words) as caught:
+            RecordedScene(RecordedConfig(file=path, ego=ego))
+        assert caught.value.hint == ("did you mean 'length'?" if "lenght" in ego else None)
+
+
+def test_a_start_that_is_not_exact_is_refused(write):
+    path = write("bend")
+    text = path.read_text(encoding="utf-8")
+    head, start = text.split("<planningProblem", 1)
+    for tag, value in (
+        ("position", "<circle><radius>1.0</radius><center><x>0.0</x><y>0.0</y></center></circle>"),
+        ("position", "<point><x>nan</x><y>0.0</y></point>"),
+        ("velocity", "<intervalStart>1.0</intervalStart><intervalEnd>2.0</intervalEnd>"),
+    ):
+        changed = re.sub(f"<{tag}>.*?</{tag}>", f"<{tag}>{value}</{tag}>", start, count=1, flags=re.DOTALL)
+        path.write_text(f"{head}<planningProblem{changed}", encoding="utf-8")
+        with pytest.raises(UsageError, match="planning problem 9999 has no exact position"):
+            RecordedScene(RecordedConfig(file=path))

@@ -1,6 +1,7 @@
 """Catalogues: read, divided, run, resumed, judged; every mistake at its place."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -142,6 +143,22 @@ def test_a_catalogue_is_run_resumed_and_reported(catalogue, capsys):
     assert main(["rate", path, "--resume", "out", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == first
     assert json.loads(Path("out/rate.json").read_text()) == first
+
+
+def test_scenes_that_were_never_met_share_by_the_upper_end_of_their_exposure(catalogue):
+    text = CATALOGUE.replace("count: 30", "count: 0").replace("count: 4, km: 1000.0", "count: 0, hours: 90.0")
+    read = load_catalogue(catalogue(text.replace("per_hour: 2.0", "count: 0, hours: 10.0")))
+    shares = divide(read, Budget("rollouts", 700), [3, 3, 3], [dict.fromkeys(read.rules, (5, 50, 0))] * 3)
+    assert shares == [pytest.approx(550 * 9 / 19, abs=1), pytest.approx(550 / 19, abs=1), shares[0]]
+    rate = compute(read, [dict.fromkeys(read.rules, (5, 50, 0))] * 3).rates[0].totals["hour"]
+    assert rate.value == 0.0 < rate.interval[1]
+
+
+def test_a_catalogue_that_is_no_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, words in ((str(tmp_path / "pipe"), "not a regular file"), ("a\0b", "null byte")):
+        with pytest.raises(UsageError, match=f"cannot be read: .*{words}"):
+            load_catalogue(path)
 
 
 def test_another_catalogue_is_not_mixed_with_the_old_one(catalogue, capsys):

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from avrare.base.errors import UsageError
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Scene, Vehicles, World
 from avrare.protocols import Bools, Floats
 from avrare.results.recordings.commonroad import open_problem
@@ -49,7 +50,7 @@ class RecordedScene(SingleTrack):
             **config.ego,
             **dict(zip(("x", "y", "heading", "speed"), pose.tolist(), strict=True)),
         }
-        super().__init__(SingleTrackConfig(dt=drives.dt, ego=EgoConfig(**body)))
+        super().__init__(SingleTrackConfig(dt=drives.dt, ego=_check_ego(path, body)))
         self.last -= first
         filled = [track.fill_gaps(drives.dt) for track in others]
         self.traffic = ReplayedTraffic(filled)
@@ -67,6 +68,18 @@ class RecordedScene(SingleTrack):
     def faults(self, world: World) -> Bools:
         """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""
         return super().faults(world) | (world.step > self.last)
+
+
+def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:
+    try:
+        return EgoConfig(**body)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = str((*first["loc"], "")[0])
+        where = f"{path}: ego.{name}" if name else f"{path}: ego"
+        if first["type"] == "extra_forbidden":
+            raise UsageError(f"{where}: unknown key", did_you_mean(name, EgoConfig.model_fields)) from None
+        raise UsageError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
 
 
 class ReplayedTraffic(ScriptedTraffic):
