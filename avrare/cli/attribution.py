@@ -9,7 +9,7 @@ from avrare.analysis.causes.attribution import Attribution, attribute
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import list_groups
 from avrare.analysis.causes.tape_runs import TapeRunner
-from avrare.base.errors import UsageError
+from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.estimation.checkpoint import SCENARIO
@@ -18,7 +18,7 @@ from avrare.results.stored_causes import ATTRIBUTION_FILE
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 
 
-def execute(args: argparse.Namespace) -> None:
+def execute(args: argparse.Namespace) -> int:
     """Attribute the failures of each specification, print the tables and write them."""
     folder = read_run_folder(Path(args.folder))
     print_warnings((line, None) for line in folder.changes)
@@ -34,11 +34,15 @@ def execute(args: argparse.Namespace) -> None:
             "noise": list(one.table()),
             "perfect": list(one.savings_table()),
             "rollouts": one.rollouts,
+            "errors": one.errors,
         }
         for name, one in found.items()
     }
     lines = [line for one in found.values() for line in one.lines()]
     show_or_write(args, ATTRIBUTION_FILE, {"attribution": content}, lines)
+    most = folder.require_scenario().definition.max_error_rate
+    failed = any(one.errors > most * one.rollouts for one in found.values())
+    return int(ExitCode.ROLLOUT_ERRORS if failed else ExitCode.PASS)
 
 
 def _split(variants: list[str]) -> list[tuple[str, str]]:

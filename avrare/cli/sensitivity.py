@@ -10,6 +10,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import show_or_write
 from avrare.estimation.budget import Budget
+from avrare.scenario.load import load
 
 _ROLLOUTS = 2000
 
@@ -28,7 +29,8 @@ def execute(args: argparse.Namespace) -> int:
         "sensitivity": list(found.table()),
     }  # fmt: skip
     show_or_write(args, "sensitivity.json", content, found.lines())
-    return int(ExitCode.ROLLOUT_ERRORS if found.errors > 0.01 * found.rollouts else ExitCode.PASS)
+    most = load(args.scenario, args.set).max_error_rate
+    return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)
 
 
 def read_rollouts(text: str | None, default: int) -> int:

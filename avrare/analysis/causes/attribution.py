@@ -7,6 +7,7 @@ afresh. If S and S' are the shares of failures that stay, and p is the probabili
 
 are the total and the first-order Sobol index of the failure indicator: the share of its variance that needs
 G, and the share that G alone explains (Homma and Saltelli 1996). A failure only G can cause has both 1.
+Rollouts that break down are left out of the shares; each end of an interval counts them against itself.
 
 A part is perfect where its numbers are those at which it makes no error. Failing tapes on which a perfect
 part passes are saved; fresh tapes on which only the stack with the perfect part fails count against it.
@@ -28,7 +29,7 @@ from avrare.analysis.causes.noise_groups import (
     make_perfect,
 )
 from avrare.analysis.causes.origin import require_problem
-from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
+from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.base.records import Records
 from avrare.estimation import intervals
@@ -193,7 +194,7 @@ def attribute(
         without = run(problem, np.where(group.mask, again, tapes), f"{group.name} drawn afresh")
         only = run(problem, np.where(group.mask, tapes, again), f"only {group.name} kept")
         shares.append(_measure_share(sample, group, without, only, p))
-    base = run(problem, drawn, "fresh tapes") if fresh else np.zeros(0, dtype=bool)
+    base = run(problem, drawn, "fresh tapes")
     savings = [
         _measure_saving(sample, name, run(other, some, name), base, run(other, more, name))
         for name, other, some, more in _list_perfect(problem, chosen, variants or {}, tapes, drawn)
@@ -204,11 +205,26 @@ def attribute(
     )
 
 
+def _share(
+    sample: FailureSample, chosen: Bools, broken: Bools, name: str, confidence: float | None = None
+) -> tuple[float, Interval]:
+    if broken.all():
+        text = f"{sample.size} of {sample.size} rollouts with {name} broke down"
+        raise UsageError(text, "mend it: `avrare run` of that scenario shows the errors, or leave it out")
+    if not broken.any():
+        return sample.share_interval(chosen, confidence)
+    share, _ = sample.take(np.flatnonzero(~broken)).share_interval(chosen[~broken])
+    _, (low, _) = sample.share_interval(chosen & ~broken, confidence)
+    _, (_, high) = sample.share_interval(chosen | broken, confidence)
+    return share, (low, high)
+
+
 def _measure_share(
-    sample: FailureSample, group: NoiseGroup, without: Bools, only: Bools, p: float
+    sample: FailureSample, group: NoiseGroup, without: Verdicts, only: Verdicts, p: float
 ) -> GroupShare:
-    stays, (low, high) = sample.share_interval(without)
-    alone, (alone_low, alone_high) = sample.share_interval(only)
+    name = f"{group.name} drawn afresh"
+    stays, (low, high) = _share(sample, without.fails, without.broken, name)
+    alone, (alone_low, alone_high) = _share(sample, only.fails, only.broken, f"only {group.name} kept")
     rest = max(1.0 - p, 1e-300)
 
     def total(share: float) -> float:
@@ -242,16 +258,19 @@ def _list_perfect(
     return found
 
 
-def _measure_saving(sample: FailureSample, name: str, stays: Bools, base: Bools, now: Bools) -> Saving:
+def _measure_saving(
+    sample: FailureSample, name: str, stored: Verdicts, base: Verdicts, now: Verdicts
+) -> Saving:
     # Half of the risk goes to each of the two shares.
     level = 0.5 + sample.confidence / 2.0
-    vanish, own = sample.share_interval(~stays)
-    _, (low, high) = sample.share_interval(~stays, level)
-    if not len(base):
+    vanish, own = _share(sample, stored.passes, stored.broken, name)
+    _, (low, high) = _share(sample, stored.passes, stored.broken, name, level)
+    fresh, lost = len(base.fails), int((base.broken | now.broken).sum())
+    if lost == fresh:
         return Saving(name, vanish, own, 0.0, (0.0, 1.0), 0.0, (-np.inf, high))
-    count = int((now & ~base).sum())
-    new, interval = count / len(base), intervals.clopper_pearson(count, len(base), sample.confidence)
-    least, most = (end / sample.probability for end in intervals.clopper_pearson(count, len(base), level))
+    count = int((now.fails & base.passes).sum())
+    new, interval = count / (fresh - lost), intervals.clopper_pearson(count, fresh, sample.confidence, lost)
+    least, most = (end / sample.probability for end in intervals.clopper_pearson(count, fresh, level, lost))
     return Saving(
         name, vanish, own, new, interval, vanish - new / sample.probability, (low - most, high - least)
     )

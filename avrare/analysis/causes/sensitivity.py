@@ -16,13 +16,13 @@ import numpy as np
 
 from avrare.analysis.causes.failure_sample import FailureSample, normal_interval
 from avrare.analysis.causes.score_function import HasLogRatio, log_ratios
-from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
+from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Failures
-from avrare.protocols import Bools, find_ability
+from avrare.protocols import find_ability
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
 
@@ -119,7 +119,7 @@ def sample_failures(
     kept, errors = [], runner.errors
     for first in range(0, rollouts, _BLOCK):
         tapes = draw_tapes(problem, seed, 0, min(_BLOCK, rollouts - first), first)
-        kept.append(tapes[runner(problem, tapes, "fresh tapes")])
+        kept.append(tapes[runner(problem, tapes, "fresh tapes").fails])
     noise = np.concatenate(kept)
     if not len(noise):
         raise UsageError(
@@ -170,29 +170,38 @@ def derive_by_pairs(
     """Compare log p at two values of a parameter on the same fresh tapes.
 
     The variance of the log ratio of paired proportions is (b + c) / ((a + b)(a + c)), with a failures under
-    both and b, c under one of them (Nam and Blackwelder, Statistics in Medicine 21, 2002).
+    both and b, c under one of them (Nam and Blackwelder, Statistics in Medicine 21, 2002). Tapes that break
+    down at a value are left out, but each end of the interval counts them against itself.
     """
     shapes = {(one.steps, one.noise_size) for one in problems}
     if len(shapes) > 1:
         text = f"{parameter}: the tapes of its two values have different shapes"
         raise UsageError(text, "choose a parameter that changes no noise")
-    outcomes: list[list[Bools]] = [[], []]
+    outcomes: list[list[Verdicts]] = [[], []]
     for first in range(0, rollouts, _BLOCK):
         tapes = draw_tapes(problems[0], seed, 0, min(_BLOCK, rollouts - first), first)
         for found, problem in zip(outcomes, problems, strict=True):
             found.append(runner(problem, tapes, parameter))
-    low, high = (np.concatenate(found) for found in outcomes)
-    both, one, other = int((low & high).sum()), int((low & ~high).sum()), int((~low & high).sum())
-    width = span[1] - span[0]
+    low, high = map(Verdicts.join, outcomes)
+    broken = low.broken | high.broken
+    both = int((low.fails & high.fails).sum())
+    one, other = int((low.fails & high.passes).sum()), int((low.passes & high.fails).sum())
+    width, lost = span[1] - span[0], int(broken.sum())
     if not (both + one and both + other):
         nothing = (-math.inf, math.inf)
         return Sensitivity(parameter, value, math.nan, nothing, "paired", both + one + other, span)
+    derivative, (least, most) = _compare(both, one, other, width, confidence)
+    if lost:  # they might have failed at one of the two values alone, at either
+        least = _compare(both, one + lost, other, width, confidence)[1][0]
+        most = _compare(both, one, other + lost, width, confidence)[1][1]
+    return Sensitivity(parameter, value, derivative, (least, most), "paired", both + one + other, span)
+
+
+def _compare(both: int, one: int, other: int, width: float, confidence: float) -> tuple[float, Interval]:
     ratio = math.log((both + other) / (both + one))
     # A change seen on no tape has still been looked for on finitely many: half a tape is added.
     error = math.sqrt(max(one + other, 0.5) / ((both + one) * (both + other)))
-    derivative = ratio / width
-    interval = normal_interval(derivative, error / abs(width), confidence)
-    return Sensitivity(parameter, value, derivative, interval, "paired", both + one + other, span)
+    return ratio / width, normal_interval(ratio / width, error / abs(width), confidence)
 
 
 def sort_by_effect(rows: Sequence[Sensitivity]) -> tuple[Sensitivity, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -16,6 +16,33 @@ from avrare.rollout.request import Request
 
 Watch = Callable[[str, int], None]
 """Receives the current activity and the number of rollouts so far."""
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """Outcomes of N tapes.
+
+    Attributes:
+        fails: (N,) True where the specification is violated; False where the rollout broke down.
+        broken: (N,) True where the rollout broke down: it neither fails nor passes.
+    """
+
+    fails: Bools
+    broken: Bools
+
+    @property
+    def passes(self) -> Bools:
+        """(N,) True where the rollout ended and violates nothing."""
+        return ~self.fails & ~self.broken
+
+    @staticmethod
+    def join(parts: Sequence[Verdicts]) -> Verdicts:
+        """Join the outcomes of consecutive tapes."""
+        none = [np.zeros(0, dtype=bool)]
+        return Verdicts(
+            np.concatenate(none + [one.fails for one in parts]),
+            np.concatenate(none + [one.broken for one in parts]),
+        )
 
 
 @dataclass
@@ -34,8 +61,8 @@ class TapeRunner:
     rollouts: int = 0
     errors: int = 0
 
-    def __call__(self, problem: Problem, tapes: Floats, activity: str = "") -> Bools:
-        """Return (N,) whether the first specification of ``problem`` is violated on ``tapes``."""
+    def __call__(self, problem: Problem, tapes: Floats, activity: str = "") -> Verdicts:
+        """Return the outcomes of the first specification of ``problem`` on ``tapes``."""
         rows = problem.chunk
         requests = (Request.replay(tapes[at : at + rows]) for at in range(0, len(tapes), rows))
         executor: Executor = build_executor(self.workers)
@@ -43,12 +70,12 @@ class TapeRunner:
         found = []
         with closing(executor):
             for outcome in executor.map(requests):
-                found.append(outcome.violated[:, 0])
+                found.append(Verdicts(outcome.violated[:, 0], outcome.error))
                 self.rollouts += len(outcome.error)
                 self.errors += int(outcome.error.sum())
                 if self.watch is not None:
                     self.watch(activity, self.rollouts)
-        return np.concatenate(found) if found else np.zeros(0, dtype=bool)
+        return Verdicts.join(found)
 
 
 def draw_tapes(problem: Problem, seed: int, stage: int, count: int, first: int = 0) -> Floats:

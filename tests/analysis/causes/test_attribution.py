@@ -153,3 +153,38 @@ def test_a_group_of_ones_own():
     both = NoiseGroup("the two", "own", np.array([[True, True, False]]))
     [share] = attribute(problem, FailureSample.of(result), fresh=0, groups=[both]).shares
     assert share.alone == 1.0
+
+
+class Breaking(Static):
+    """System whose rollouts break down where u1 is below a limit."""
+
+    def __init__(self, below):
+        super().__init__(3)
+        self.below = below
+
+    def faults(self, state):
+        return state.values[:, 1] < self.below
+
+
+def attribute_breaking(below, fresh=200):
+    problem, formula = static("always (u0 < 2)"), avrare.stl("always (u0 < 2)")
+    sample = FailureSample.of(avrare.estimate(problem, rollouts=2000, seed=1))
+    variants = {"breaking": avrare.Problem(Breaking(below), formula, steps=0)}
+    return attribute(problem, sample, fresh=fresh, groups=[], variants=variants), sample
+
+
+def test_rollouts_that_break_down_do_not_vanish():
+    found, sample = attribute_breaking(0.0)
+    broken = int((sample.failures.noise[:, 0, 1] < 0.0).sum())
+    saving = next(one for one in found.savings if one.name == "breaking")
+    assert found.errors >= broken > 10
+    assert saving.vanish == 0.0
+    low, high = saving.vanish_interval
+    assert (low, high > broken / sample.size) == (0.0, True)
+    assert saving.new == 0.0
+    assert saving.new_interval[1] > 0.4
+
+
+def test_a_variant_that_always_breaks_down_is_refused():
+    with pytest.raises(UsageError, match="rollouts with breaking broke down"):
+        attribute_breaking(np.inf)

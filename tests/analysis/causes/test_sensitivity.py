@@ -10,6 +10,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
+from avrare.testing.faulty_systems import Walk
 from noisy_loop import Drawn, Sensor, exact, noisy_problem
 
 SCENARIO = "scenarios/lane_change.yaml"
@@ -56,6 +57,23 @@ def test_pairs_without_a_failure_say_so():
     found = by_pairs(5)
     assert math.isnan(found.derivative)
     assert "too few failures" in found.line()
+
+
+def test_pairs_that_break_down_are_no_passes():
+    # The second value breaks down where the first noise number is positive, and changes nothing else.
+    class Breaking(Walk):
+        def faults(self, state):
+            return state["x"] > 0.0
+
+    formula = avrare.stl("always[1, 1] (x > -0.1)")
+    pair = tuple(avrare.Problem(system, formula, steps=1) for system in (Walk(), Breaking()))
+    found = derive_by_pairs(
+        pair, (0.9, 1.1), "x", 1.0, rollouts=400, seed=1, confidence=0.95, runner=TapeRunner()
+    )  # fmt: skip
+    low, high = found.interval
+    assert found.derivative == 0.0
+    # Half of all tapes might have failed at one value alone.
+    assert low < -5.0 < 5.0 < high
 
 
 def test_a_parameter_without_effect_has_an_interval_around_zero():
