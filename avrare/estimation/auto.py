@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from avrare.base.errors import UsageError
 from avrare.estimation.auto_config import AutoConfig
 from avrare.estimation.auto_rules import (
     GOAL,
@@ -28,7 +27,7 @@ from avrare.estimation.cross_check import ScalesToCost
 from avrare.estimation.loop import Settings
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.plan import Estimator, Execute, GaveUp, Info, Plan
+from avrare.estimation.plan import Estimator, Execute, GaveUp, Info, Plan, Refused
 from avrare.estimation.result import Result
 from avrare.estimation.stopping_rules import AtFailures, Stopping
 from avrare.plugin.registry import default_registry
@@ -227,7 +226,7 @@ class _Work:
             return self.execute(problem, estimator, settings, f"{problem.names[0]}+is")[0]
         except GaveUp as end:
             spent.append(_Attempt.given_up("is", end.info, end.message))
-        except UsageError as error:
+        except Refused as error:
             spent.append(_Attempt("is", error.message))
         return None
 
@@ -243,7 +242,7 @@ class _Work:
         try:
             settings = self._of_phase("trial")
             found = self.execute(problem, sized, settings, f"{problem.names[0]}+try-{name}")[0]
-        except UsageError as error:
+        except Refused as error:
             spent.append(_Attempt(name, error.message))
             return False
         cost = found.simulated_steps / problem.steps if problem.steps else found.rollouts
@@ -257,7 +256,7 @@ class _Work:
         try:
             estimator = self._build(name, options)
             return self.execute(problem, estimator, settings, f"{problem.names[0]}+{name}")[0]  # type: ignore[arg-type]
-        except UsageError as error:
+        except Refused as error:
             spent.append(_Attempt(name, error.message))
             return None
 

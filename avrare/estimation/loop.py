@@ -15,7 +15,15 @@ from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import forecast
 from avrare.estimation.pace import Pace
-from avrare.estimation.plan import DelegatesEstimates, Estimator, Info, Journal, Plan, UsesFinalScores
+from avrare.estimation.plan import (
+    DelegatesEstimates,
+    Estimator,
+    Info,
+    Journal,
+    Plan,
+    Refused,
+    UsesFinalScores,
+)
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import examined
 from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
@@ -64,21 +72,45 @@ def run(
     if delegating is not None:
         execute = _Parts(executor, progress, journal, stop)
         return delegating.estimate_by(problem, settings, execute)
-    given = problem
-    problem, plan = planned(given, estimator, settings)
-    warnings = check_system(problem, estimator)
-    forecast(problem, estimator, plan)
-    work = Work(problem, plan.noise, scored=estimator.single)
-    loop = _Loop(estimator, plan, work, executor, progress or (lambda info: None), journal, stop)
-    executor.open(work)
-    with closing(executor):
-        state = loop.run()
-    seconds = loop.seconds
-    # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
-    replayed = problem is given and not _stops_early(estimator)
-    found = estimator.estimate(state)
-    results = examined(problem, found, warnings, replay=replayed, suppress=settings.suppress)
-    return [replace(result, seconds=seconds) for result in results]
+    return _Task.begin(problem, estimator, settings).run(executor, progress, journal, stop)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """An estimate that may begin: nothing that can be told beforehand speaks against it."""
+
+    given: Problem
+    problem: Problem  # what the estimator puts in its place
+    estimator: Estimator
+    plan: Plan
+    settings: Settings
+    warnings: dict[str, str]
+
+    @staticmethod
+    def begin(given: Problem, estimator: Estimator, settings: Settings) -> _Task:
+        problem, plan = planned(given, estimator, settings)
+        warnings = check_system(problem, estimator)
+        forecast(problem, estimator, plan)
+        estimator.init(plan)  # refuses a budget that does not pay for it
+        return _Task(given, problem, estimator, plan, settings, warnings)
+
+    def run(
+        self, executor: Executor, progress: Progress | None, journal: Journal | None,
+        stop: Callable[[], bool] | None,
+    ) -> list[Result]:  # fmt: skip
+        problem, estimator = self.problem, self.estimator
+        work = Work(problem, self.plan.noise, scored=estimator.single)
+        loop = _Loop(estimator, self.plan, work, executor, progress or (lambda info: None), journal, stop)
+        executor.open(work)
+        with closing(executor):
+            state = loop.run()
+        seconds = loop.seconds
+        # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
+        replayed = problem is self.given and not _stops_early(estimator)
+        found = estimator.estimate(state)
+        suppress = self.settings.suppress
+        results = examined(problem, found, self.warnings, replay=replayed, suppress=suppress)
+        return [replace(result, seconds=seconds) for result in results]
 
 
 def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
@@ -147,7 +179,11 @@ class _Parts:
                 self.progress(before.before(info))
 
         try:
-            return run(problem, estimator, self.executor, settings, watch, journal, self.stop)
+            task = _Task.begin(problem, estimator, settings)
+        except UsageError as error:
+            raise Refused(error.message, error.hint) from error
+        try:
+            return task.run(self.executor, watch, journal, self.stop)
         finally:
             self.before = before.before(last)
 

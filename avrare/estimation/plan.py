@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from avrare import protocols
-from avrare.base.errors import AvrareError
+from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.result import Result
@@ -131,7 +131,13 @@ Estimator = protocols.Estimator[Plan, Request, Rollouts, Info, Result]
 
 
 Execute = Callable[[Any, Estimator, Any, str], list[Result]]
-"""Runs an estimator on a problem with some settings, as the part of an estimate that has this name."""
+"""Runs an estimator on a problem with some settings, as the part of an estimate that has this name.
+
+It raises ``Refused`` where the part cannot begin."""
+
+
+class Refused(UsageError):
+    """A part of an estimate that cannot begin: no rollout of it has run."""
 
 
 class DelegatesEstimates(Protocol):

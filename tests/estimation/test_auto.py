@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from avrare.estimation.auto import Auto
 from avrare.estimation.auto_config import AutoConfig
 from avrare.estimation.auto_rules import Aim, Evidence, promised_gain
 from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Settings
+from avrare.estimation.checkpoint import SaveError
+from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
 from avrare.testing.static_problems import four_branch
@@ -212,3 +215,50 @@ def test_the_pilot_forecasts_the_failures_at_which_it_stops():
     avrare.estimate(problem("always (x < 1)"), "auto", seed=3, relative_error=0.3, progress=seen.append)
     assert seen[0].forecast.least == Aim(0.3, 1e6).failures
     assert seen[1].forecast.given.endswith(f" of {Aim(0.3, 1e6).failures} failures")
+
+
+@pytest.mark.parametrize("part", ["is", "try-ams", "ams"])
+def test_a_part_that_breaks_is_told(part, monkeypatch):
+    """A disk that is full or a file that is damaged is no reason to take another estimator."""
+    monkeypatch.setattr("avrare.estimation.auto.pays", lambda gain: True)
+    stuck = problem("always (x > 1)", system=Scrambled(5, 2e-3), steps=5)
+
+    def execute(problem, estimator, settings, name):
+        if name.endswith(f"+{part}"):
+            raise SaveError("no space is left")
+        return run(problem, estimator, SerialExecutor(), settings)
+
+    with pytest.raises(SaveError, match="no space"):
+        Auto(AutoConfig(rollouts=6000)).estimate_by(stuck, Settings(seed=2), execute)
+
+
+def test_a_damaged_chunk_of_a_part_is_told(tmp_path):
+    folder = tmp_path / "kept"
+
+    def call(progress):
+        task = problem(RARE, chunk=500)
+        return avrare.estimate(task, "auto", seed=1, rollouts=5000, checkpoint=folder, progress=progress)
+
+    def kill(info):
+        if stored():
+            raise Killed
+
+    def stored():
+        return [path for path in folder.rglob("*.npz") if path.parent.name.endswith("+is")]
+
+    with pytest.raises(Killed):
+        call(kill)
+    stored()[0].write_bytes(b"no more")
+    with pytest.raises(avrare.UsageError, match="damaged"):
+        call(False)
+
+
+def test_a_part_that_cannot_begin_is_passed_over():
+    class Closed(Scrambled):
+        lacks = MappingProxyType({"branches": "its states are out of reach"})
+
+    stuck = problem("always (x > 1)", system=Closed(5, 2e-3), steps=5)
+    result = avrare.estimate(stuck, "auto", seed=2, rollouts=6000)
+    tried = {one["estimator"]: one["reason"] for one in chosen(result)["tried"]}
+    assert result.estimator == "mc"
+    assert "out of reach" in tried["ams"]
