@@ -71,6 +71,37 @@ class TestHighd:
         with pytest.raises(UsageError, match="not a recording in the format"):
             open_drives(path)
 
+    @pytest.mark.parametrize(
+        ("file", "old", "new", "words"),
+        [
+            ("recordingMeta", "1,25,", "1,0,", "recordingMeta.csv: the frameRate is 0"),
+            ("recordingMeta", "1,25,", "1,nan,", "recordingMeta.csv: the frameRate is nan"),
+            ("recordingMeta", "1,25,", "1,inf,", "recordingMeta.csv: the frameRate is inf"),
+            ("recordingMeta", "1,25,", "1,x,", "not a recording in the format"),
+            ("recordingMeta", f"1,25,{MARKINGS[0]},{MARKINGS[1]}", "1", "not a recording in the format"),
+            ("recordingMeta", f",{MARKINGS[1]}", "", "no lane markings"),
+            ("recordingMeta", MARKINGS[1], "nan;20;24", "the lane markings 'nan;20;24' are not numbers"),
+            ("recordingMeta", "1,25", "\udcff", "recordingMeta.csv: not CSV in UTF-8"),
+            ("tracksMeta", "1,4.5,1.8,2", "1,4.5", "lacks id or drivingDirection"),
+            ("tracksMeta", "1,4.5", '"' + "1" * 200_000, "tracksMeta.csv: not CSV in UTF-8"),
+            ("tracks", "0,1,47.75,", "0,1,nan,", "tracks.csv: row 1 has no number for x"),
+            ("tracks", "0,1,47.75,", "0,nan,47.75,", "tracks.csv: row 1 has no number for id"),
+            ("tracks", "laneId", "\udcff", "tracks.csv: not CSV in UTF-8"),
+        ],
+    )
+    def test_damaged_files_are_named(self, tmp_path, file, old, new, words):
+        path = write_highd(tmp_path, highd_rows(1, 50.0, 26.0, 30.0, range(3)), {1: 2})
+        damaged = tmp_path / f"01_{file}.csv"
+        text = damaged.read_text()
+        assert old in text
+        damaged.write_bytes(text.replace(old, new, 1).encode("utf-8", "surrogateescape"))
+        with pytest.raises(UsageError, match=words):
+            open_drives(path)
+
+    def test_a_recording_without_rows_is_refused(self, tmp_path):
+        with pytest.raises(UsageError, match="there are no rows"):
+            open_drives(write_highd(tmp_path, [], {}))
+
 
 class TestInd:
     COLUMNS = "recordingId,trackId,frame,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"

@@ -9,7 +9,9 @@ the plane, and no lanes: their road is the caller's, or a network in the same co
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -48,25 +50,26 @@ def open_drone_recording(
         lanelets: Network of a recording that has no lanes itself.
 
     Raises:
-        UsageError: A file or a column is missing, or a number cannot be read.
+        UsageError: A file or a column is missing, or a number cannot be read or is not finite.
     """
     tracks = Path(path)
-    about, recording = (
-        _read_table(tracks.with_name(tracks.name.replace(_END, f"_{kind}.csv")))
+    meta = [
+        tracks.with_name(tracks.name.replace(_END, f"_{kind}.csv"))
         for kind in ("tracksMeta", "recordingMeta")
-    )
+    ]
+    about, recording = map(_read_table, meta)
     columns = _read_header(tracks)
     wanted = _HIGHD if "xCenter" not in columns else _PLANE
     if missing := [name for name in wanted if name not in columns]:
         hint = "expected the columns of highD or of inD"
         raise UsageError(f"{tracks}: there is no column {missing[0]!r}", hint)
     try:
-        use = [columns.index(name) for name in wanted]
-        values = np.loadtxt(tracks, delimiter=",", skiprows=1, usecols=use, ndmin=2).T
+        table = _read_columns(tracks, columns, wanted)
         rate = float(recording[0]["frameRate"])
     except (ValueError, KeyError, IndexError) as error:
         raise UsageError(f"{tracks}: not a recording in the format of highD or inD: {error}") from None
-    table = dict(zip(wanted, values, strict=True))
+    if not 0.0 < rate < np.inf:
+        raise UsageError(f"{meta[1]}: the frameRate is {rate:g}", "it must be a number above 0 [1/s]")
     if wanted is _HIGHD:
         return _read_highd(path, table, about, recording[0], 1.0 / rate, road)
     obstacles = _read_plane(table)
@@ -178,7 +181,9 @@ def _carriageway(path: str, markings: str, turn: float) -> Road:
     try:
         borders = np.sort(turn * np.array([float(word) for word in markings.split(";") if word.strip()]))
     except ValueError:
-        raise UsageError(f"{path}: the lane markings {markings!r} are not numbers") from None
+        borders = np.array([np.nan])
+    if not np.isfinite(borders).all():
+        raise UsageError(f"{path}: the lane markings {markings!r} are not numbers")
     if len(borders) < 2:
         raise UsageError(f"{path}: there are no lane markings in the recordingMeta file")
     ends = np.array([-_FAR, _FAR])
@@ -217,14 +222,31 @@ def _read_header(path: Path) -> list[str]:
         return next(csv.reader(lines), [])
 
 
+def _read_columns(path: Path, columns: list[str], wanted: tuple[str, ...]) -> dict[str, Floats]:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data")
+        use = [columns.index(name) for name in wanted]
+        values = np.loadtxt(path, delimiter=",", skiprows=1, usecols=use, ndmin=2)
+    if not values.size:
+        raise UsageError(f"{path}: there are no rows below the header")
+    if not (finite := np.isfinite(values)).all():
+        row, column = np.argwhere(~finite)[0]
+        raise UsageError(f"{path}: row {row + 1} has no number for {wanted[column]}: {values[row, column]:g}")
+    return dict(zip(wanted, values.T, strict=True))
+
+
 def _read_table(path: Path) -> list[dict[str, str]]:
     with _open(path) as lines:
-        return list(csv.DictReader(lines))
+        return list(csv.DictReader(lines, restval=""))
 
 
-def _open(path: Path) -> TextIO:
+@contextmanager
+def _open(path: Path) -> Iterator[TextIO]:
     try:
-        return path.open(encoding="utf-8", newline="")
+        with path.open(encoding="utf-8", newline="") as lines:
+            yield lines
     except OSError as error:
         hint = "a recording has the files tracks, tracksMeta and recordingMeta"
         raise UsageError(f"{path}: {error.strerror}", hint) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise UsageError(f"{path}: not CSV in UTF-8: {error}") from None
