@@ -267,7 +267,7 @@ def digest(chunk: Request) -> str:
 def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
     """Encode an outcome as an ``.npz`` file, without its carries and without pickled objects."""
     arrays: dict[str, Any] = {name: getattr(outcome, name) for name in ARRAYS}
-    arrays |= {name: found for name in WANTED_ARRAYS if (found := getattr(outcome, name)).size}
+    arrays |= {name: found for name in WANTED_ARRAYS if (found := getattr(outcome, name)).shape[1]}
     arrays |= {_COUNT + name: values for name, values in outcome.counts.items()}
     arrays |= {
         _KEY: np.array(key),

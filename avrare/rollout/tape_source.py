@@ -33,7 +33,7 @@ class TapeDrawer:
         if law is None:
             return
         if request.evidence is not None:
-            self.sums = np.ascontiguousarray(request.evidence.T)
+            self.sums = request.evidence.T.copy(order="C")  # it grows; the request must not
         elif (request.start != FROM_START).any():
             raise ValueError("rows that start later than at the beginning need the evidence of their steps")
         if not law.from_target and request.tape is None:

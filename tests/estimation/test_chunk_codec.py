@@ -1,6 +1,7 @@
 """Outcomes as bytes: the same come back, or none."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,12 @@ def test_an_outcome_without_messages_counts_and_scores():
     bare = Rollouts(*(np.zeros((2, 1)), np.zeros((2, 1), bool), np.zeros(2, bool), np.zeros((2, 0)), 0))
     outcome, _ = decode(encode(bare, "", 0.0), "")
     assert same(outcome, bare)
+
+
+def test_features_that_no_row_lived_to_show_come_back():
+    observed = replace(OUTCOME, features=np.zeros((2, 1, 0)))
+    outcome, _ = decode(encode(observed, "key", 0.0), "key")
+    assert outcome.features.shape == (2, 1, 0)
 
 
 @pytest.mark.slow

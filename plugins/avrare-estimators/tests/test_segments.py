@@ -1,5 +1,6 @@
 """Rollouts in segments: a tape drawn under a law goes on where it stopped, and features come with it."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from avrare.rollout.request import Past, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
 from avrare.testing.problems import reference_problem
-from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.importance.tape_mixture import NONE, TapeMixture
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 
 STEPS, AT = 40, 12
@@ -127,3 +128,20 @@ def test_features_of_a_plain_system_are_its_signals_and_the_monitor():
     assert np.allclose(found[:, 3], -found[:, 2])
     assert not first.violated[alive].any()
     assert first.evidence.shape[1] == MIXTURE.terms
+
+
+def test_a_request_of_one_row_is_not_changed():
+    problem = walk()
+    _, request = second(segment(problem, 40))
+    one = request.slice(0, 1)
+    before = one.evidence.copy()
+    problem.simulate(NOISE, one)
+    assert np.array_equal(one.evidence, before)
+
+
+def test_a_row_that_is_surely_of_the_target_is_chosen_without_a_warning():
+    sums = np.full((3, MIXTURE.terms), -800.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        chosen = LAW.proposal.choose(np.array([0.0, 0.5, 1.0 - 2.0**-53]), sums)
+    assert (chosen == NONE).all()

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems
 from avrare.testing.problems import conjunction, reference_problem
 from avrare_estimators.importance.dictionary import dictionary_bytes
+from avrare_estimators.smc.estimator import SequentialMonteCarlo
 from avrare_estimators.smc.network import Examples, fit
+from avrare_estimators.smc.particles import Particles
 from avrare_estimators.smc.potentials import Paths, Potentials, learn
+from avrare_estimators.smc.summary import Counted
 
 SMALL = {"particles": 100, "runs": 5, "pilot": 400, "stages": 5, "times": 6}
 
@@ -68,7 +72,7 @@ def test_the_same_bits_for_any_workers_and_memory():
     assert plain(estimate(problem(chunk=50), workers=2)) == whole
     least = dictionary_bytes(20) / 2**20 + 2
     assert plain(estimate(problem(chunk=50), memory=least)) == whole
-    in_batches = estimate(problem(chunk=50), proposal="none", memory=1.5)
+    in_batches = estimate(problem(chunk=50), proposal="none", memory=0.6)
     assert plain(in_batches) == plain(estimate(problem(chunk=50), proposal="none"))
 
 
@@ -102,6 +106,51 @@ def test_killed_again_and_again(tmp_path, proposal):
     assert plain(result) == whole
 
 
+class Heavy(faulty_systems.Walk):
+    """Walk whose state has 20 kB."""
+
+    def initial(self, noise):
+        return {**super().initial(noise), "ballast": np.zeros((len(noise), 2500))}
+
+    def step(self, state, noise):
+        return {**super().step(state, noise), "ballast": state["ballast"]}
+
+
+@pytest.fixture
+def batches(monkeypatch):
+    """Numbers of runs that advanced together."""
+    found, begin = [], Particles.begin
+
+    def recorded(course, first_run, runs):
+        found.append(runs)
+        return begin(course, first_run, runs)
+
+    monkeypatch.setattr(Particles, "begin", recorded)
+    return found
+
+
+def test_runs_that_do_not_fit_in_memory_together_advance_in_turn(batches):
+    task = avrare.Problem(Heavy(), avrare.stl("always (x < 0.5)"), 4)
+    estimate(task, proposal="none", stages=1, memory=13)
+    assert batches[-5:] == [1] * 5
+
+
+def test_the_kind_of_interval_does_not_rest_on_the_first_batch(monkeypatch):
+    expected = estimate(problem(limit=1.2), proposal="none")
+    count = Counted.of
+
+    def first_is_plain(particles, curve):
+        return replace(count(particles, curve), plain=particles.first_run == 0)
+
+    monkeypatch.setattr(Counted, "of", first_is_plain)
+    monkeypatch.setattr(SequentialMonteCarlo, "_together", lambda *_: 1)
+    found = estimate(problem(limit=1.2), proposal="none")
+    assert "note" not in found.diagnostics
+    assert found.interval == expected.interval
+    assert found.health == expected.health
+    assert found.blind_bound == expected.blind_bound
+
+
 def test_a_learned_file_saves_the_pilot_and_is_exact(tmp_path):
     first = estimate()
     path = tmp_path / "learned.json"
@@ -133,7 +182,16 @@ def test_bad_files_are_refused(tmp_path):
         path.write_text(json.dumps(content))
         with pytest.raises(UsageError, match=words):
             estimate(learned=str(path))
+    late = json.loads(json.dumps(entry))
+    late["potentials"]["schedule"][-1] = 20
+    path.write_text(json.dumps({"specification": late}))
+    with pytest.raises(UsageError, match="potentials at steps 3 to 20, but a rollout's last step is 20"):
+        estimate(learned=str(path))
     path.write_text(json.dumps({"specification": entry}))
+    two = faulty_systems.Walk()
+    two.signals = lambda state: {"x": state["x"], "y": state["x"]}
+    with pytest.raises(UsageError, match="potentials of 4 features, but the system has 5"):
+        estimate(avrare.Problem(two, avrare.stl("always (x < 1.6)"), 20), learned=str(path))
     with pytest.raises(UsageError, match="is for 20 steps of 1 numbers, but a rollout has 21 steps"):
         estimate(problem(steps=21), learned=str(path))
 

@@ -40,7 +40,8 @@ class DefendedMixture:
         target: Floats | float = self.share
         if sums is not None:  # Bayes: a p / (a p + (1 - a) q) of the steps so far
             target = np.exp(math.log(self.share) + self.log_ratio(sums))
-        rest = np.clip((uniform - target) / (1.0 - target), 0.0, 1.0 - 2.0**-53)
+        other = np.maximum(1.0 - target, 2.0**-53)  # 0 where all but the target is impossible by now
+        rest = np.clip((uniform - target) / other, 0.0, 1.0 - 2.0**-53)
         chosen = self.mixture.choose(rest, sums)
         chosen[uniform < target] = NONE
         return chosen

@@ -34,8 +34,8 @@ _COUNTING_STAGE = 2**16
 """Address of the noise of what counts, beyond all stages of learning."""
 _ROW = 250
 """Bytes of a particle at the peak, but for its carry."""
-_CARRY = 4096
-"""Bytes of a particle's carry where they are not known."""
+_CARRY, _FEATURES = 4096, 32
+"""Bytes of a particle's carry, and number of features, where they are not known."""
 
 
 def build(config: SmcConfig, scene: object | None = None) -> SequentialMonteCarlo:
@@ -86,7 +86,8 @@ class SequentialMonteCarlo:
         self.config = config
         self.file = LearnedFile.read(config.learned) if config.learned is not None else None
         self.names: NoiseNames | None = None
-        self.features, self.carry = 0, _CARRY
+        self.features: int | None = None
+        self.carry = _CARRY
         self.problem: Problem | None = None
 
     def prepare(self, problem: Problem) -> Problem:
@@ -101,7 +102,7 @@ class SequentialMonteCarlo:
         affordable = self._affordable(plan)
         state = SmcState(plan)
         if self.file is not None:
-            return self._begin_counting(replace(state, learned=self.file.find(plan))), Info()
+            return self._begin_counting(replace(state, learned=self.file.find(plan, self.features))), Info()
         return replace(state, learning=Learning.begin(self.config, plan, affordable)), Info()
 
     def scaled(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:
@@ -151,7 +152,9 @@ class SequentialMonteCarlo:
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
         config, self.carry = self.config, carry or _CARRY
         rows = config.pilot * (2 + config.stages) // 2
-        learning = 0 if self.file is not None else rows * (8 * self.features * config.times + 150)
+        learning = (
+            0 if self.file is not None else rows * (8 * (self.features or _FEATURES) * config.times + 150)
+        )
         if self.file is None and config.proposal == "learned":
             learning += dictionary_bytes(plan.steps)
         together = min(self._together(config.particles), config.most)
@@ -277,13 +280,13 @@ def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
     return np.where(np.isnan(found), robustness, found)
 
 
-def _count_features(problem: Problem) -> int:
-    """Return the number of features of a state; a guess where it cannot be told without error."""
+def _count_features(problem: Problem) -> int | None:
+    """Return the number of features of a state; None where it cannot be told without error."""
     try:
         state = problem.system.initial(np.zeros((1, problem.noise_size)))
         return int(system_features(problem.system, state).shape[1]) + 3
     except Exception:  # it is told where it matters: at the first rollout
-        return 32
+        return None
 
 
 def _cost(plan: Plan) -> int:

@@ -76,11 +76,12 @@ class LearnedFile:
             raise UsageError(f"learned: {path}: holds nothing that was learnt", AGAIN)
         return LearnedFile(content, str(path))
 
-    def find(self, plan: Plan) -> Learned:
-        """Return what was learnt of a plan's specification.
+    def find(self, plan: Plan, features: int | None) -> Learned:
+        """Return what was learnt of a plan's specification, whose states have so many ``features``.
 
         Raises:
-            UsageError: There is nothing, it is for other tapes, was left by ``is``, or is damaged.
+            UsageError: There is nothing, it is for other tapes, steps or features, was left by ``is``, or is
+                damaged.
         """
         name = plan.names[0]
         if name not in self.entries:
@@ -104,7 +105,20 @@ class LearnedFile:
                 f"learned: {self.path}: {name} is damaged: {type(error).__name__}: {error}", AGAIN
             ) from None
         check_shape(shape, plan, self.path)
+        if potentials is not None:
+            self._check_potentials(potentials, plan, features)
         return Learned(mixture, potentials, curve, shape)
+
+    def _check_potentials(self, potentials: Potentials, plan: Plan, features: int | None) -> None:
+        schedule, known = potentials.schedule, potentials.network.centre.shape[1]
+        what = f"learned: {self.path}: {plan.names[0]} has potentials"
+        if schedule[0] < 0 or schedule[-1] >= plan.steps:
+            raise UsageError(
+                f"{what} at steps {schedule[0]} to {schedule[-1]}, but a rollout's last step is {plan.steps}",
+                AGAIN,
+            )
+        if features not in (None, known):
+            raise UsageError(f"{what} of {known} features, but the system has {features}", AGAIN)
 
 
 __all__ = ["FILE", "Learned", "LearnedFile"]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from avrare.base import batch
 from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts
+from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widened
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
 from avrare_estimators.smc.potentials import Paths, Potentials
@@ -273,7 +273,13 @@ class Particles:
 
     def ended(self) -> Ends:
         """Return all particles that have ended, those of a run together."""
-        joined = batch.concatenate(_widened(self.ends))
+        # Of a part whose rows all ended before they were observed the number of features is not known.
+        width = max(one.rows.features.shape[2] for one in self.ends)
+        parts = [
+            replace(one, rows=replace(one.rows, features=widened(one.rows.features, width)))
+            for one in self.ends
+        ]
+        joined = batch.concatenate(parts)
         return batch.take(joined, np.argsort(joined.rows.run, kind="stable"))
 
     def paths(self) -> Paths:
@@ -302,15 +308,3 @@ def draw_tapes(course: Course, first_run: int, rows: Rows) -> Floats:
     stage, particle = addresses(course, rows.lineage)
     run = (rows.run + first_run)[:, None]
     return draw_lineage(course.plan.noise, course.law, run, stage, particle)
-
-
-def _widened(ends: tuple[Ends, ...]) -> list[Ends]:
-    """Return the same with features of one width: none of a part's rows may have been observed."""
-    width = max(one.rows.features.shape[2] for one in ends)
-    found = []
-    for one in ends:
-        kept = one.rows.features
-        missing = np.full((*kept.shape[:2], width - kept.shape[2]), np.nan)
-        rows = replace(one.rows, features=np.concatenate([kept, missing], axis=2))
-        found.append(replace(one, rows=rows))
-    return found

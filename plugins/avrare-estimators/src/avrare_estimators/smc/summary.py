@@ -138,10 +138,10 @@ def summarise(
     plain = all(one.plain for one in counted)
     own_fresh = sum((one.fresh for one in counted), FreshRows())
     if plain:
-        fresh, interval = fresh + own_fresh, own_fresh.interval
-    else:
-        interval = _interval(counted, values, relative, fresh)
-    interval_at = looks.interval(runs, interval)
+        fresh = fresh + own_fresh
+    interval_at = looks.interval(
+        runs, own_fresh.interval if plain else _interval(counted, values, relative, fresh)
+    )
     warnings = _health(plan, plain, values, contributions, roots, tally)
     if mean > 0.0 and not plain:
         own = interval_at(plan.confidence)
