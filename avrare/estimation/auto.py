@@ -27,7 +27,7 @@ from avrare.estimation.cross_check import ScalesToCost
 from avrare.estimation.loop import Settings
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.plan import Estimator, Execute, GaveUp, Info, Plan, Refused
+from avrare.estimation.plan import Estimator, Execute, GaveUp, Plan, Refused
 from avrare.estimation.result import Result
 from avrare.estimation.stopping_rules import AtFailures, Stopping
 from avrare.plugin.registry import default_registry
@@ -126,8 +126,11 @@ class _Attempt:
         )  # fmt: skip
 
     @staticmethod
-    def given_up(estimator: str, info: Info, reason: str) -> _Attempt:
-        return _Attempt(estimator, reason, info.rollouts, info.steps, 0.0, info.errors, info.counts)
+    def given_up(estimator: str, end: GaveUp) -> _Attempt:
+        info = end.info
+        return _Attempt(
+            estimator, end.message, info.rollouts, info.steps, end.seconds, info.errors, info.counts
+        )
 
 
 @dataclass(frozen=True)
@@ -225,7 +228,7 @@ class _Work:
             settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent))
             return self.execute(problem, estimator, settings, f"{problem.names[0]}+is")[0]
         except GaveUp as end:
-            spent.append(_Attempt.given_up("is", end.info, end.message))
+            spent.append(_Attempt.given_up("is", end))
         except Refused as error:
             spent.append(_Attempt("is", error.message))
         return None

@@ -18,6 +18,7 @@ from avrare.estimation.pace import Pace
 from avrare.estimation.plan import (
     DelegatesEstimates,
     Estimator,
+    GaveUp,
     Info,
     Journal,
     Plan,
@@ -103,7 +104,11 @@ class _Task:
         loop = _Loop(estimator, self.plan, work, executor, progress or (lambda info: None), journal, stop)
         executor.open(work)
         with closing(executor):
-            state = loop.run()
+            try:
+                state = loop.run()
+            except GaveUp as end:
+                end.seconds = loop.seconds
+                raise
         seconds = loop.seconds
         # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
         replayed = problem is self.given and not _stops_early(estimator)

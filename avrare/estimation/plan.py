@@ -152,9 +152,11 @@ class GaveUp(AvrareError):
 
     Attributes:
         info: Cost until then.
+        seconds: Wall time until then [s].
     """
 
     info = Info()
+    seconds = 0.0
 
     @classmethod
     def after(cls, info: Info, message: str, hint: str) -> GaveUp:

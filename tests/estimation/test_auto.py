@@ -15,6 +15,7 @@ from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
+from avrare.estimation.plan import GaveUp
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
@@ -262,3 +263,21 @@ def test_a_part_that_cannot_begin_is_passed_over():
     tried = {one["estimator"]: one["reason"] for one in chosen(result)["tried"]}
     assert result.estimator == "mc"
     assert "out of reach" in tried["ams"]
+
+
+def test_the_time_of_a_part_that_gave_up_counts():
+    plateau, seconds = problem("always (min(x, 3) < 3.5)"), []
+
+    def execute(problem, estimator, settings, name):
+        try:
+            results = run(problem, estimator, SerialExecutor(), settings)
+        except GaveUp as end:
+            seconds.append(end.seconds)
+            raise
+        seconds.append(results[0].seconds)
+        return results
+
+    (result,) = Auto(AutoConfig(rollouts=6000)).estimate_by(plateau, Settings(seed=2), execute)
+    assert [one["estimator"] for one in chosen(result)["tried"]][:2] == ["mc", "is"]
+    assert min(seconds) > 0.0
+    assert result.seconds == pytest.approx(sum(seconds))

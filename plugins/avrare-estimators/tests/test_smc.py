@@ -222,6 +222,29 @@ def test_a_budget_is_kept_and_used(kind, amount):
     assert 0.3 * amount < spent <= amount
 
 
+def test_all_starts_and_copies_are_rollouts(monkeypatch):
+    """Those of the particles that only teach too."""
+    counts = {"starts": 0, "copies": 0, "taught": 0}
+    begin, resample = Particles.begin, Particles._resample
+
+    def begun(course, first_run, runs):
+        counts["starts"] += runs * course.particles
+        counts["taught"] += course.learning * runs * course.particles
+        return begin(course, first_run, runs)
+
+    def resampled(self, features, place):
+        new = resample(self, features, place)
+        counts["copies"] += new.copies - self.copies
+        counts["taught"] += self.course.learning * (new.copies - self.copies)
+        return new
+
+    monkeypatch.setattr(Particles, "begin", begun)
+    monkeypatch.setattr(Particles, "_resample", resampled)
+    result = estimate(problem(limit=2.5), proposal="none", particles=40)
+    assert result.diagnostics["pilot_rollouts"] == SMALL["pilot"] + counts["taught"] > SMALL["pilot"]
+    assert result.rollouts == SMALL["pilot"] + counts["starts"] + counts["copies"]
+
+
 def test_a_problem_without_steps_is_plain_monte_carlo():
     result = estimate(conjunction(-1.0).problem(), proposal="none")
     assert "Monte Carlo" in result.diagnostics["note"]

@@ -175,8 +175,11 @@ class SequentialMonteCarlo:
         before, learning = state.learning, state.learning.tell(rollouts)
         state = replace(state, learning=learning)
         if isinstance(before.task, Particles) and before.task.segment:
-            assert isinstance(learning.task, Particles) or learning.task is None
             state = replace(state, tally=_without(state.tally, len(rollouts.error)))
+        after = learning.task
+        if isinstance(before.task, Particles) and isinstance(after, Particles) and after.segment:
+            copies = after.copies - before.task.copies
+            state = replace(state, tally=_without(state.tally, -copies))
         if isinstance(before.task, PartialSample) and before.task is not learning.task:
             samples = learning.lessons.samples
             if len(samples) > len(before.lessons.samples):

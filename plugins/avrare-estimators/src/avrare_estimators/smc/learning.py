@@ -128,7 +128,8 @@ class Learning:
         found = task.paths()
         own = found.weights * found.violated
         entry = {
-            "rollouts": len(found.score), "failures": int(found.violated.sum()),
+            "rollouts": task.runs * task.course.particles + task.copies,
+            "failures": int(found.violated.sum()),
             "probability": float(own.mean()) if len(own) else 0.0,
             "level_probability": float(self.potentials.chances[-1]) if self.potentials is not None else None,
             "reached": effective_size(own) > 1.0, "level": None,
