@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.attribution import attribute
+from avrare.analysis.causes.attribution import attribute, measure_saving
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
 from avrare.analysis.causes.sensitivity import sample_failures
-from avrare.analysis.causes.tape_runs import TapeRunner, draw_tapes
+from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
+from avrare.estimation.result import Failures
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
 from noisy_loop import Drawn, noisy_problem
@@ -22,7 +23,7 @@ def static(formula, size=3):
 @pytest.fixture(scope="module")
 def only_first():
     result = avrare.estimate(static("always (u0 < 2)"), rollouts=3000, seed=1)
-    return result.attribution(fresh=300)
+    return result.attribution(fresh=1000)
 
 
 def test_what_alone_can_fail_carries_everything(only_first):
@@ -188,3 +189,18 @@ def test_rollouts_that_break_down_do_not_vanish():
 def test_a_variant_that_always_breaks_down_is_refused():
     with pytest.raises(UsageError, match="rollouts with breaking broke down"):
         attribute_breaking(np.inf)
+
+
+def test_the_interval_of_what_is_saved_knows_that_the_estimate_is_one():
+    # Every failure vanishes, and 0.8 p new ones appear on many tapes: only p is uncertain.
+    p, rollouts, fresh, covered = 0.005, 2000, 200_000, 0
+    rng, none = np.random.default_rng(1), np.zeros(200_000, dtype=bool)
+    for count in rng.binomial(rollouts, p, size=40):
+        kept = Failures(np.zeros((count, 1, 1)), np.zeros(count), int(count))
+        sample = FailureSample(kept, count / rollouts, 0.3, rollouts, 1, 0, 0.95)
+        stored, now = np.zeros(count, dtype=bool), np.arange(fresh) < rng.binomial(fresh, 0.8 * p)
+        saving = measure_saving(
+            sample, "part", Verdicts(stored, stored), Verdicts(none, none), Verdicts(now, none)
+        )
+        covered += saving.saved_interval[0] <= 0.2 <= saving.saved_interval[1]
+    assert covered >= 36
