@@ -19,11 +19,14 @@ from avrare.analysis.causes.sensitivity import (
     sort_by_effect,
 )
 from avrare.analysis.causes.tape_runs import TapeRunner
+from avrare.analysis.failures.failure import compute_fingerprints
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
-from avrare.results.reader import read_run_folder
+from avrare.results.reader import RunFolder, read_run_folder
 from avrare.rollout.loaded_scenario import LoadedScenario, load
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.schema import Scenario
 
 _DEFAULT = "perception."
 _NO_DERIVATIVE = ("height",)
@@ -125,7 +128,11 @@ def sensitivity(
         text = f"{path}: its perception has no score function, so there are no parameters to begin with"
         raise UsageError(text, "name some, for example --parameter controller.horizon")
     values = {parameter: scenario.value(parameter) for parameter in chosen}
-    sample, interval = _take_sample(run, name, problem, rollouts, seed, confidence, tapes)
+    if run is None:
+        sample = sample_failures(problem, rollouts, seed, confidence, tapes)
+        interval = intervals.clopper_pearson(sample.size, rollouts, confidence, sample.errors)
+    else:
+        sample, interval = _take_sample(Path(run), name, scenario.scenario)
     rows: list[Sensitivity] = []
     for parameter, value in values.items():
         if by_score and parameter.startswith(_DEFAULT) and isinstance(value, float):
@@ -149,22 +156,29 @@ def sensitivity(
     )
 
 
-def _take_sample(
-    run: str | os.PathLike[str] | None, name: str, problem: Any, rollouts: int, seed: int, confidence: float,
-    tapes: TapeRunner,
-) -> tuple[FailureSample, Interval]:  # fmt: skip
-    if run is None:
-        sample = sample_failures(problem, rollouts, seed, confidence, tapes)
-        interval = intervals.clopper_pearson(sample.size, rollouts, confidence, sample.errors)
-        return sample, interval
-    folder = read_run_folder(Path(run))
+def _take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[FailureSample, Interval]:
+    folder = read_run_folder(run)
     if name not in folder.failures:
         raise UsageError(f"{run}: no failure of {name} is stored", "leave --run out, or run more rollouts")
     estimate = next(one for one in folder.result.estimates if one.specification == name)
-    failures = folder.failures[name]
-    if failures.noise.shape[1:] != (problem.steps + 1, problem.noise_size):
-        raise UsageError(f"{run}: its failures are of another scenario", "give the run of this scenario")
-    return FailureSample.stored(estimate, failures), estimate.interval
+    if differences := _find_differences(folder, name, scenario.definition):
+        text = f"{run}: its failures are of another scenario: {differences}"
+        raise UsageError(text, "give the run of this scenario, or leave --run out")
+    return FailureSample.stored(estimate, folder.failures[name]), estimate.interval
+
+
+def _find_differences(folder: RunFolder, name: str, definition: Scenario) -> str:
+    # Estimator, budget, seed and thresholds may differ: they decide no rollout of a tape.
+    if folder.result.fingerprint == fingerprint(definition):
+        return ""
+    before = folder.definition
+    if folder.changes or before is None:
+        return "; ".join(folder.changes or folder.load_errors)
+    if name not in before.specifications:
+        return f"it has no specification {name!r}"
+    then, now = (compute_fingerprints(one, name) for one in (before, definition))
+    differing = [part for part in now if now[part] != then[part]]
+    return f"{', '.join(differing)} differ{'s' * (len(differing) == 1)}" if differing else ""
 
 
 def _span(value: float, step: float) -> tuple[float, float]:

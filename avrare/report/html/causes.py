@@ -71,7 +71,7 @@ def _render_kinds(kinds: StoredKinds) -> Markup:
 def _render_savings(attribution: StoredAttribution) -> Markup:
     rows = [
         (
-            one.perfect, tag("strong", f"{100 * one.saves:.0f} %"),
+            one.perfect, "unknown" if one.low is None else tag("strong", f"{100 * one.saves:.0f} %"),
             "unknown" if one.low is None else f"{100 * one.low:.0f} – {100 * one.high:.0f} %",
             f"{100 * one.vanish:.0f} %", _describe_new(one),
         )
@@ -85,6 +85,8 @@ def _render_savings(attribution: StoredAttribution) -> Markup:
 
 
 def _describe_new(one: StoredSaving) -> str:
+    if one.new_high >= 1.0:  # without fresh tapes
+        return "unknown"
     return f"{format_typeset(one.new, 2)} (up to {format_typeset(one.new_high, 2)})"
 
 

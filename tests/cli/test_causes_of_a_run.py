@@ -1,0 +1,79 @@
+"""Commands on the causes of failure of a finished run."""
+
+import json
+import shutil
+
+import pytest
+
+from avrare.cli.main import main
+from avrare.report.html.causes import render_causes
+from avrare.results.reader import read_run_folder
+
+PLANE = """
+name: plane
+steps: 10
+simulator:
+  plugin: linear
+  dt: 0.1
+  states: [x, v]
+  A: [[1, 0.1], [0, 1]]
+  process_noise: [0.0, 0.04]
+  initial: {mean: [0, 0], covariance: [0.04, 0.01]}
+specifications:
+  left: {stl: "always (x < 0.5)"}
+estimator: {plugin: mc, rollouts: 400}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("causes")
+    (folder / "plane.yaml").write_text(PLANE)
+    assert main(["run", str(folder / "plane.yaml"), "--out", str(folder / "run"), "--quiet"]) == 0
+    return folder / "run"
+
+
+def sensitivity(run, *words):
+    scenario = str(run.parent / "plane.yaml")
+    parameter = ["--parameter", "simulator.initial.mean.0", "--budget", "rollouts=200"]
+    return main(["sensitivity", scenario, "--run", str(run), *parameter, *words])
+
+
+def test_a_run_of_another_scenario_is_refused(run, capsys):
+    assert sensitivity(run, "--set", "simulator.process_noise=[0.0, 0.09]") == 4
+    assert "its failures are of another scenario: simulator differs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "estimator.rollouts=900",
+        "seed=7",
+        "confidence=0.9",
+        "thresholds=[{specification: left, probability: '< 0.5'}]",
+        "estimator={plugin: ams}",
+    ],
+)
+def test_what_does_not_decide_a_rollout_may_differ(run, setting):
+    assert sensitivity(run, "--set", setting) == 0
+
+
+def test_a_scenario_that_was_changed_after_its_run_is_refused(run, tmp_path, capsys):
+    copy = shutil.copytree(run, tmp_path / "run")
+    (copy / "scenario.yaml").unlink()
+    scenario, parameter = str(run.parent / "plane.yaml"), "simulator.initial.mean.0"
+    words = ["sensitivity", scenario, "--run", str(copy), "--parameter", parameter]
+    assert main(words) == 0  # the fingerprint in its result is the scenario's
+    assert main([*words, "--set", "confidence=0.9"]) == 4
+    assert "scenario.yaml: it was changed after the run, or is missing" in capsys.readouterr().err
+
+
+def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
+    assert main(["attribution", str(run), "--out", str(run), "--fresh", "0"]) == 0
+    written = json.loads((run / "attribution.json").read_text())["attribution"]["left"]["perfect"]
+    assert all(row["low"] is None for row in written)
+    folder = read_run_folder(run)
+    page = str(render_causes(folder, folder.result.estimates[0]))
+    assert "up to" not in page
+    assert "<strong>0 %</strong>" not in page
+    assert page.count("unknown") >= 3
