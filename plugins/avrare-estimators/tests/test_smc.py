@@ -60,6 +60,19 @@ def plain(result):
     return content, result.failures.noise.tobytes(), result.robustness.tobytes(), result.artifacts
 
 
+@pytest.fixture
+def batches(monkeypatch):
+    """Numbers of runs that advanced together."""
+    found, begin = [], Particles.begin
+
+    def recorded(course, first_run, runs):
+        found.append(runs)
+        return begin(course, first_run, runs)
+
+    monkeypatch.setattr(Particles, "begin", recorded)
+    return found
+
+
 @pytest.mark.parametrize("proposal", ["learned", "none"])
 def test_the_same_bits_for_any_chunk(proposal):
     one, other = (plain(estimate(problem(chunk=chunk), proposal=proposal)) for chunk in (64, 4096))
@@ -67,13 +80,15 @@ def test_the_same_bits_for_any_chunk(proposal):
 
 
 @pytest.mark.slow
-def test_the_same_bits_for_any_workers_and_memory():
+def test_the_same_bits_for_any_workers_and_memory(batches):
     whole = plain(estimate(problem(chunk=50)))
     assert plain(estimate(problem(chunk=50), workers=2)) == whole
     least = dictionary_bytes(20) / 2**20 + 2
     assert plain(estimate(problem(chunk=50), memory=least)) == whole
-    in_batches = estimate(problem(chunk=50), proposal="none", memory=0.6)
-    assert plain(in_batches) == plain(estimate(problem(chunk=50), proposal="none"))
+    many = {"proposal": "none", "particles": 400}
+    in_batches = estimate(problem(chunk=50), memory=1.5, **many)
+    assert 1 < sum(np.cumsum(batches[::-1]) <= 5) < 5
+    assert plain(in_batches) == plain(estimate(problem(chunk=50), **many))
 
 
 @pytest.mark.slow
@@ -114,19 +129,6 @@ class Heavy(faulty_systems.Walk):
 
     def step(self, state, noise):
         return {**super().step(state, noise), "ballast": state["ballast"]}
-
-
-@pytest.fixture
-def batches(monkeypatch):
-    """Numbers of runs that advanced together."""
-    found, begin = [], Particles.begin
-
-    def recorded(course, first_run, runs):
-        found.append(runs)
-        return begin(course, first_run, runs)
-
-    monkeypatch.setattr(Particles, "begin", recorded)
-    return found
 
 
 def test_runs_that_do_not_fit_in_memory_together_advance_in_turn(batches):

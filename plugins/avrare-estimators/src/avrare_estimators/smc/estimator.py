@@ -152,9 +152,8 @@ class SequentialMonteCarlo:
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
         config, self.carry = self.config, carry or _CARRY
         rows = config.pilot * (2 + config.stages) // 2
-        learning = (
-            0 if self.file is not None else rows * (8 * (self.features or _FEATURES) * config.times + 150)
-        )
+        row = 8 * (self.features or _FEATURES) * config.times + 150
+        learning = 0 if self.file is not None else rows * row
         if self.file is None and config.proposal == "learned":
             learning += dictionary_bytes(plan.steps)
         together = min(self._together(config.particles), config.most)

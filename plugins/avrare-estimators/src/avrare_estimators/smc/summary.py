@@ -149,30 +149,7 @@ def summarise(
         warnings |= _disagreement(learning, mean, relative)
     if DISTRUST & warnings.keys() and mean > 0.0 and fresh.rows:
         interval_at = partial(for_any_weights, mean, fresh)
-    told = _words(learned, counted, names)
-    diagnostics = {
-        "particles": counted[0].course.particles,
-        "resampled_at": [counted[0].course.ends[k] for k in range(len(counted[0].course.stops))],
-        "roots": roots.tolist(),
-        "effective_failures": effective_size(contributions),
-        "largest_share": float(contributions.max(initial=0.0) / max(contributions.sum(), 1e-300)),
-        "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages) if learning else 0,
-        "stages": list(learning.stages) if learning else [],
-        "exceedance": _curve(counted, learned.curve),
-        "learnt": told,
-        "learned": learned.digest,
-    }
-    if learned.potentials is not None:
-        diagnostics["gains"] = dict(
-            zip(
-                map(str, learned.potentials.schedule.tolist()), learned.potentials.gains.tolist(), strict=True
-            )
-        )
-    if plain:
-        diagnostics["note"] = (
-            "nothing was learnt that tells failures from other rollouts: the particles are independent "
-            "rollouts of the target, which is Monte Carlo"
-        )
+    diagnostics = _diagnostics(counted, learned, learning, names, plain)
     if looks.goal is not None:
         diagnostics |= looks.diagnostics(math.sqrt(relative))
     return build_result(
@@ -181,6 +158,33 @@ def summarise(
         robustness=first, blind_bound=fresh.blind_bound(plan.confidence),
         diagnostics=diagnostics, artifacts={FILE: learned.to_dict(names)},
     )  # fmt: skip
+
+
+def _diagnostics(
+    counted: Sequence[Counted], learned: Learned, learning: Learning | None, names: NoiseNames, plain: bool
+) -> dict[str, Any]:
+    contributions = _joined(counted, "contributions")
+    found = {
+        "particles": counted[0].course.particles,
+        "resampled_at": [counted[0].course.ends[k] for k in range(len(counted[0].course.stops))],
+        "roots": _joined(counted, "roots").tolist(),
+        "effective_failures": effective_size(contributions),
+        "largest_share": float(contributions.max(initial=0.0) / max(contributions.sum(), 1e-300)),
+        "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages) if learning else 0,
+        "stages": list(learning.stages) if learning else [],
+        "exceedance": _curve(counted, learned.curve),
+        "learnt": _words(learned, counted, names),
+        "learned": learned.digest,
+    }
+    if learned.potentials is not None:
+        steps, gains = learned.potentials.schedule.tolist(), learned.potentials.gains.tolist()
+        found["gains"] = dict(zip(map(str, steps), gains, strict=True))
+    if plain:
+        found["note"] = (
+            "nothing was learnt that tells failures from other rollouts: the particles are independent "
+            "rollouts of the target, which is Monte Carlo"
+        )
+    return found
 
 
 def _joined(counted: Sequence[Counted], name: str) -> Any:
