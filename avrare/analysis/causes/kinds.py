@@ -273,11 +273,13 @@ def _describe_causes(causes: Sequence[FirstViolation], time: float, unit: str) -
 def describe_noise(problem: Problem, sample: FailureSample, chosen: Bools) -> list[str]:
     """Describe the noise that sets some failures apart from chance, channel by channel and in time windows.
 
-    Squares and sums of standard normal numbers are compared with what chance gives.
+    Squares and sums of standard normal numbers are compared with what chance gives, to which copies of one
+    ancestor, or failures of one run of splitting, count as one.
     """
     rows = np.flatnonzero(chosen)
     noise, shares = sample.failures.noise[rows], sample.shares[rows] / sample.shares[rows].sum()
-    effective = 1.0 / float((shares**2).sum())
+    families = np.unique(sample.clusters[rows], return_inverse=True)[1].reshape(-1)
+    effective = 1.0 / float((np.bincount(families, shares) ** 2).sum())
     windows = np.array_split(np.arange(noise.shape[1]), min(_WINDOWS, noise.shape[1]))
     names = find_noise_names(problem.system)
     dt = find_time_step(problem.system)

@@ -8,6 +8,7 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.kinds import describe_noise
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share
 from avrare.estimation.result import Failures
@@ -167,6 +168,20 @@ def test_failures_of_few_runs_have_wider_shares():
     _, narrow = sample_of(noise, trials=4000).share_interval(chosen)
     _, wide = sample_of(noise, weights, ancestors, runs=5).share_interval(chosen)
     assert wide[1] - wide[0] > 1.5 * (narrow[1] - narrow[0])
+
+
+def test_noise_of_copies_tells_as_much_as_that_of_their_ancestors():
+    # 64 failures of four first rollouts, or of four runs: channel 1 is 1 sigma in all, 2 standard errors.
+    noise = np.tile(np.array([0.0, 1.0, 0.0]), (64, 1, 1))
+    noise[:, 0, [0, 2]] = np.tile([[1.0, -1.0], [-1.0, 1.0]], (32, 1))
+    weights, families = np.full(64, 0.01 / 64), np.repeat(np.arange(4), 16)
+    ancestors = np.stack([np.zeros(64, dtype=int), families], axis=1)
+    chosen = np.ones(64, dtype=bool)
+    [text] = describe_noise(two_modes(), sample_of(noise, weights), chosen)
+    assert text.startswith("noise 1 +1 sigma on average")
+    assert describe_noise(two_modes(), sample_of(noise, weights, ancestors), chosen) == []
+    of_runs = np.stack([families, np.arange(64)], axis=1)
+    assert describe_noise(two_modes(), sample_of(noise, weights, of_runs, runs=4), chosen) == []
 
 
 @pytest.mark.parametrize(
