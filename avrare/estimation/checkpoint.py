@@ -250,7 +250,10 @@ def differences(before: Any, after: Any, path: str = "") -> list[str]:
 
 
 def digest(chunk: Request) -> str:
-    """Return 32 hexadecimal digits that identify the request of a chunk: addresses, starts, given noise."""
+    """Return 32 hexadecimal digits that identify the request of a chunk.
+
+    They stand for addresses, starts, ancestors and given noise.
+    """
     hashed = hashlib.blake2b(digest_size=16)
     for values in (chunk.run, chunk.stage, chunk.particle, chunk.start):
         hashed.update(np.ascontiguousarray(values, dtype=np.int64).tobytes())
@@ -259,6 +262,9 @@ def digest(chunk: Request) -> str:
     hashed.update(f"{chunk.rows} {chunk.stop_early} {chunk.law is not None}".encode())
     if chunk.until is not None or chunk.observe:
         hashed.update(f"{chunk.until} {chunk.observe} {chunk.stop_failed}".encode())
+    if chunk.lineage is not None:
+        hashed.update(f"{chunk.lineage.shape}".encode())
+        hashed.update(np.ascontiguousarray(chunk.lineage, dtype=np.int64).tobytes())
     if (law := chunk.tape_law) is not None:
         hashed.update(f"{law.proposal.digest} {law.from_target}".encode())
     return hashed.hexdigest()

@@ -79,6 +79,8 @@ class Request:
         tape_law: Law of the noise tapes; None: standard normal.
         evidence: (M, A) sums of the law's density over the steps up to ``start``; for rows that start later
             than at the beginning under a law.
+        lineage: (M, S) what the rows continue, for checkpoints: rows of one address that continue others are
+            other rows. None: what is stored before decides it, digit for digit.
         past: Rows with start >= 0 whose carries must be simulated first; None: there are none.
         until: Last step of these rollouts, whose verdicts are then open; None: the problem's last step.
         observe: Steps at which to return the features of the state (``stack.features``).
@@ -98,6 +100,7 @@ class Request:
     law: Any = None
     tape_law: TapeLaw | None = None
     evidence: Floats | None = None
+    lineage: NDArray[np.int32] | None = None
     past: Past | None = None
     until: int | None = None
     observe: tuple[int, ...] = ()
@@ -140,6 +143,7 @@ class Request:
             run=self.run[part], stage=self.stage[part], particle=self.particle[part], start=self.start[part],
             carries=tuple(carries), tape=None if self.tape is None else self.tape[part],
             evidence=None if self.evidence is None else self.evidence[part],
+            lineage=None if self.lineage is None else self.lineage[part],
             past=None if self.past is None else self.past.slice(begin, end),
         )  # fmt: skip
 

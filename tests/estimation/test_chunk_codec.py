@@ -95,8 +95,12 @@ def test_the_digest_distinguishes_requests():
         request(particle=np.arange(1, 4)), request(start=np.zeros(3, int)), request(stop_early=True),
         request(tape=tape), request(tape=tape + 1e-300), request(law="a law"),
     ]  # fmt: skip
+    lineages = [np.array([[0], [1], [1]]), np.array([[0], [1], [2]]), np.array([[0, 0], [1, 1], [1, 2]])]
+    others += [request(lineage=lineage.astype(np.int32)) for lineage in lineages]
     assert len({digest(one) for one in others}) == len(others)
     assert digest(request()) == digest(request())
+    whole = request(lineage=lineages[1].astype(np.int32))
+    assert digest(whole.slice(0, 2)) == digest(request(2, lineage=whole.lineage[:2]))
 
 
 def refused(content):

@@ -153,6 +153,28 @@ def test_the_kind_of_interval_does_not_rest_on_the_first_batch(monkeypatch):
     assert found.blind_bound == expected.blind_bound
 
 
+def test_rows_stored_from_other_parents_are_refused(tmp_path, monkeypatch):
+    """What is learnt again may differ in its last digits, and so may the parents that it chooses."""
+    weigh, folder = Potentials.__call__, tmp_path / "kept"
+
+    def call(progress):
+        return estimate(proposal="none", runs=2, checkpoint=folder, progress=progress)
+
+    def kill(info):
+        if list(folder.rglob("000003-*.npz")):  # of a segment whose rows continue others
+            raise KeyboardInterrupt
+
+    def otherwise(self, step, features):
+        h, committor = weigh(self, step, features)
+        return 1.0 / h, committor
+
+    with pytest.raises(KeyboardInterrupt):
+        call(kill)
+    monkeypatch.setattr(Potentials, "__call__", otherwise)
+    with pytest.raises(UsageError, match="belongs to another estimate"):
+        call(False)
+
+
 def test_a_learned_file_saves_the_pilot_and_is_exact(tmp_path):
     first = estimate()
     path = tmp_path / "learned.json"

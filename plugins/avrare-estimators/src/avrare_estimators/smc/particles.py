@@ -167,6 +167,7 @@ class Particles:
         if self.segment:
             carries = () if self.carry is None else ((begin, self.carry),)
             fields |= {"carries": carries, "past": self._past(start), "evidence": self.evidence}
+            fields |= {"lineage": self.rows.lineage[:, : self.segment]}
         if not self.last:
             end = course.ends[self.segment]
             fields |= {"until": end, "observe": (end,), "keep_carries": True}
