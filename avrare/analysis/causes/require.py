@@ -42,7 +42,8 @@ def require(
         parameter: Dotted path of a number.
         probability: Bound, such as "< 1e-4".
         specification: Name; None: the only one.
-        between: Smallest and largest value; None: a fifth and five times the scenario's.
+        between: Smallest and largest value; None: a fifth (of a whole number at least 1) and five times
+            the scenario's.
         overrides: Settings as for ``--set``.
         rollouts: Budget of all estimates together.
         seed: Seed of the first estimate; each has its own.
@@ -59,7 +60,8 @@ def require(
     if between is None:
         if value <= 0.0:
             raise UsageError(f"{parameter} is {value:g}: where should be looked?", "give --between LOW,HIGH")
-        between = value / _WIDE, value * _WIDE
+        least = 1.0 if isinstance(value, int) else 0.0
+        between = max(least, value / _WIDE), value * _WIDE
     definition = scenario.scenario.definition
     task = {
         "fingerprint": fingerprint(definition), "parameter": parameter, "specification": name, "limit": limit,

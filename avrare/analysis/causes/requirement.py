@@ -142,7 +142,7 @@ def find_requirement(
         UsageError: The bound or the ends do not fit.
     """
     low, high = between
-    if not 0.0 < limit < 1.0 or not low < high:
+    if not 0.0 < limit < 1.0 or not -math.inf < low < high < math.inf:
         raise UsageError(f"{parameter}: bound {limit:g} between {low:g} and {high:g} cannot be searched")
     scaled = logarithmic and low > 0.0
     level = 1.0 - (1.0 - confidence) / len(SHARES)

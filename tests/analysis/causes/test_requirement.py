@@ -126,6 +126,11 @@ def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
         avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
 
 
+def test_the_range_of_a_small_whole_number_begins_at_one(plane):
+    found = avrare.require(plane, "steps", "< 0.9", overrides=["steps=2"], rollouts=80)
+    assert [trial.value for trial in found.trials] == [1, 10]
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
@@ -134,6 +139,8 @@ def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
         (["--parameter", "simulator.dt", "--probability", "often"], "should be an upper bound"),
         ([*WORDS[:4], "--between", "1"], "should be LOW,HIGH"),
         (WORDS[:4], "is 0: where should be looked"),
+        ([*WORDS[:4], "--between", "1,inf"], "between 1 and inf cannot be searched"),
+        (["--parameter", "steps", *WORDS[2:4], "--between", "1,inf"], "between 1 and inf cannot be searched"),
     ],
 )
 def test_wrong_arguments_are_a_clear_error(plane, words, text, capsys):
