@@ -77,3 +77,10 @@ def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
     assert "up to" not in page
     assert "<strong>0 %</strong>" not in page
     assert page.count("unknown") >= 3
+
+
+def test_a_variant_that_always_breaks_down_is_a_clear_error(run, capsys):
+    # Numbers beyond the largest float: every rollout is an error.
+    variant = "huge:simulator.A=[[1e300, 1e300], [1e300, 1e300]]"
+    assert main(["attribution", str(run), "--fresh", "5", "--variant", variant]) == 4
+    assert "rollouts with huge broke down" in capsys.readouterr().err
