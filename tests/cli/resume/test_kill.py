@@ -93,7 +93,7 @@ def test_ctrl_c_with_workers_behaves_the_same(night, chunks):
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert err.startswith("\nstopping after")
+    assert "\nstopping after" in err  # below the time left, if a chunk told it
     assert "Traceback" not in err
     assert "KeyboardInterrupt" not in err
 
