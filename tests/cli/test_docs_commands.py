@@ -48,7 +48,7 @@ NOT_RUN = {
     r"avrare flow fit .*": "avrare-flows' tests fit flows",
     r"avrare synthesize .*": "a descent of minutes; avrare-linear's tests synthesise",
     r"avrare (kinds|attribution) .*": "needs a large run; tests/cli/test_kinds.py and tests/analysis",
-    r"avrare (sensitivity|require) .*": "needs perception; tests/cli/test_causes_of_a_run.py, tests/analysis/causes",
+    r"avrare (sensitivity|require) .*": "needs perception; tests/analysis/causes",
     r"avrare rate .*": "needs drawn options; tests/analysis/rates/test_rates.py",
     r"avrare replay .* --failure 122715dc": "a failure of the page's own run; tests/analysis/failures",
     r"avrare replay .* --blob @failure.txt .*": "a failure of the page's own run; tests/analysis/failures",
