@@ -108,7 +108,7 @@ class _Pilot(MonteCarlo):
 
 @dataclass(frozen=True)
 class _Attempt:
-    """What was tried for a specification and did not count."""
+    """Attempt at a specification that did not count."""
 
     estimator: str
     reason: str

@@ -18,7 +18,7 @@ ROLLOUTS = 50_000
 PILOT = 3000
 """Most rollouts of the pilot, and of the pilot from which a proposal is learned."""
 _SHARE = 15
-"""Where rollouts are spent, the pilot takes at most 1 / 15 of them, and learning in vain twice as much."""
+"""Shares of a budget of rollouts: the pilot takes at most 1 / 15 of them, and learning in vain twice as much."""
 _LEAST = 5000
 """Rollouts below which the pilot and learning would find too little: Monte Carlo takes them all."""
 _TIMES = 5
@@ -37,7 +37,7 @@ _DOUBT = 2.0
 
 @dataclass(frozen=True)
 class Aim:
-    """What an estimate is to reach, and what it may cost.
+    """Goal of an estimate, and the most that it may cost.
 
     Attributes:
         goal: Relative error to reach; None: the rollouts are spent.

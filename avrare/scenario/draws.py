@@ -28,7 +28,7 @@ class Correlation(_Model):
 
 
 class DrawSettings(_Model):
-    """How options are drawn, and what becomes of scenes that cannot be."""
+    """Rules by which options are drawn, and for scenes that cannot be."""
 
     correlations: tuple[Correlation, ...] = Field(default=(), description="correlated pairs of options")
     overlap: Literal["resample", "error"] = Field(

@@ -40,7 +40,7 @@ class TakesDraws(Protocol):
 
 @dataclass(frozen=True)
 class DrawnValues:
-    """What was drawn for N particles.
+    """Values drawn for N particles.
 
     Attributes:
         values: (N, K) values of the options.

@@ -26,7 +26,7 @@ _WANTED = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
 
 
 class FunctionConfig(BaseModel):
-    """Where the function is, and how it is called."""
+    """File and name of the function, and the form of its call."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": str(EXAMPLE)}]}

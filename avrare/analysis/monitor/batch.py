@@ -29,7 +29,7 @@ _PART = 25  # egos of one file that a worker takes at a time
 
 @dataclass(frozen=True)
 class Question:
-    """What to ask of every drive.
+    """Questions to ask of every drive.
 
     Attributes:
         rules: Names of the rules.

@@ -28,7 +28,7 @@ class _Model(BaseModel):
 
 
 class Exposure(_Model):
-    """How often a scene is met: a count over hours or km, or a rate with an interval."""
+    """Exposure to a scene: a count over hours or km, or a rate with an interval."""
 
     count: int | None = Field(default=None, ge=0, description="times that the scene was met")
     hours: Positive | None = Field(default=None, description="hours of driving in which it was counted")
@@ -58,7 +58,7 @@ class Exposure(_Model):
 
     @property
     def unit(self) -> Unit:
-        """What the rate is of."""
+        """Unit that the rate is per."""
         return "hour" if self.hours is not None or self.per_hour is not None else "km"
 
     def rate(self, confidence: float) -> Quantity:
@@ -123,7 +123,7 @@ class RateThreshold(_Model):
 
     @property
     def unit(self) -> Unit:
-        """What the bounded rate is of."""
+        """Unit that the bounded rate is per."""
         return "hour" if self.per_hour is not None else "km"
 
     @property

@@ -34,7 +34,7 @@ PARAMETERS = (
 )
 """Parameters of a driver, in the order of the last axis of the kernel's table."""
 _MARGIN = 0.25
-"""How far a vehicle may reach into a lane before it counts as in it [m]."""
+"""Distance that a vehicle may reach into a lane before it counts as in it [m]."""
 _CRAWL = 0.5
 """Speed below which a lane change rests [m/s]."""
 _TOUCH = 0.1

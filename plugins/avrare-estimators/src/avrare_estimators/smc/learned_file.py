@@ -1,4 +1,4 @@
-"""What a run of ``smc`` has learnt, in learned.json: the proposal of ``is``, and potentials beside it."""
+"""Learned parts of ``smc`` in learned.json: the proposal of ``is``, and potentials beside it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _POTENTIALS, _CURVE = "potentials", "curve"
 
 @dataclass(frozen=True)
 class Learned:
-    """What was learnt of a specification, frozen.
+    """Proposal and potentials learnt of a specification, frozen.
 
     Attributes:
         mixture: Proposal on the noise tape; None: the target.

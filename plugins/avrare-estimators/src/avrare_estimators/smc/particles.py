@@ -71,7 +71,7 @@ class Ends:
 
 @dataclass(frozen=True)
 class Course:
-    """What the runs of a task share.
+    """Parts that the runs of a task share.
 
     Attributes:
         plan: The task.

@@ -89,7 +89,7 @@ class Potentials:
 
     @property
     def reached(self) -> bool:
-        """Whether the deepest level is failure."""
+        """True where the deepest level is failure."""
         return bool(np.isinf(self.levels[-1]))
 
     def __call__(self, step: int, features: Floats) -> tuple[Floats, Floats]:

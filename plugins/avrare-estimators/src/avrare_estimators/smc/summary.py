@@ -38,7 +38,7 @@ _LOST = 0.5
 
 @dataclass(frozen=True)
 class Counted:
-    """What a result needs of R runs that have ended.
+    """Numbers that a result needs of R runs that have ended.
 
     Attributes:
         course: What the runs share.
