@@ -18,7 +18,7 @@ ROLLOUTS = 50_000
 PILOT = 3000
 """Most rollouts of the pilot, and of the pilot from which a proposal is learned."""
 _SHARE = 15
-"""Shares of a budget of rollouts: the pilot takes at most 1 / 15 of them, and learning in vain twice as much."""
+"""Share of a budget of rollouts: the pilot takes at most 1 / 15 of it, and learning in vain twice as much."""
 _LEAST = 5000
 """Rollouts below which the pilot and learning would find too little: Monte Carlo takes them all."""
 _TIMES = 5

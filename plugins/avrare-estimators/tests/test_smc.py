@@ -17,9 +17,8 @@ from avrare.testing import faulty_systems
 from avrare.testing.problems import conjunction, reference_problem
 from avrare_estimators.importance.dictionary import dictionary_bytes
 from avrare_estimators.smc.estimator import SequentialMonteCarlo
-from avrare_estimators.smc.network import Examples, fit
 from avrare_estimators.smc.particles import Particles
-from avrare_estimators.smc.potentials import Paths, Potentials, learn
+from avrare_estimators.smc.potentials import Potentials
 from avrare_estimators.smc.summary import Counted
 
 SMALL = {"particles": 100, "runs": 5, "pilot": 400, "stages": 5, "times": 6}
@@ -344,43 +343,6 @@ def test_words_say_when_the_drive_is_lost():
     middles = [middle for _, middle, _ in told["committor"]]
     assert middles[0] < 0.2
     assert middles[-1] > middles[0]
-
-
-def test_the_network_learns_a_known_committor():
-    """From x at one of two steps, the chance that x plus fresh noise exceeds a bound."""
-    rng = np.random.default_rng(3)
-    x = rng.standard_normal((6000, 2)).cumsum(axis=1)
-    end = x[:, 1] + rng.standard_normal(6000)
-    features = np.stack([x, x], axis=2)
-    examples = Examples(features, end[:, None] > 2.5, np.ones(6000), np.arange(6000) % 5 == 0)
-    network = fit(examples, (1,))
-    at = np.array([[-1.0, -1.0], [1.0, 1.0], [2.5, 2.5]])
-    found = network.probabilities(1, at)[:, 0]
-    assert abs(found[2] - 0.5) < 0.12
-    assert abs(found[1] - 0.067) < 0.04
-    assert found[0] < 0.01
-    assert abs(network.probabilities(0, at)[1, 0] - 0.144) < 0.05
-    again = fit(examples, (1,))
-    assert network.to_dict() == again.to_dict()
-    # A row's bits do not depend on its company.
-    assert np.array_equal(network.probabilities(1, at)[1:2], network.probabilities(1, at[1:2]))
-
-
-def test_features_that_tell_nothing_give_no_gain():
-    rng = np.random.default_rng(4)
-    features = rng.standard_normal((3000, 3, 2))
-    violated = rng.random(3000) < 0.05
-    score = np.where(violated, 1.0, rng.random(3000))
-    paths = Paths(features, score, violated, np.ones(3000), np.arange(3000))
-    # The last feature is the score so far, below all levels.
-    paths.features[:, :, -1] = -9.0
-    found = learn([paths], np.array([5, 10, 15]), (2,))
-    assert found is not None
-    assert found.useful == []
-    assert (
-        Potentials.from_dict(json.loads(json.dumps(found.to_dict()))).chances.tolist()
-        == found.chances.tolist()
-    )
 
 
 def test_it_scales_to_a_cost():
