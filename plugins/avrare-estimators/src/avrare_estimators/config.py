@@ -148,6 +148,25 @@ class EssConfig(_GrowingConfig):
         description="shrink: width of the first bracket, radians; 3 saves a third of the rollouts where the "
         "set is narrow, and seldom changes sides (default: the complete ellipse)",
     )  # fmt: skip
+    acquisition: Literal["ucb", "ei", "poi"] = Field(
+        default="ucb",
+        description="bayesian: what chooses the next angle: upper confidence bound, expected improvement, "
+        "probability of improvement",
+    )
+    kappa: float = Field(
+        default=2.576, ge=0.0, description="bayesian, ucb: standard deviations above the mean; more explores"
+    )
+    xi: float = Field(
+        default=0.0, ge=0.0,
+        description="bayesian, ei and poi: improvement that does not count, in standard deviations of the "
+        "scores so far; more explores",
+    )  # fmt: skip
+    points: int = Field(default=6, ge=2, le=100, description="bayesian: most rollouts of a round, N_BO")
+    uncertainty: float = Field(
+        default=0.0, ge=0.0,
+        description="bayesian: end a round once the surrogate is nowhere less certain than this, in standard "
+        "deviations of the scores so far; 0: never",
+    )  # fmt: skip
     second_pass: bool = Field(
         default=True,
         description="count in a fresh sample at the levels that a pilot has found: unbiased; without it the "
@@ -170,6 +189,12 @@ class EssConfig(_GrowingConfig):
             raise ValueError(f"lipschitz is no option of kernel {self.kernel}")
         if self.bracket is not None and self.kernel != "shrink":
             raise ValueError(f"bracket is no option of kernel {self.kernel}")
+        for name in ("acquisition", "kappa", "xi", "points", "uncertainty"):
+            changed = getattr(self, name) != type(self).model_fields[name].default
+            if changed and self.kernel != "bayesian":
+                raise ValueError(f"{name} is no option of kernel {self.kernel}")
+        if self.xi > 0.0 and self.acquisition == "ucb":
+            raise ValueError("xi is no option of acquisition ucb, which has kappa")
         return self
 
     @property

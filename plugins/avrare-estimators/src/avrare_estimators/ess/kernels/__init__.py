@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from avrare_estimators.config import EssConfig
 from avrare_estimators.ess.chains import Kernel
-from avrare_estimators.ess.kernels.bayesian import BayesianKernel
+from avrare_estimators.ess.kernels.bayesian import Acquisition, BayesianKernel
 from avrare_estimators.ess.kernels.lipschitz import GrowingLipschitzKernel, LipschitzKernel
 from avrare_estimators.ess.kernels.pcn import PcnKernel
 from avrare_estimators.ess.kernels.shrink import ShrinkKernel
@@ -24,6 +24,7 @@ def make_kernel(config: EssConfig) -> Kernel:
         case "surrogate":
             return SurrogateKernel()
         case "bayesian":
-            return BayesianKernel()
+            acquisition = Acquisition(config.acquisition, config.kappa, config.xi)
+            return BayesianKernel(acquisition, config.points, config.uncertainty)
         case "pcn":
             return PcnKernel()

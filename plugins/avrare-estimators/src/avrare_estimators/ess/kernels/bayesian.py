@@ -1,32 +1,66 @@
-"""Bayesian optimisation of the score along an ellipse: Algorithm 1 of stl-ess unchanged, a heuristic.
+"""Bayesian optimisation of the score along an ellipse: Algorithm 1 of stl-ess, a heuristic.
 
-A Gaussian process in the angle learns the score from a few rollouts, chosen by an upper confidence bound;
-then an angle is drawn where its mean lies above the level. Nothing checks that the tape found does, and the
-process depends on the chain's own point: the step is not reversible, and the estimate is biased. The kernel
-``surrogate`` is a valid alternative.
+A Gaussian process in the angle learns the score from a few rollouts, at angles that an acquisition function
+chooses; then an angle is drawn where its mean lies above the level. Nothing checks that the tape found does,
+and the process depends on the chain's own point: the step is not reversible, and the estimate is biased. The
+kernel ``surrogate`` is a valid alternative.
 """
 
 # ruff: noqa: D102 - ``Kernel`` documents the methods of all kernels.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from avrare.protocols import Bools, Floats
+from avrare.rollout.request import Integers
 from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, rotated
 
+AcquisitionName = Literal["ucb", "ei", "poi"]
 _CIRCLE = 2.0 * np.pi
-_POINTS = 6
-"""Rollouts of a round of optimisation, N_BO."""
 _MOST_ROUNDS = 3
-_KAPPA, _KAPPA_LATER = 2.576, 1.0
 _LENGTH = 1.0
 """Length scale of the process, radians."""
 _JITTER = 1e-4
-_GRID = (np.arange(96) + 0.5) * (_CIRCLE / 96)
+GRID = (np.arange(96) + 0.5) * (_CIRCLE / 96)
+"""(G,) angles at which the process is looked at."""
+_erfc = np.vectorize(math.erfc, otypes=[np.float64])
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """Function of mean and spread of the process that is largest where the next rollout is worth most.
+
+    Attributes:
+        name: ``ucb``, upper confidence bound; ``ei``, expected improvement on the largest score so far;
+            ``poi``, probability of an improvement.
+        kappa: Standard deviations of the process above its mean, ``ucb``.
+        xi: Improvement that does not count, ``ei`` and ``poi``, in standard deviations of the scores so far.
+    """
+
+    name: AcquisitionName = "ucb"
+    kappa: float = 2.576
+    xi: float = 0.0
+
+    def exploiting(self) -> Acquisition:
+        """Return it with the paper's numbers for later rounds (line 20)."""
+        return replace(self, kappa=1.0, xi=0.0)
+
+    def __call__(self, mean: Floats, spread: Floats, best: Floats) -> Floats:
+        """Return a value that ranks angles (M, G), given mean, spread (M, G) and the largest scores (M,)."""
+        if self.name == "ucb":
+            return mean + self.kappa * spread
+        gain = mean - best[:, None] - self.xi
+        spread = np.maximum(spread, 1e-12)
+        ratio = gain / spread
+        if self.name == "poi":
+            return ratio  # a probability rises with its quantile
+        density = np.exp(-0.5 * ratio**2) / math.sqrt(2.0 * math.pi)
+        return np.asarray(gain * 0.5 * _erfc(-ratio / math.sqrt(2.0)) + spread * density)
 
 
 @dataclass(frozen=True)
@@ -38,30 +72,49 @@ class _Search:
         angle: (M, J + 2) angles tried, after the chain's own at 0 and 2 pi.
         score: (M, J + 2) their scores.
         last: (M,) the present proposal is the chain's next point, not one to learn from.
+        round: (M,) rounds that have ended.
+        begun: (M,) turns before the present round.
     """
 
     other: Floats
     angle: Floats
     score: Floats
     last: Bools
+    round: Integers
+    begun: Integers
 
 
 class BayesianKernel(Kernel):
-    """The paper's surrogate sampler, one Gaussian process for each step of each chain."""
+    """The paper's surrogate sampler, one Gaussian process for each step of each chain.
+
+    Args:
+        acquisition: Chooses the angles.
+        points: Rollouts of a round of optimisation, N_BO.
+        uncertainty: A round ends early once the process is nowhere less certain than this, in standard
+            deviations of the scores so far, and lies above the level somewhere; 0: never.
+    """
 
     note = (
         "kernel bayesian is a heuristic: where its surrogate is wrong chains leave the level, and the "
         "estimate is biased"
     )
-    rollouts = _POINTS + 1.0
+
+    def __init__(
+        self, acquisition: Acquisition | None = None, points: int = 6, uncertainty: float = 0.0
+    ) -> None:
+        self.acquisition = acquisition or Acquisition()
+        self.points, self.uncertainty = points, uncertainty
+        self.rollouts = points + 1.0
 
     def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
         # The chain's own score is known at 0 and 2 pi (lines 1-6).
         own = np.repeat(np.where(np.isfinite(state.score), state.score, 0.0)[:, None], 2, axis=1)
         angle = np.tile([0.0, _CIRCLE], (len(level), 1))
-        search = _Search(draw.tapes(), angle, own, np.zeros(len(level), dtype=bool))
+        none, zeros = np.zeros(len(level), dtype=bool), np.zeros(len(level), dtype=np.int64)
+        search = _Search(draw.tapes(), angle, own, none, zeros, zeros)
         move = Move.begin(state, level, draw, state.tape, search)
-        return self._propose(move, *_most_promising_angle(search.angle, search.score, _KAPPA))
+        found = Posterior.of(angle, own)
+        return self._propose(move, found.most_promising(self.acquisition), none)
 
     def tell(self, move: Move, found: Points) -> Move:
         # Learn from the proposals, or go there; a round ends with a draw where the mean is high.
@@ -77,18 +130,23 @@ class BayesianKernel(Kernel):
         return self._next(move) if len(rows) else move.stay()
 
     def _next(self, move: Move) -> Move:
-        work, rows, rounds = move.work, move.waiting, move.turn // _POINTS
-        angle, score = work.angle[rows], work.score[rows]
-        suggested, _ = _most_promising_angle(angle, score, _KAPPA if rounds == 0 else _KAPPA_LATER)
-        last: Bools = np.zeros(len(rows), dtype=bool)
-        if move.turn % _POINTS == 0:
-            mean, _ = _posterior(angle, score)
-            active = mean >= move.level[rows, None]
-            last = np.asarray(active.any(axis=1) | (rounds >= _MOST_ROUNDS))
-            uniforms = move.draw.uniforms(rows, move.turn)
-            suggested = np.where(active.any(axis=1), _uniform_on_cells(active, uniforms), suggested)
-            suggested = np.where(last & ~active.any(axis=1), 0.0, suggested)  # no such angle: stay
-        return self._propose(move, suggested, last)
+        work, rows = move.work, move.waiting
+        found = Posterior.of(work.angle[rows], work.score[rows])
+        active = found.mean >= found.standard(move.level[rows])[:, None]
+        valid = active.any(axis=1)  # line 15
+        full = move.turn - work.begun[rows] >= self.points  # line 8
+        ends = full | (valid & (found.spread.max(axis=1) <= self.uncertainty))
+        rounds = work.round[rows] + ends
+        first, later = (
+            found.most_promising(one) for one in (self.acquisition, self.acquisition.exploiting())
+        )
+        last = ends & (valid | (rounds >= _MOST_ROUNDS))
+        uniforms = move.draw.uniforms(rows, move.turn)
+        drawn = np.where(valid, _uniform_on_cells(active, uniforms), 0.0)  # no such angle: stay
+        angle = np.where(last, drawn, np.where(rounds == 0, first, later))
+        counted, begun = work.round.copy(), work.begun.copy()
+        counted[rows], begun[rows] = rounds, np.where(ends, move.turn, work.begun[rows])
+        return self._propose(replace(move, work=replace(work, round=counted, begun=begun)), angle, last)
 
     def _propose(self, move: Move, angle: Floats, last: Bools) -> Move:
         rows, work = move.waiting, move.work
@@ -102,30 +160,51 @@ class BayesianKernel(Kernel):
         return replace(move, proposal=proposal, turn=turn, work=work)
 
 
-def _most_promising_angle(angle: Floats, score: Floats, kappa: float) -> tuple[Floats, Bools]:
-    # The largest upper confidence bound (line 10); none is the last.
-    mean, spread = _posterior(angle, score)
-    return _GRID[np.argmax(mean + kappa * spread, axis=1)], np.zeros(len(angle), dtype=bool)
-
-
 def _uniform_on_cells(active: Bools, uniforms: Floats) -> Floats:
     # Line 17; ``active`` is (W, G).
     count = np.cumsum(active, axis=1)
     place = uniforms * count[:, -1]
-    cell = np.minimum((count <= place[:, None]).sum(axis=1), len(_GRID) - 1)
-    return np.asarray(_GRID[cell] + (place - np.floor(place) - 0.5) * (_CIRCLE / len(_GRID)))
+    cell = np.minimum((count <= place[:, None]).sum(axis=1), len(GRID) - 1)
+    return np.asarray(GRID[cell] + (place - np.floor(place) - 0.5) * (_CIRCLE / len(GRID)))
 
 
-def _posterior(angle: Floats, score: Floats) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation (W, G) on the grid, given scores (W, J) at angles (line 14)."""
-    middle = score.mean(axis=1, keepdims=True)
-    scale = np.maximum(score.std(axis=1, keepdims=True), 1e-9)
-    among = _matern_52(angle[:, :, None] - angle[:, None, :]) + _JITTER * np.eye(angle.shape[1])
-    across = _matern_52(angle[:, :, None] - _GRID)
-    weights = np.linalg.solve(among, across)
-    mean = (weights * ((score - middle) / scale)[:, :, None]).sum(axis=1)
-    variance = 1.0 - (weights * across).sum(axis=1)
-    return middle + scale * mean, scale * np.sqrt(np.maximum(variance, 0.0))
+@dataclass(frozen=True)
+class Posterior:
+    """Gaussian process of W ellipses, of scores less their middle and over their scale (line 14).
+
+    Attributes:
+        middle: (W,) mean of the scores so far.
+        scale: (W,) their standard deviation.
+        best: (W,) the largest of them, standardised.
+        mean: (W, G) mean of the process on ``GRID``.
+        spread: (W, G) its standard deviation.
+    """
+
+    middle: Floats
+    scale: Floats
+    best: Floats
+    mean: Floats
+    spread: Floats
+
+    @staticmethod
+    def of(angle: Floats, score: Floats) -> Posterior:
+        """Return the process given scores (W, J) at angles (W, J)."""
+        middle, scale = score.mean(axis=1), np.maximum(score.std(axis=1), 1e-9)
+        values = (score - middle[:, None]) / scale[:, None]
+        among = _matern_52(angle[:, :, None] - angle[:, None, :]) + _JITTER * np.eye(angle.shape[1])
+        across = _matern_52(angle[:, :, None] - GRID)
+        weights = np.linalg.solve(among, across)
+        mean = (weights * values[:, :, None]).sum(axis=1)
+        variance = 1.0 - (weights * across).sum(axis=1)
+        return Posterior(middle, scale, values.max(axis=1), mean, np.sqrt(np.maximum(variance, 0.0)))
+
+    def standard(self, score: Floats) -> Floats:
+        """Return scores (W,), standardised."""
+        return np.asarray((score - self.middle) / self.scale)
+
+    def most_promising(self, acquisition: Acquisition) -> Floats:
+        """Return the angle (W,) of the largest acquisition (line 10)."""
+        return np.asarray(GRID[np.argmax(acquisition(self.mean, self.spread, self.best), axis=1)])
 
 
 def _matern_52(distance: Floats) -> Floats:
