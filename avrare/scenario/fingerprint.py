@@ -18,10 +18,10 @@ FILE_OPTION = "file"
 def fingerprint(scenario: Scenario) -> str:
     """Return 16 hexadecimal digits of the resolved scenario, its plugins' versions and the files it names.
 
-    Defaults count; the seed does not. The number of workers and the executor are not part of a scenario, nor
-    is the size of a chunk that it does not name.
+    Defaults count; seed and exposure do not. The number of workers and the executor are not part of a
+    scenario, nor is the size of a chunk that it does not name.
     """
-    resolved = {key: value for key, value in scenario.resolved.items() if key != "seed"}
+    resolved = {key: value for key, value in scenario.resolved.items() if key not in ("seed", "exposure")}
     if resolved["estimator"].get("memory", 0) is None:  # only a given one may change how work is divided
         del resolved["estimator"]["memory"]
     content = {"scenario": resolved, "versions": scenario.versions}

@@ -24,6 +24,7 @@ from avrare.base.health_messages import MESSAGES, check_names
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
 from avrare.scenario.draws import Draws
+from avrare.scenario.exposure import Exposure
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
 """Keys of a scenario that hold one component block each; the key is the component's kind."""
@@ -192,6 +193,7 @@ class Document(_Model):
     )
     estimator: dict[str, Any] = Field({"plugin": "auto"}, description="estimator of the failure probability")
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
+    exposure: Exposure | None = Field(None, description="how often this scene is met: gives rates in reports")
     regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
     seed: int = Field(0, ge=0, lt=2**63, description="seed of all random numbers")
     chunk: int | None = Field(
@@ -258,6 +260,7 @@ class Scenario:
     tracker: Block | None = None
     controller: Block | None = None
     thresholds: tuple[Threshold, ...] = ()
+    exposure: Exposure | None = None
     regression: Regression | None = None
     description: str | None = None
     seed: int = 0
@@ -296,6 +299,8 @@ class Scenario:
             for name, part in self.specifications.items()
         }
         plain["thresholds"] = [threshold.model_dump() for threshold in self.thresholds]
+        if self.exposure is not None:
+            plain["exposure"] = self.exposure.model_dump(mode="json", exclude_none=True)
         if self.regression is not None:
             plain["regression"] = self.regression.model_dump()
         plain |= {key: getattr(self, key) for key in ("seed", "chunk", "max_error_rate", "confidence")}

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from avrare.base.number_format import format_typeset
+from avrare.base.number_format import format_amount_in_words, format_typeset
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
 from avrare.report.html.page import render_report
@@ -29,6 +29,7 @@ def test_the_report_is_one_file_that_loads_nothing(made):
 
 def test_every_estimate_is_in_the_table(made):
     html = render_report(made)
+    html = html[html.index('id="estimates"') :]
     for entry in json.loads((made / "result.json").read_text())["estimates"]:
         row = html[html.index(f'href="#specification-{0 if entry["specification"] == "left" else 1}"') :]
         row = row[: row.index("</tr>")]
@@ -37,6 +38,54 @@ def test_every_estimate_is_in_the_table(made):
         assert f"interval from {format_typeset(entry['interval'][0], 2)} to" in row
     assert "Passes" in html
     assert "&lt; 0.9" in html
+
+
+def test_the_first_lines_say_whether_each_threshold_holds(plane, tamper):
+    shown = render_report(plane)
+    summary = shown[shown.index('id="verdict"') : shown.index('id="estimates"')]
+    assert "The threshold holds." in summary
+    assert "; allowed is less than 90 %: it holds." in summary
+    estimates = json.loads((plane / "result.json").read_text())["estimates"]
+    for entry, (verdict, low, high) in zip(
+        estimates, [("fail", 0.002, 0.004), ("inconclusive", 0.0005, 0.02)], strict=True
+    ):
+        entry |= {"verdict": verdict, "probability": (low * high) ** 0.5, "interval": [low, high]}
+    tamper(plane, "result.json", estimates=estimates)
+    text = (plane / "scenario.yaml").read_text()
+    bound = "- specification: slow\n  probability: < 1e-3\n  confidence: 0.95\n"
+    assert "thresholds:\n- specification: left\n  probability: < 0.9\n" in text
+    (plane / "scenario.yaml").write_text(text.replace("thresholds:\n", f"thresholds:\n{bound}"))
+    summary = render_report(plane)
+    summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
+    assert "0 of 2 thresholds hold, 1 is exceeded, 1 is undecided." in summary
+    assert "broken in 1 in 350 rollouts (1 in 500 to 1 in 250, 95 % confidence)" in summary
+    assert "allowed is less than 1 in 1,000: undecided" in summary
+
+
+def test_without_thresholds_the_report_says_how_to_set_one(plane, tamper):
+    estimates = json.loads((plane / "result.json").read_text())["estimates"]
+    tamper(plane, "result.json", estimates=[{**one, "verdict": None} for one in estimates])
+    summary = render_report(plane)
+    summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
+    assert "No threshold is set, so there is no verdict" in summary
+    assert "thresholds: [{specification: left, probability: &quot;&lt; 1e-3&quot;}]" in summary
+
+
+def test_a_known_exposure_gives_rates(plane):
+    text = (plane / "scenario.yaml").read_text()
+    exposure = "exposure: {count: 40, hours: 500.0}\n"
+    (plane / "scenario.yaml").write_text(text + exposure)
+    summary = render_report(plane)
+    summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
+    p = json.loads((plane / "result.json").read_text())["estimates"][0]["probability"]
+    assert f"On the road: once in {format_amount_in_words(1 / (40 / 500 * p))} hours (" in summary
+    assert "This scene is met 0.08 times per hour (0.058 – 0.11), counted 40 times." in summary
+
+
+def test_rules_stand_in_words_beside_their_formulas(made):
+    html = render_report(made)
+    assert "At all times, x is below 1." in html
+    assert "always (x &lt; 1.0)" in html
 
 
 def test_names_that_contain_markup_stay_text(plane, tamper):

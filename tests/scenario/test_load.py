@@ -39,7 +39,8 @@ def test_the_estimator_is_chosen_by_default(read, good):
 
 
 def test_resolved_loads_to_the_same_scenario(read, good):
-    scenario = read(good, ["estimator.specifications=[far]", "simulator.label='1e-3'"])
+    exposure = "exposure={per_km: 0.1, interval: [0.05, 0.2]}"
+    scenario = read(good, ["estimator.specifications=[far]", "simulator.label='1e-3'", exposure])
     again = read(dump(scenario.resolved))
     assert again == scenario
     assert fingerprint(again) == fingerprint(scenario)
@@ -50,10 +51,11 @@ def test_a_scenario_can_be_sent_to_a_worker(read, good):
     assert pickle.loads(pickle.dumps(scenario)) == scenario
 
 
-def test_the_fingerprint_covers_everything_but_the_seed(read, good):
+def test_the_fingerprint_covers_everything_but_seed_and_exposure(read, good):
     first = fingerprint(read(good))
     assert len(first) == 16
     assert fingerprint(read(good, ["seed=9"])) == first
+    assert fingerprint(read(good, ["exposure={count: 3, hours: 10.0}"])) == first
     assert fingerprint(read(good.replace("gap: 20", "gap: 20.0\n  lanes: 2"))) == first
     changes = ["steps=41", "simulator.gap=21", "name=other", "chunk=5", "thresholds.0.probability=0.1"]
     assert len({fingerprint(read(good, [change])) for change in changes} | {first}) == 6

@@ -8,10 +8,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from avrare.analysis.rates.combination import Quantity, from_count, from_interval
 from avrare.base.errors import ScenarioError, UsageError, did_you_mean
 from avrare.base.stored_files import open_regular
 from avrare.estimation.budget import Budget
+from avrare.scenario.exposure import Exposure, Positive, Unit
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import TRUST, is_safe, refuse_outside
 from avrare.scenario.schema import Probability, Scenario, Slug
@@ -19,56 +19,9 @@ from avrare.scenario.validation import Mistake, check, scenario_error
 from avrare.scenario.value_positions import Node
 from avrare.scenario.yaml import MAX_BYTES, parse
 
-Unit = Literal["hour", "km"]
-Positive = Annotated[float, Field(gt=0.0)]
-
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Exposure(_Model):
-    """Exposure to a scene: a count over hours or km, or a rate with an interval."""
-
-    count: int | None = Field(default=None, ge=0, description="times that the scene was met")
-    hours: Positive | None = Field(default=None, description="hours of driving in which it was counted")
-    km: Positive | None = Field(default=None, description="km of driving in which it was counted")
-    per_hour: Positive | None = Field(default=None, description="times per hour, in place of a count")
-    per_km: Positive | None = Field(default=None, description="times per km, in place of a count")
-    interval: tuple[float, float] | None = Field(
-        default=None, description="confidence interval of per_hour or per_km; none: it is known exactly"
-    )
-    confidence: Probability = Field(default=0.95, description="level of that interval, in (0, 1)")
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        given = [name for name in ("count", "per_hour", "per_km") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError("give one of count, per_hour and per_km")
-        over = [name for name in ("hours", "km") if getattr(self, name) is not None]
-        if len(over) != (given == ["count"]):
-            raise ValueError("a count needs either hours or km, and nothing else takes them")
-        if self.interval is not None:
-            value, (low, high) = self.per_hour or self.per_km, self.interval
-            if value is None or not 0.0 <= low <= value <= high:
-                raise ValueError(
-                    "interval must contain the value of per_hour or per_km, and not reach below 0"
-                )
-        return self
-
-    @property
-    def unit(self) -> Unit:
-        """Unit that the rate is per."""
-        return "hour" if self.hours is not None or self.per_hour is not None else "km"
-
-    def rate(self, confidence: float) -> Quantity:
-        """Return the rate with its interval at a level."""
-        if self.count is not None:
-            return from_count(self.count, self.hours or self.km or 1.0, confidence)
-        value = self.per_hour or self.per_km or 0.0
-        if self.interval is None:
-            return Quantity(value, value, value)
-        return from_interval(value, self.interval, self.confidence, confidence)
 
 
 class SceneEntry(_Model):
@@ -194,6 +147,7 @@ class Catalogue:
             f"confidence={self.document.confidence}",
             "cross_check=false",
             "thresholds=[]",
+            f"exposure={entry.exposure.model_dump_json(exclude_none=True)}",
         ]
         return load(_path(self.path, entry), settings, "mc")
 

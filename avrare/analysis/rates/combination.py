@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 from avrare.base.special_functions import normal_factor
 from avrare.estimation.intervals import clopper_pearson
+from avrare.scenario.exposure import Exposure
 
 Interval = tuple[float, float]
 
@@ -121,3 +122,13 @@ def from_interval(value: float, interval: Interval, given: float, confidence: fl
     low, high = interval
     below = value * math.exp(-factor * math.log(value / low)) if low > 0.0 else 0.0
     return Quantity(value, below, value * math.exp(factor * math.log(high / value)))
+
+
+def from_exposure(exposure: Exposure, confidence: float) -> Quantity:
+    """Return how often a scene is met, per hour or per km, with its interval at a level."""
+    if exposure.count is not None:
+        return from_count(exposure.count, exposure.hours or exposure.km or 1.0, confidence)
+    value = exposure.per_hour or exposure.per_km or 0.0
+    if exposure.interval is None:
+        return Quantity(value, value, value)
+    return from_interval(value, exposure.interval, exposure.confidence, confidence)

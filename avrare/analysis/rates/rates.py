@@ -8,7 +8,7 @@ from typing import Any
 
 from avrare.analysis.rates.allocation import allocate
 from avrare.analysis.rates.catalogue import Catalogue, RateThreshold
-from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_rollouts
+from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure, from_rollouts
 from avrare.base.errors import ExitCode, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.result import worst_verdict
@@ -113,7 +113,7 @@ def divide(catalogue: Catalogue, budget: Budget, steps: Sequence[int], pilot: Se
         text = f"the pilot alone costs {spent:,.0f} {budget.kind} of {budget.amount:,.0f}"
         raise UsageError(text, "raise the budget, or lower pilot")
     document = catalogue.document
-    rates = [entry.exposure.rate(document.confidence) for entry in document.scenes]
+    rates = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
     known = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
     exposures = _in_unit(catalogue, known, "hour") or _in_unit(catalogue, known, "km") or known
     seen = [[scene[rule][:2] for rule in catalogue.rules] for scene in pilot]
@@ -123,7 +123,7 @@ def divide(catalogue: Catalogue, budget: Budget, steps: Sequence[int], pilot: Se
 def compute(catalogue: Catalogue, counts: Sequence[Counts], errors: Sequence[str] = ()) -> CatalogueRates:
     """Return the rates from the counts of each scene."""
     document = catalogue.document
-    exposures = [entry.exposure.rate(document.confidence) for entry in document.scenes]
+    exposures = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
     rates = []
     for rule in catalogue.rules:
         few = sum(scene[rule][0] for scene in counts) < FEW

@@ -191,7 +191,7 @@
     };
     play.addEventListener("click", () => {
       if (playingSince !== null) { t = Math.round(t); stop(); draw(); return; }
-      if (t >= last) t = 0;
+      if (t >= last) t = Number(box.dataset.start);
       playingSince = performance.now();
       play.textContent = "Pause";
       requestAnimationFrame(move);
@@ -216,6 +216,24 @@
     draw();
     return { draw };
   };
+
+  // The section in view is marked in the navigation.
+  const links = [...document.querySelectorAll("nav a")];
+  const targets = links.map((one) => document.getElementById(one.hash.slice(1)));
+  const locate = () => {
+    let here = 0;
+    targets.forEach((one, k) => { if (one && one.getBoundingClientRect().top < innerHeight / 3) here = k; });
+    links.forEach((one, k) => one.classList.toggle("here", k === here));
+    const nav = links[here].parentElement, left = links[here].offsetLeft - nav.clientWidth / 2 + links[here].clientWidth / 2;
+    if (nav.scrollWidth > nav.clientWidth) nav.scrollLeft = left;
+  };
+  let waiting = false;
+  addEventListener("scroll", () => {
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => { waiting = false; locate(); });
+  }, { passive: true });
+  locate();
 
   for (const box of document.querySelectorAll(".player")) players.push(player(box));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => show(theme));

@@ -17,6 +17,7 @@ from avrare.protocols import Floats, Signals, Verdict
 from avrare_traffic_rules.check import parse_rule, raise_errors
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
 from avrare_traffic_rules.definitions import DEFINITIONS
+from avrare_traffic_rules.rulebook import fill
 from avrare_traffic_rules.traffic import read_traffic
 from avrare_traffic_rules.vocabulary import Definitions, Predicate, Setting
 
@@ -70,6 +71,12 @@ class TrafficRule:
         asked = {name for _, names in self._predicates.values() for name in names}
         self.excluded = tuple(name for name in scene.names if name not in {*self.names, *asked})
         self._monitor = FormulaMonitor(self.formula)
+
+    @property
+    def words(self) -> str:
+        """The rule in English, with its own parameters; empty for a formula of the scenario."""
+        rule = None if self.config.rule is None else self.config.rulebook.rules[self.config.rule]
+        return "" if rule is None else fill(rule.text, self.config.model_dump())
 
     def start(self, n: int) -> Any:
         """Return the monitor state before sample 0."""

@@ -1,0 +1,87 @@
+"""Formulas in English: what a specification without words of its own requires."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from avrare.logic.syntax import nodes
+from avrare.logic.syntax.printer import to_text
+
+_COMPARISONS = {
+    "<": "is below", "<=": "is at most", ">": "is above", ">=": "is at least",
+    "==": "equals", "!=": "differs from",
+}  # fmt: skip
+_WINDOWS = {
+    "always": ("at all times", "at all times {}"),
+    "eventually": ("at some time", "at some time {}"),
+    "historically": ("at all times so far", "at all times {} ago"),
+    "once": ("at some time so far", "at some time {} ago"),
+}
+_STEPS = {
+    "next": "one step later", "s_next": "one step later", "prev": "one step before",
+    "s_prev": "one step before", "rise": "from this step on", "fall": "until one step before",
+}  # fmt: skip
+_UNTIL = {
+    "until": "until",
+    "since": "since",
+    "unless": "unless",
+    "release": "released by",
+    "trigger": "after",
+}
+
+
+class HasWords(Protocol):
+    """Specification that says in English what it requires."""
+
+    words: str
+
+
+def to_words(node: nodes.Node, dt: float) -> str:
+    """Return a formula in English, with bounds in seconds; ``dt`` is the duration of a step [s]."""
+    text = _say(node, dt)
+    names = {part.name.split("(")[0] for part in nodes.walk(node) if isinstance(part, nodes.Signal)}
+    begin = text[0] if text.startswith(tuple(names)) else text[0].upper()  # a name stays as it is written
+    return f"{begin}{text[1:]}."
+
+
+def _say(node: nodes.Node, dt: float) -> str:
+    match node:
+        case nodes.Comparison(op, left, right):
+            return f"{to_text(left)} {_COMPARISONS[op]} {to_text(right)}"
+        case nodes.Predicate(nodes.Signal() as signal):
+            return f"{to_text(signal)} holds"
+        case nodes.Predicate(term):
+            return f"{to_text(term)} is above 0"
+        case nodes.Not(child):
+            return f"it is not so that {_inner(child, dt)}"
+        case nodes.Connective("implies", left, right):
+            return f"if {_inner(left, dt)}, then {_inner(right, dt)}"
+        case nodes.Connective(op, left, right):
+            word = {"iff": "exactly if", "xor": "or else"}.get(op, op)
+            return f"{_inner(left, dt)} {word} {_inner(right, dt)}"
+        case nodes.Window(op, lo, hi, child):
+            whole, part = _WINDOWS[op]
+            when = whole if lo == 0 and math.isinf(hi) else part.format(_say_bounds(lo, hi, dt))
+            return f"{when}, {_say(child, dt)}"
+        case nodes.Until(op, lo, hi, left, right):
+            within = "" if lo == 0 and math.isinf(hi) else f" ({_say_bounds(lo, hi, dt)})"
+            return f"{_inner(left, dt)}, {_UNTIL[op]}{within} {_inner(right, dt)}"
+        case nodes.Step(op, child):
+            return f"{_STEPS[op]}, {_say(child, dt)}"
+        case nodes.Quantifier(op, variable, group, child, count=count):
+            many = {"forall": "for each", "exists": "for some", "at_least": f"for at least {count}"}[op]
+            return f"{many} {variable} of {group}, {_say(child, dt)}"
+    return to_text(node)
+
+
+def _inner(node: nodes.Node, dt: float) -> str:
+    # brackets where a part of a part could be read in two ways
+    simple = isinstance(node, nodes.Comparison | nodes.Predicate | nodes.Constant)
+    return _say(node, dt) if simple else f"({_say(node, dt)})"
+
+
+def _say_bounds(lo: int, hi: float, dt: float) -> str:
+    if math.isinf(hi):
+        return f"{lo * dt:.4g} s or more"
+    return f"within {hi * dt:.4g} s" if lo == 0 else f"between {lo * dt:.4g} and {hi * dt:.4g} s"

@@ -1,0 +1,143 @@
+"""Section of a report on one specification: the rule, its estimate, causes, charts and rollouts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from avrare.base.errors import AvrareError
+from avrare.base.number_format import (
+    describe_blind_bound,
+    format_percent,
+    format_typeset,
+    format_typeset_interval,
+)
+from avrare.estimation.loop import prepare_problem
+from avrare.logic.formula import find_formula
+from avrare.logic.syntax.words import HasWords, to_words
+from avrare.protocols import find_ability
+from avrare.report.html import charts
+from avrare.report.html.causes import render_causes
+from avrare.report.html.markup import Markup, tag
+from avrare.report.html.rollout_player import MonitoredRollout, render_player, replay_stored, select_rollouts
+from avrare.report.html.verdict import render_badge
+from avrare.results.reader import RunFolder, StoredEstimate
+
+_LONG = 400
+"""Words of a formula longer than this are not shown: they say less than the formula."""
+
+
+def render_sections(folder: RunFolder) -> list[Markup]:
+    """Return a section for each specification; all stored rollouts are replayed in one batch."""
+    names = [one.specification for one in folder.result.estimates]
+    selected = [select_rollouts(name, folder.failures.get(name), folder.samples.get(name)) for name in names]
+    rollouts: list[MonitoredRollout] = []
+    errors = folder.load_errors
+    if folder.scenario is not None:
+        try:
+            rollouts = replay_stored(folder.scenario, [one for several in selected for one in several])
+        except AvrareError as error:
+            errors = tuple(error.lines())
+    sections = []
+    for index, (entry, stored) in enumerate(zip(folder.result.estimates, selected, strict=True)):
+        mine = [one for one in rollouts if one.stored.specification == entry.specification]
+        shown = _render_players(folder, mine, errors if stored else ())
+        sections.append(_render_section(folder, index, entry, shown))
+    return sections
+
+
+def _render_section(folder: RunFolder, index: int, entry: StoredEstimate, rollouts: Markup) -> Markup:
+    head = tag("div", tag("h2", entry.specification), render_badge(entry.verdict), class_="head")
+    return tag(
+        "section", head, _render_formula(folder, entry.specification), _render_facts(entry),
+        _render_warnings(entry), render_causes(folder, entry), _draw_charts(folder, entry), rollouts,
+        id=f"specification-{index}", class_="specification",
+    )  # fmt: skip
+
+
+def _render_formula(folder: RunFolder, name: str) -> Markup | None:
+    if folder.scenario is None:
+        return None
+    specification = folder.scenario.stack.specifications.get(name)
+    formula, saying = find_formula(specification), find_ability(specification, HasWords)
+    words = saying.words if saying is not None else ""
+    if formula is not None and not words:
+        words = to_words(formula.node, float(formula.dt))
+    shown = None if formula is None else tag("pre", formula.text.strip(), class_="formula", tabindex=0)
+    if len(words) > _LONG:  # longer than it helps
+        return shown
+    inside = tag("details", tag("summary", "As a formula"), shown, class_="plain") if shown else None
+    return tag("div", tag("p", words, class_="rule"), inside)
+
+
+def _render_facts(entry: StoredEstimate) -> Markup:
+    error = entry.relative_error
+    facts = [
+        ("probability", format_typeset(entry.probability)),
+        (f"{format_percent(entry.confidence)} interval", format_typeset_interval(entry.interval)),
+        ("relative error", "–" if error is None else format_percent(round(error, 3))),
+        ("rollouts", f"{entry.rollouts:,}"),
+        ("failures", f"{entry.failures:,}"),
+        ("errors", f"{entry.errors:,}"),
+        ("time", f"{entry.seconds:,.1f} s"),
+    ]
+    rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
+    notes = [] if entry.blind_bound is None else [describe_blind_bound(entry.blind_bound)]
+    if check := entry.cross_check:
+        notes.append(f"{check.text} ({check.rollouts:,} rollouts, {check.seconds:,.1f} s)")
+    diagnostics = entry.diagnostics or {}
+    notes += [diagnostics["choice"]["text"]] if "choice" in diagnostics else []
+    notes += [cause["text"] for cause in diagnostics.get("learnt", ())]
+    shown = [tag("p", f"{note[0].upper()}{note[1:]}.", class_="muted") for note in notes]
+    return tag("div", tag("dl", rows, class_="facts"), shown)
+
+
+def _render_warnings(entry: StoredEstimate) -> Markup:
+    warnings = entry.warnings or {}
+    lines = [
+        tag("li", tag("strong", name.replace("_", " ")), f": {text}.") for name, text in warnings.items()
+    ]
+    counts = entry.counts or {}
+    solves = counts.get("solves", 0)
+    for name, count in counts.items():
+        if count and name != "solves":
+            total = f" of {solves:,}" if "solve" in name else ""
+            lines.append(tag("li", f"{name.replace('_', ' ')}: {count:,}{total}."))
+    if warnings:
+        return tag("div", tag("h3", "Warnings"), tag("ul", lines), class_="health warning", role="note")
+    return tag("div", tag("p", "No warnings."), tag("ul", lines) if lines else None, class_="health")
+
+
+def _draw_charts(folder: RunFolder, entry: StoredEstimate) -> Markup:
+    sample = folder.samples.get(entry.specification)
+    robustness = np.zeros(0) if sample is None else sample.robustness.astype(np.float64)
+    diagnostics = entry.diagnostics or {}
+    splitting = bool(diagnostics.get("levels"))
+    histogram = charts.draw_histogram(robustness, splitting)
+    pair = tag("div", histogram, charts.draw_convergence(entry, robustness), class_="pair")
+    gamma, label = _find_gamma(folder, entry) if splitting else (float, "")
+    return tag("div", pair, charts.draw_levels(diagnostics, gamma, label))
+
+
+def _find_gamma(folder: RunFolder, entry: StoredEstimate) -> tuple[Callable[[float], float], str]:
+    # the map from levels of the score to robustness thresholds γ, if it is known, and its label
+    if folder.scenario is not None:
+        with suppress(AvrareError):  # the label says that the axis is the score
+            problem = folder.scenario.problem(entry.specification)
+            estimator = folder.estimator(entry.specification)
+            return prepare_problem(estimator, problem).gamma, "γ, 0 at failure"
+    return float, "score"
+
+
+def _render_players(folder: RunFolder, rollouts: Sequence[MonitoredRollout], errors: Sequence[str]) -> Markup:
+    if folder.scenario is None and errors:
+        text = "The stored rollouts are not shown: the scenario cannot be built here."
+        return tag("p", text, class_="muted")
+    if errors:
+        text = "The stored rollouts could not be replayed:"
+        return tag("div", tag("p", text), tag("pre", "\n".join(errors)), class_="note")
+    if folder.scenario is None or not rollouts:
+        return tag("p", "No rollout is stored in the run folder.", class_="muted")
+    return tag("div", [render_player(one, folder.scenario, k == 0) for k, one in enumerate(rollouts)])

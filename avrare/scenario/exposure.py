@@ -1,0 +1,47 @@
+"""Exposures: how often a scene is met, per hour or per km."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Unit = Literal["hour", "km"]
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+class Exposure(BaseModel):
+    """Exposure to a scene: a count over hours or km, or a rate with an interval."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    count: int | None = Field(default=None, ge=0, description="times that the scene was met")
+    hours: Positive | None = Field(default=None, description="hours of driving in which it was counted")
+    km: Positive | None = Field(default=None, description="km of driving in which it was counted")
+    per_hour: Positive | None = Field(default=None, description="times per hour, in place of a count")
+    per_km: Positive | None = Field(default=None, description="times per km, in place of a count")
+    interval: tuple[float, float] | None = Field(
+        default=None, description="confidence interval of per_hour or per_km; none: it is known exactly"
+    )
+    confidence: float = Field(default=0.95, gt=0.0, lt=1.0, description="level of that interval, in (0, 1)")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        given = [name for name in ("count", "per_hour", "per_km") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError("give one of count, per_hour and per_km")
+        over = [name for name in ("hours", "km") if getattr(self, name) is not None]
+        if len(over) != (given == ["count"]):
+            raise ValueError("a count needs either hours or km, and nothing else takes them")
+        if self.interval is not None:
+            value, (low, high) = self.per_hour or self.per_km, self.interval
+            if value is None or not 0.0 <= low <= value <= high:
+                raise ValueError(
+                    "interval must contain the value of per_hour or per_km, and not reach below 0"
+                )
+        return self
+
+    @property
+    def unit(self) -> Unit:
+        """Unit that the rate is per."""
+        return "hour" if self.hours is not None or self.per_hour is not None else "km"
