@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.kinds import Kinds, find_kinds
+from avrare.analysis.causes.telling import tell_kinds
+from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.results.reader import RunFolder, read_run_folder, select_specifications
 from avrare.results.stored_causes import KINDS_FILE
@@ -19,7 +23,12 @@ def execute(args: argparse.Namespace) -> None:
     found = {name: _find(folder, name, args) for name in select_specifications(folder, args.specification)}
     content = {
         "kinds": {
-            name: {"probability": kinds.probability, "kinds": list(kinds.table())}
+            name: {
+                "probability": kinds.probability,
+                "kinds": list(kinds.table()),
+                "points": np.round(kinds.points, 4).tolist(),
+                "labels": kinds.labels.tolist(),
+            }
             for name, kinds in found.items()
         }
     }
@@ -30,5 +39,10 @@ def execute(args: argparse.Namespace) -> None:
 def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:
     estimate = next(one for one in folder.result.estimates if one.specification == name)
     sample = FailureSample.stored(estimate, folder.failures[name])
-    problem = folder.require_scenario().problem(name)
-    return find_kinds(problem, sample, estimate.interval, max_kinds=args.max_kinds, method=args.method)
+    scenario = folder.require_scenario()
+    problem = scenario.problem(name)
+    kinds = find_kinds(problem, sample, estimate.interval, max_kinds=args.max_kinds, method=args.method)
+    if not args.shrink:
+        return kinds
+    with progress_line() as progress:
+        return tell_kinds(scenario, kinds, folder.failures[name].noise, args.budget, progress)

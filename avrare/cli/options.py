@@ -161,6 +161,7 @@ OPTIONS: dict[str, Options] = {
         },
         **_SEARCH,
         "--shrink": "find the smallest noise that still fails",
+        "--lost": "say when it was lost: the last moment from which a drive on without noise keeps the rule",
         "--csv FILE": "write the rollout as CSV for `avrare monitor`",
         "--commonroad FILE": "write the rollout as a CommonRoad scenario; the ego has ID 1",
         "--mcap FILE": "write the rollout as MCAP for Foxglove: boxes, observations, tracks, plan, signals",
@@ -197,6 +198,11 @@ OPTIONS: dict[str, Options] = {
         "--method NAME": (
             "kmeans (default), or hdbscan (needs scikit-learn)",
             {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
+        ),
+        "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
+        "--budget N": (
+            "rollouts for shrinking one of them (default 3000)",
+            {"type": at_least(2), "default": 3000},
         ),
         **_OUTPUT,
     },

@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.causes.first_violation import find_first_violation
 from avrare.analysis.failures.failure import make_failure, make_failure_of_run, record_failure
+from avrare.analysis.failures.lost import continue_without_noise
 from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.storage import FailureDatabase, decode
 from avrare.analysis.failures.stored_replays import replay_failure
@@ -45,6 +47,10 @@ def execute(args: argparse.Namespace) -> int:
         return int(ExitCode.ROLLOUT_ERRORS)
     if found.rollout.outcome == "passes":
         return int(ExitCode.FAIL)
+    if args.lost:
+        problem = scenario.problem(failure.specification)
+        first = find_first_violation(problem, found.rollout).sample
+        say(continue_without_noise(problem, failure.noise).describe(first if first >= 0 else None))
     if args.shrink:
         _shrink(args, scenario, failure)
     elif args.write_blob is not None:

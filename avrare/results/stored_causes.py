@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
@@ -32,6 +32,8 @@ class StoredKind(_Stored):
     representative: int
     text: _Text
     warnings: list[_Text]
+    decisive: _Text = ""
+    lost: _Text = ""
 
 
 class StoredSaving(_Stored):
@@ -47,10 +49,15 @@ class StoredSaving(_Stored):
 
 
 class StoredKinds(_Stored):
-    """Kinds of one specification; ``probability`` is the estimate that they divide."""
+    """Kinds of one specification; ``probability`` is the estimate that they divide.
+
+    ``points`` are the failures in the plane of their two principal components, ``labels`` their kinds from 0.
+    """
 
     probability: float
     kinds: list[StoredKind]
+    points: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = []
+    labels: list[int] = []
 
 
 class StoredAttribution(_Stored):

@@ -61,6 +61,8 @@ class Kind:
         representative: Index of the most typical one: the medoid.
         time: Median time of the first violation [s] (steps where there is no time); NaN where it is unknown.
         warnings: Reasons to doubt it.
+        decisive: What is left of the most typical failure's noise, in words; empty if it was not shrunk.
+        lost: When that drive was lost, in words, likewise.
     """
 
     text: str
@@ -72,6 +74,8 @@ class Kind:
     representative: int
     time: float
     warnings: tuple[str, ...] = ()
+    decisive: str = ""
+    lost: str = ""
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,6 +111,7 @@ class Kinds(Sequence[Kind]):
                 "kind": number, "probability": kind.probability, "low": kind.interval[0],
                 "high": kind.interval[1], "share": kind.share, "failures": len(kind.members),
                 "representative": kind.representative, "text": kind.text, "warnings": kind.warnings,
+                "decisive": kind.decisive, "lost": kind.lost,
             }
             for number, kind in enumerate(self.kinds, 1)
         )  # fmt: skip
@@ -129,7 +134,9 @@ def _describe(number: int, kind: Kind) -> list[str]:
     part = f"{format_probability(kind.probability)} ({format_interval(kind.interval)})"
     share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
-    return [line, *(f"   warning: {text}" for text in kind.warnings)]
+    told = [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []
+    told += [f"   {kind.lost}"] if kind.lost else []
+    return [line, *told, *(f"   warning: {text}" for text in kind.warnings)]
 
 
 def find_kinds(

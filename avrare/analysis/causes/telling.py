@@ -1,0 +1,51 @@
+"""What is decisive in each kind's most typical failure: its shrunk noise in words, and when it was lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from avrare.analysis.causes.first_violation import find_first_violation
+from avrare.analysis.causes.kinds import Kind, Kinds
+from avrare.analysis.failures.lost import continue_without_noise
+from avrare.analysis.failures.noise_description import describe
+from avrare.analysis.failures.shrink import BUDGET, shrink
+from avrare.analysis.failures.tape_evaluator import ProgressCallback
+from avrare.protocols import Floats
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import replay_tape
+
+
+def tell_kinds(
+    scenario: LoadedScenario,
+    kinds: Kinds,
+    noise: Floats,
+    budget: int = BUDGET,
+    progress: ProgressCallback | None = None,
+) -> Kinds:
+    """Return the kinds with ``decisive`` and ``lost`` of their most typical failures.
+
+    Args:
+        scenario: Scenario of the run.
+        kinds: Kinds of the failures.
+        noise: (F, steps + 1, noise_size) tapes of the failures.
+        budget: Rollouts to shrink each of these failures.
+        progress: Called after each chunk of rollouts.
+    """
+    told = tuple(_tell(scenario, kinds.specification, kind, noise, budget, progress) for kind in kinds.kinds)
+    return replace(kinds, kinds=told)
+
+
+def _tell(
+    scenario: LoadedScenario,
+    specification: str,
+    kind: Kind,
+    noise: Floats,
+    budget: int,
+    progress: ProgressCallback | None,
+) -> Kind:
+    problem, tape = scenario.problem(specification), noise[kind.representative]
+    small = shrink(problem, tape, budget, progress)
+    decisive = "it fails without any noise" if small.after == 0.0 else describe(scenario, small.noise)
+    first = find_first_violation(problem, replay_tape(problem, tape))
+    lost = continue_without_noise(problem, tape).describe(first.sample if first.sample >= 0 else None)
+    return replace(kind, decisive=decisive, lost=lost)

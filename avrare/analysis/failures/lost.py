@@ -1,0 +1,108 @@
+"""Moment at which a drive was lost: from then on it fails even if no more noise follows.
+
+A failing tape is run again with its noise ending at one step after another. The last of these rollouts that
+keeps the rule tells how long the stack could still have saved the drive by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.protocols import Bools, Floats
+from avrare.rollout.problem import Problem
+from avrare.stack.noise_names import find_time_step
+
+_MOST = 120
+"""Continuations of a long rollout, at every k-th step; the steps around the moment follow. A kept one
+between two violated ones is not found then."""
+
+
+@dataclass(frozen=True)
+class Continuations:
+    """Rollouts of one tape whose noise ends at K steps; a rollout that breaks down counts as none.
+
+    Attributes:
+        steps: (K,) last step with noise, ascending; -1: no noise at all.
+        robustness: (K,) of the whole rollout; NaN where it broke down.
+        violated: (K,) whether the rule is violated.
+        dt: Duration of a step [s]; None where there is none.
+        rollouts: Number of rollouts that this took.
+    """
+
+    steps: NDArray[np.int64]
+    robustness: Floats
+    violated: Bools
+    dt: float | None
+    rollouts: int
+
+    @property
+    def lost(self) -> int | None:
+        """Step whose noise lost the drive: without it and all that follows the rule is kept.
+
+        None if the drive fails without any noise, or if the rule is kept to the end.
+        """
+        kept = np.flatnonzero(~self.violated & np.isfinite(self.robustness))
+        if not len(kept) or kept[-1] == len(self.steps) - 1:
+            return None
+        return int(self.steps[kept[-1]]) + 1
+
+    def describe(self, violation: int | None = None) -> str:
+        """Return the moment in words; ``violation`` is the sample of the first violation."""
+        step = self.lost
+        if step is None:
+            fails = bool(self.violated.all())
+            return "it fails without any noise" if fails else "it is not lost: the rule is kept"
+        before = "at the start" if step == 0 else f"until {self._when(step - 1)}"
+        text = f"lost at {self._when(step)}: with noise only {before} the rule is kept"
+        if step == 0:
+            text = f"lost at {self._when(0)}: without any noise the rule is kept"
+        if violation is not None and violation > step:
+            text += f"; it is violated {self._span(violation - step)} later"
+        return text
+
+    def _when(self, step: int) -> str:
+        return f"step {step}" if self.dt is None else f"t = {step * self.dt:.{self._digits}f} s"
+
+    def _span(self, steps: int) -> str:
+        return f"{steps} steps" if self.dt is None else f"{steps * self.dt:.{self._digits}f} s"
+
+    @property
+    def _digits(self) -> int:
+        return max(1, math.ceil(-math.log10(self.dt) - 1e-9)) if self.dt and self.dt < 1.0 else 1
+
+
+def continue_without_noise(problem: Problem, tape: Floats) -> Continuations:
+    """Run a tape (steps + 1, noise_size) with its noise ending at one step after another.
+
+    The first specification of ``problem`` is judged.
+    """
+    ends = np.arange(-1, problem.steps + 1)
+    stride = math.ceil(len(ends) / _MOST)
+    chosen = np.unique(np.append(ends[::stride], ends[-1]))
+    found = _run(problem, tape, chosen)
+    if stride > 1 and found.lost is not None:
+        last = found.lost - 1
+        following = int(chosen[chosen > last][0])
+        between = _run(problem, tape, np.arange(last + 1, following))
+        order = np.argsort(np.append(found.steps, between.steps), kind="stable")
+        robustness = np.append(found.robustness, between.robustness)[order]
+        violated = np.append(found.violated, between.violated)[order]
+        steps = np.append(found.steps, between.steps)[order]
+        return Continuations(steps, robustness, violated, found.dt, len(order))
+    return found
+
+
+def _run(problem: Problem, tape: Floats, ends: NDArray[np.int64]) -> Continuations:
+    robustness, violated = [np.zeros(0)], [np.zeros(0, dtype=bool)]
+    at = np.arange(len(tape))
+    for begin in range(0, len(ends), problem.chunk):
+        part = ends[begin : begin + problem.chunk]
+        outcome = problem.replay(np.where((at <= part[:, None])[..., None], tape, 0.0))
+        robustness.append(np.where(outcome.error, np.nan, outcome.robustness[:, 0]))
+        violated.append(outcome.violated[:, 0])
+    dt = find_time_step(problem.system)
+    return Continuations(ends, np.concatenate(robustness), np.concatenate(violated), dt, len(ends))
