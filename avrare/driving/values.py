@@ -129,19 +129,27 @@ class World:
 
 @dataclass(frozen=True)
 class Observation:
-    """Report of the perception system on each other vehicle, in the world frame.
+    """Report of the perception system, in the world frame: S slots, each with a detection or empty.
+
+    The first V slots belong to the other vehicles, one each; slots beyond them hold false detections
+    (ghosts). A tracker that is told which vehicle was detected reads the slot as a label; one that finds out
+    itself (``avrare.protocols.AssociatesDetections``) takes the slots for a list in no order.
 
     Attributes:
-        detected: (N, V); where False the other fields are NaN.
-        x: (N, V) position along the road [m].
-        y: (N, V) position across the road [m].
-        speed_x: (N, V) velocity along x [m/s].
+        detected: (N, S) whether there is a detection; where False the other fields are NaN.
+        x: (N, S) position along the road [m].
+        y: (N, S) position across the road [m].
+        speed_x: (N, S) velocity along x [m/s].
+        speed_y: (N, S) velocity along y [m/s]; None: not reported.
+        heading: (N, S) heading of the detected box [rad]; None: not reported.
     """
 
     detected: Bools
     x: Floats
     y: Floats
     speed_x: Floats
+    speed_y: Floats | None = None
+    heading: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -149,7 +157,8 @@ class Prediction:
     """Predicted positions of the others; entry 0 is the tracker's current estimate.
 
     A vehicle that the tracker does not know of is infinitely far away: x and y are inf, and it does not exist
-    for the controller. NaN is an error.
+    for the controller. NaN is an error. V counts the vehicles of the scene that the controller was built for,
+    which may have more of them than the world (``avrare.protocols.AssociatesDetections``).
 
     Attributes:
         x: (N, V, H + 1) position along the road [m].

@@ -16,8 +16,10 @@ from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, s
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import (
+    AssociatesDetections,
     ExplainsViolation,
     HasMargin,
+    ReportsGhosts,
     Specification,
     find_ability,
     find_scene,
@@ -56,19 +58,35 @@ def build_stack(scenario: Scenario) -> Stack:
     with _located(scenario, "simulator"):
         simulator = _build_simulator(scenario.simulator)
     scene = find_scene(simulator)
-    parts: list[Any] = []
-    for kind in ("perception", "tracker", "controller"):
-        block = getattr(scenario, kind)
-        with _located(scenario, kind):
-            parts.append(build_block(block, scene) if block is not None else None)
+    perception, tracker, controller = _build_parts(scenario, scene)
     specifications = {}
     for name, part in scenario.specifications.items():
         with _located(scenario, f"specifications.{name}"):
             specifications[name] = build_specification(part, scene, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
-    perception, tracker, controller = parts
     return Stack(ClosedLoop(simulator, perception, tracker, controller, start), scene, specifications)
+
+
+def _build_parts(scenario: Scenario, scene: Scene | None) -> tuple[Any, Any, Any]:
+    parts: list[Any] = []
+    known = scene
+    for kind in ("perception", "tracker", "controller"):
+        block = getattr(scenario, kind)
+        with _located(scenario, kind):
+            parts.append(build_block(block, known) if block is not None else None)
+        if kind == "tracker":
+            associating = find_ability(parts[-1], AssociatesDetections)
+            known = scene if associating is None else associating.known_scene
+    perception, tracker, controller = parts
+    ghosts = find_ability(perception, ReportsGhosts)
+    if ghosts is not None and ghosts.ghost_slots and find_ability(tracker, AssociatesDetections) is None:
+        raise UsageError(
+            f"{scenario.path}: tracker: it is told which vehicle each detection is of, but the perception "
+            "reports false detections (`ghosts`), which are of none",
+            "let the tracker find out: tracker: {plugin: imm, association: hungarian, gate: 4, death: 10}",
+        )
+    return perception, tracker, controller
 
 
 def _build_simulator(block: Block) -> Any:

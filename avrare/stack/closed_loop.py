@@ -177,7 +177,8 @@ class ClosedLoop:
             return None, None
         others = world.others
         detected = np.ones(others.x.shape, dtype=bool)
-        return Observation(detected, others.x, others.y, others.speed * np.cos(others.heading)), None
+        along, across = (others.speed * part(others.heading) for part in (np.cos, np.sin))
+        return Observation(detected, others.x, others.y, along, across, others.heading), None
 
 
 def _declared(part: Any, state: Any) -> Floats | None:

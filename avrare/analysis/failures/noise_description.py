@@ -64,6 +64,7 @@ def find_disturbances(scenario: LoadedScenario, tape: Floats) -> list[Disturbanc
     zeros = np.zeros((len(states), loop.perception.noise_size))
     neutral = loop.perception.observe(worlds, zeros)
     names = [f"car {name}" if name.isdecimal() else name for name in scenario.scene.names]
+    names += [f"ghost {k}" for k in range(1, actual.detected.shape[1] - len(names) + 1)]
     dt = loop.simulator.dt
     found = _find_detections(actual.detected, neutral.detected, names, dt, bool(tape.any()))
     found += _find_errors(_compute_errors(worlds, actual), _compute_errors(worlds, neutral), names, dt)
@@ -91,8 +92,11 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
 def _compute_errors(worlds: Any, observation: Any) -> Floats:
     # (3, T, V) of the positions and the speed; NaN where missed
     others = worlds.others
+    x, y, speed_x = (
+        part[:, : others.x.shape[1]] for part in (observation.x, observation.y, observation.speed_x)
+    )
     speed = others.speed * np.cos(others.heading)
-    return np.stack([observation.x - others.x, observation.y - others.y, observation.speed_x - speed])
+    return np.stack([x - others.x, y - others.y, speed_x - speed])
 
 
 def _find_detections(

@@ -102,19 +102,23 @@ def _list_entities(scene: Scene, frame: Frame) -> dict[str, dict[str, dict[str, 
         seen = frame.observation
         topics["/observations"] = {
             name: {"spheres": [_sphere(seen.x[0, v], seen.y[0, v])]}
-            for v, name in enumerate(scene.names)
+            for v, name in enumerate(_pad(scene.names, seen.detected.shape[1], "ghost"))
             if seen.detected[0, v]
         }
     if frame.prediction is not None:
         x, y = np.asarray(frame.prediction.x[0]), np.asarray(frame.prediction.y[0])
         topics["/tracks"] = {
             name: {"lines": [_line(x[v], y[v], "track")]}
-            for v, name in enumerate(scene.names)
+            for v, name in enumerate(_pad(scene.names, len(x), "track"))
             if np.isfinite(x[v]).all() and np.isfinite(y[v]).all()
         }
     if frame.plan is not None:
         topics["/plan"] = {"ego": {"lines": [_line(frame.plan[:, 0], frame.plan[:, 1], "ego")]}}
     return topics
+
+
+def _pad(names: Sequence[str], count: int, more: str) -> list[str]:
+    return [*names, *(f"{more} {k}" for k in range(1, count - len(names) + 1))]
 
 
 def _box(vehicle: Any, at: Any, length: float, width: float, kind: str) -> dict[str, Any]:

@@ -285,13 +285,14 @@ def _encode_trajectory(frames: Sequence[Frame], who: str, at: Any) -> dict[str, 
 
 
 def _encode_observation(frame: Frame, vehicles: int) -> list[list[float] | int] | None:
-    # the observed position of each vehicle, 0 if it was missed
+    # the observed position of each vehicle, 0 if it was missed, and those of false detections
     observed = frame.observation
     if observed is None:
         return None
     return [
         [_round(observed.x[0, v]), _round(observed.y[0, v])] if observed.detected[0, v] else 0
-        for v in range(vehicles)
+        for v in range(observed.x.shape[1])
+        if v < vehicles or observed.detected[0, v]
     ]
 
 

@@ -164,7 +164,7 @@ def draw_frame(
     if frame.observation is not None:
         seen = frame.observation
         ax.plot(seen.x[0], seen.y[0], "x", color=_SEEN, ms=5.0, mew=1.4, label="observation", zorder=6)
-        missed = ~seen.detected[0]
+        missed = ~seen.detected[0, : len(scene.names)]
         box = {"mfc": "none", "color": _SEEN, "ms": 9.0, "label": "missed", "zorder": 6}
         ax.plot(others.x[0, missed], others.y[0, missed], "s", **box)
     text = f"{clock or f'{frame.t * scene.dt:.1f}'} s\n{ego.speed[0]:.1f} m/s"

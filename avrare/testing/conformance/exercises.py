@@ -183,7 +183,7 @@ class _AnySignals(Mapping[str, Any]):
 
 
 def _named(step: int, values: Mapping[str, Any]) -> Outputs:
-    return {f"{name} at step {step}": value for name, value in values.items()}
+    return {f"{name} at step {step}": value for name, value in values.items() if value is not None}
 
 
 _EXERCISES: dict[str, tuple[Play, Callable[[Any], int]]] = {

@@ -18,7 +18,7 @@ _DATA = (
     "visibility, detected, error_right, error_forward, error_yaw, track, time [m, rad, s]; see "
     "docs/perception.md"
 )
-_MODELS = ("gp", "mlp", "student", "logistic")
+_MODELS = ("gp", "mlp", "student", "logistic", "literal")
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
 _MAX_DIGITS = 9
 
@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         choices=_MODELS,
         default="mlp",
-        help="Gaussian processes, networks (the default), linear with Student-t errors, or a baseline",
+        help="Gaussian processes, networks (the default), linear with Student-t errors, a baseline, or the "
+        "Gaussian processes of the STL-AMS paper to the letter",
     )
     fit.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     fit.add_argument("--name", default="model", help="name of the model's files")
@@ -105,7 +106,7 @@ def _convert(args: argparse.Namespace) -> None:
 
 
 def _fit(args: argparse.Namespace) -> None:
-    _require_modules("torch", "scipy", "matplotlib", *(["pyro"] if args.model == "gp" else []))
+    _require_modules("torch", "scipy", "matplotlib", *(["pyro"] if args.model in ("gp", "literal") else []))
     if Path(args.name).name != args.name or args.name in ("", ".."):
         raise UsageError(f"--name: {args.name!r} is not a file name", "the folder goes into --out")
     from avrare_gp_pem.training.pipeline import FitPlan, fit_model

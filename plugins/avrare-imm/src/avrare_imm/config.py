@@ -61,10 +61,26 @@ class ImmConfig(BaseModel):
         description="noisy: perception's speed along the road is measured, too; none: positions only, the "
         "tracker estimates all velocities",
     )
+    lateral_speed: Literal["none", "velocity", "heading"] = Field(
+        "none",
+        description="Measurement of the speed across the road: none; the reported velocity; or the tangent "
+        "of the reported heading, 45 degrees at most, times the speed along the road",
+    )
+    lateral_speed_variance: Positive = Field(
+        0.1, description="Measurement variance of the speed across the road, where it is one [(m/s)^2]"
+    )
     gate: Positive | None = Field(
         None,
         description="A detection farther than this from its prediction counts as a miss [standard deviations "
         "of the innovation]; null: no gate",
+    )
+    association: Literal["labelled", "hungarian"] = Field(
+        "labelled",
+        description="Which detection belongs to which track: given (labelled), or found by the likeliest "
+        "assignment within the gate (hungarian), so that detections may be swapped and false",
+    )
+    spare_tracks: Annotated[int, Field(ge=0, le=20)] = Field(
+        4, description="hungarian: tracks that may exist beyond the number of vehicles [-]"
     )
     start: Literal["truth", "empty"] = Field(
         "truth",
@@ -87,4 +103,16 @@ class ImmConfig(BaseModel):
         least, of = self.birth
         if least > of:
             raise ValueError(f"birth: {least} detections within {of} steps are impossible")
+        return self
+
+    @model_validator(mode="after")
+    def _check_association(self) -> Self:
+        lacking = [name for name in ("gate", "death") if getattr(self, name) is None]
+        if self.association == "hungarian" and lacking:
+            raise ValueError(
+                f"association: hungarian needs {' and '.join(lacking)}: without a gate any detection fits "
+                "any track, and without a death false tracks stay; for example gate: 4, death: 10"
+            )
+        if self.association == "labelled" and "spare_tracks" in self.model_fields_set:
+            raise ValueError("spare_tracks: only association: hungarian has any")
         return self

@@ -31,11 +31,16 @@ class FilterpyTracker(ImmTracker):
         scene: Provides the step and the lane centres.
 
     Raises:
-        UsageError: A model set has a single model, which filterpy's estimator does not take.
+        UsageError: A model set has a single model, which filterpy's estimator does not take; or detections
+            have to be associated.
     """
 
     def __init__(self, config: ImmConfig, scene: Scene) -> None:
         super().__init__(config, scene)
+        if config.association != "labelled":
+            raise UsageError(
+                "the tracker 'filterpy' is told which vehicle was detected", "use the tracker imm"
+            )
         self._scene = scene
         for name, models in (("longitudinal", self.longitudinal), ("lateral", self.lateral)):
             if len(models.offset) < 2:

@@ -106,13 +106,37 @@ def innovation_distance(models: ModelSet, mixture: Mixture, measurement: Floats)
 
     Mean and covariance are those of the mixture's predicted measurement, the spread of the modes included.
     """
+    return measurement_distance(predict_measurement(models, mixture), measurement)
+
+
+@dataclass(frozen=True)
+class PredictedMeasurement:
+    """Normal law of the measurement (p numbers) of V tracks.
+
+    Attributes:
+        centre: (p, V, N) mean.
+        inverse: (p, p, V, N) inverse of the covariance.
+        log_determinant: (V, N) of the covariance.
+    """
+
+    centre: Floats
+    inverse: Floats
+    log_determinant: Floats
+
+
+def predict_measurement(models: ModelSet, mixture: Mixture) -> PredictedMeasurement:
+    """Return mean and covariance of a predicted mixture's measurement, the spread of the modes included."""
     mean, covariance, probability = _particles_last(mixture)
     p = len(models.measurement_variance)
     centre, spread = _merge(list(probability), mean[:p], covariance[:p, :p])
-    residual = np.ascontiguousarray(measurement.T) - centre
     noise = np.eye(p)[..., None, None] * models.measurement_variance[:, None, None]
-    inverse, _ = _invert(spread + noise)
-    return _sum(residual * _product(inverse, residual[:, None])[:, 0]).T
+    return PredictedMeasurement(centre, *_invert(spread + noise))
+
+
+def measurement_distance(predicted: PredictedMeasurement, measurement: Floats) -> Floats:
+    """Return the (N, V) squared Mahalanobis distance of measurements (N, V, p)."""
+    residual = np.ascontiguousarray(measurement.T) - predicted.centre
+    return _sum(residual * _product(predicted.inverse, residual[:, None])[:, 0]).T
 
 
 def fuse(mixture: Mixture) -> tuple[Floats, Floats]:

@@ -79,8 +79,9 @@ def lateral_models(
     noise: float,
     variance: float,
     stay: float,
+    speed_variance: float | None = None,
 ) -> ModelSet:
-    """Return models of (y, vy) [m, m/s], measured in y: drivers who steer towards a lane centre.
+    """Return models of (y, vy) [m, m/s], measured in y, or in both: drivers who steer towards a lane centre.
 
     Mode g * L + l has derivative gain g and lane l of L; its acceleration is kp (lane - y) - kd vy.
 
@@ -92,6 +93,7 @@ def lateral_models(
         noise: Variance of the random acceleration of a step [(m/s^2)^2].
         variance: Measurement variance of y [m^2].
         stay: Probability of keeping the mode for one step.
+        speed_variance: Measurement variance of vy [(m/s)^2]; None: it is not measured.
     """
     kp = proportional_gain
     modes = [(kd, lane) for kd in derivative_gains for lane in lanes]
@@ -100,7 +102,7 @@ def lateral_models(
         dynamics=np.array([[[1.0, dt], [-dt * kp, 1.0 - dt * kd]] for kd, _ in modes]),
         offset=np.array([[0.0, dt * kp * lane] for _, lane in modes]),
         noise=np.broadcast_to(noise * np.outer(gain, gain), (len(modes), 2, 2)),
-        measurement_variance=np.array([variance]),
+        measurement_variance=np.array([variance] if speed_variance is None else [variance, speed_variance]),
         transition=transition_matrix(len(modes), stay),
     )
 

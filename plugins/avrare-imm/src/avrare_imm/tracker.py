@@ -82,6 +82,7 @@ class ImmTracker:
     def __init__(self, config: ImmConfig, scene: Scene) -> None:
         self.config = config
         self.lanes = np.array(scene.road.lane_centres)
+        self._measures_across = config.lateral_speed != "none"
         self.longitudinal = longitudinal_models(
             config.longitudinal_models,
             scene.dt,
@@ -97,6 +98,7 @@ class ImmTracker:
             config.lateral_noise,
             config.lateral_variance,
             config.stay_probability,
+            config.lateral_speed_variance if self._measures_across else None,
         )
         lasting = config.start == "truth" and config.death is None
         self._rules = None if lasting else LifeRules(*config.birth, config.death)
@@ -119,10 +121,14 @@ class ImmTracker:
         A vehicle that is missed, or detected beyond the gate, is only predicted. The options say when a
         vehicle without a track gets one, and when a track ends.
         """
-        positions = np.stack([observation.x, observation.speed_x, observation.y], axis=-1)
-        along, across = positions[..., : len(self.longitudinal.measurement_variance)], positions[..., 2:]
         longitudinal = self._predict(self.longitudinal, track.longitudinal)
         lateral = self._predict(self.lateral, track.lateral)
+        return self._updated(ImmTrack(longitudinal, lateral, track.life), observation)
+
+    def _updated(self, predicted: ImmTrack, observation: Observation) -> ImmTrack:
+        """Return predicted tracks after detections whose slots are those of the tracks."""
+        longitudinal, lateral = predicted.longitudinal, predicted.lateral
+        along, across = self._measurements(predicted, observation)
         accepted = observation.detected
         if self.config.gate is not None:
             distance = innovation_distance(self.longitudinal, longitudinal, along)
@@ -130,15 +136,40 @@ class ImmTracker:
             accepted = accepted & ~(distance > self.config.gate**2)  # a NaN is an error, and stays one
         longitudinal = self._update(self.longitudinal, longitudinal, along, accepted)
         lateral = self._update(self.lateral, lateral, across, accepted)
-        if self._rules is None or track.life is None:
+        if self._rules is None or predicted.life is None:
             return ImmTrack(longitudinal, lateral)
-        first = observation.detected & self._rules.absent(track.life)
-        life = self._rules.update(track.life, accepted | first)
+        first = observation.detected & self._rules.absent(predicted.life)
+        life = self._rules.update(predicted.life, accepted | first)
         if first.any():
-            begun = self._begin(np.where(first[..., None], positions, 0.0))
+            seen = np.stack([observation.x, observation.speed_x, observation.y], axis=-1)
+            begun = self._begin(np.where(first[..., None], seen, 0.0))
             longitudinal = choose(first, begun.longitudinal, longitudinal)
             lateral = choose(first, begun.lateral, lateral)
         return ImmTrack(longitudinal, lateral, life)
+
+    def _measurements(self, predicted: ImmTrack, observation: Observation) -> tuple[Floats, Floats]:
+        """Return what the filters along and across the road measure, (N, V, 1 or 2) each."""
+        along = [observation.x, observation.speed_x][: len(self.longitudinal.measurement_variance)]
+        across = [observation.y]
+        if self._measures_across:
+            across.append(self._speed_across(predicted, observation))
+        return np.stack(along, axis=-1), np.stack(across, axis=-1)
+
+    def _speed_across(self, predicted: ImmTrack, observation: Observation) -> Floats:
+        kind = self.config.lateral_speed
+        reported = observation.speed_y if kind == "velocity" else observation.heading
+        if reported is None:
+            option = "speed_y_sd" if kind == "velocity" else "heading"
+            raise UsageError(
+                f"tracker: lateral_speed: {kind} needs a perception that reports it",
+                f"give the perception the option {option}, or remove lateral_speed",
+            )
+        if kind == "velocity":
+            return reported
+        speed = observation.speed_x
+        if self.config.velocity == "none":
+            speed = fuse(predicted.longitudinal)[0][..., 1]
+        return np.asarray(speed * np.clip(np.tan(reported), -1.0, 1.0))  # a turned box has the same tangent
 
     def predict(self, track: ImmTrack, steps: int) -> Prediction:
         """Return expected positions now and over ``steps`` further steps, without observations.
@@ -223,7 +254,12 @@ def build(config: ImmConfig, scene: Scene | None) -> ImmTracker:
     Raises:
         UsageError: The simulator has no scene.
     """
-    return ImmTracker(config, check_scene(scene, "imm"))
+    scene = check_scene(scene, "imm")
+    if config.association == "hungarian":
+        from avrare_imm.association import AssociatingTracker  # it is made of this module's tracker
+
+        return AssociatingTracker(config, scene)
+    return ImmTracker(config, scene)
 
 
 def check_scene(scene: Scene | None, tracker: str) -> Scene:

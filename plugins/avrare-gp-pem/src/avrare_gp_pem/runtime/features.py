@@ -12,8 +12,8 @@ that a model file lists. Every column is a smooth or piecewise smooth function o
   to a square, and detection falls within 5 m of its edge, which no smooth function of range follows. The
   steps every 8 m let the fit find where the square ends; ``edge`` is the step at 51.2 m, PointPillar's;
 * length, width, height, visibility category 1 to 4;
-* yaw and spans: orientation of a box relative to the ego's *axes*, which no lidar knows. These columns,
-  listed in ``AXES``, only imitate labels that were matched by axis-aligned boxes (see
+* yaw and spans: orientation of a box relative to the ego's *axes*, which no lidar knows. Those listed in
+  ``AXES`` only imitate labels that were matched by axis-aligned boxes (see
   ``training/cleaning.py``).
 """
 
@@ -46,6 +46,8 @@ COMMON = (
     *("length", "width", "height", "visibility"),
 )
 """Columns that a detector may depend on."""
+LITERAL = ("right", "forward", "yaw", "length", "width", "height", "visibility")
+"""Columns of the model of the STL-AMS paper."""
 AXES = ("cos_yaw", "sin_yaw", "cos_2yaw", "sin_2yaw", "log_span_right", "log_span_forward")
 """Columns that only the artefact of label matching depends on."""
 
@@ -126,6 +128,7 @@ COLUMNS: dict[str, Column] = {
     "abs_forward": lambda box: np.abs(box.forward),
     "edge": _step(_CROP),
     **{f"reach_{step}": _step(step) for step in _STEPS},
+    "yaw": lambda box: np.arctan2(box.heading[1], box.heading[0]),
     **_turns("aspect", attrgetter("aspect")),
     **_turns("bearing", attrgetter("bearing")),
     **_turns("yaw", attrgetter("heading")),

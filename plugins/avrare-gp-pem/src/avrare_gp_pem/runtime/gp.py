@@ -161,3 +161,25 @@ class GpPair:
         parts = zip(self.detection.predict(x), self.error.predict(x), strict=True)
         mean, variance = (np.concatenate(pair, axis=1) for pair in parts)
         return mean, variance
+
+
+@dataclass(frozen=True)
+class NormalErrorGps:
+    """Classifier and regressor, the latter with normal noise that is the same everywhere.
+
+    Attributes:
+        detection: One latent function.
+        error: Two latent functions, the locations of both errors.
+        log_noise: (2,) log of the noise's standard deviation, in units of the base scale.
+    """
+
+    detection: SparseGp | DiagonalGp
+    error: SparseGp | DiagonalGp
+    log_noise: Floats
+
+    def predict(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return (n, 5) means and variances at normalised inputs (n, D); see ``variant.Latents``."""
+        parts = zip(self.detection.predict(x), self.error.predict(x), strict=True)
+        mean, variance = (np.concatenate(pair, axis=1) for pair in parts)
+        noise = np.broadcast_to(self.log_noise, (len(x), len(self.log_noise)))
+        return np.concatenate([mean, noise], axis=1), np.pad(variance, ((0, 0), (0, noise.shape[1])))

@@ -14,7 +14,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.stored_files import parse_arrays, read_regular
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
-from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
+from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, NormalErrorGps, SparseGp
 from avrare_gp_pem.runtime.networks import Networks, networks
 from avrare_gp_pem.runtime.variant import FittedPem, MeasuredPersistence, Variant, YawErrors
 
@@ -96,9 +96,11 @@ def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
     arrays["inputs"] = np.array(variant.inputs, dtype=np.str_)
     arrays |= {name: np.array(getattr(variant, name)) for name in ("link", "frame")}
     latents = variant.latents
-    if isinstance(latents, GpPair):
+    if isinstance(latents, GpPair | NormalErrorGps):
         for prefix, process in (("detection", latents.detection), ("error", latents.error)):
             arrays |= {f"{prefix}_{name}": getattr(process, name) for name in _GP_ARRAYS}
+        if isinstance(latents, NormalErrorGps):
+            arrays["log_noise"] = latents.log_noise
     elif isinstance(latents, Networks):
         for i, (weight, bias) in enumerate(zip(latents.weights, latents.biases, strict=True)):
             arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
@@ -154,7 +156,8 @@ def _variant(arrays: Arrays) -> Variant:
 def _checked(variant: Variant) -> Variant:
     law = variant.law(_CAR, speed_sd=0.0)
     parts = (law.detect, law.location, law.scale, law.limit, law.dof, 1.0 if law.power is None else law.power)
-    if not all(np.isfinite(part).all() for part in parts):
+    unbounded = np.isinf(law.dof).all() and np.isinf(law.limit)  # normal errors
+    if not all(np.isfinite(part).all() for part in (parts[:3] if unbounded else parts)):
         raise ValueError("its predictions are not finite")
     return variant
 
@@ -165,12 +168,14 @@ def _networks(arrays: Arrays) -> Networks:
     return networks(weights, tuple(np.asarray(arrays[f"bias_{i}"], float) for i in layers))
 
 
-def _gp_pair(arrays: Arrays) -> GpPair:
+def _gp_pair(arrays: Arrays) -> GpPair | NormalErrorGps:
     processes = []
     for prefix in ("detection", "error"):
         parameters = {name: np.asarray(arrays[f"{prefix}_{name}"], float) for name in _GP_ARRAYS}
         kind = DiagonalGp if parameters["factor"].ndim == 2 else SparseGp
         processes.append(kind(**parameters))
+    if "log_noise" in arrays:
+        return NormalErrorGps(*processes, np.asarray(arrays["log_noise"], float).reshape(2))
     return GpPair(*processes)
 
 

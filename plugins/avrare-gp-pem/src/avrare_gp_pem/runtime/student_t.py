@@ -100,9 +100,40 @@ class StudentT:
         return np.where(inside, density, -np.inf)
 
 
+class Normal:
+    """Limit of many degrees of freedom: the functions of ``StudentT``, for a normal law that has no bound."""
+
+    dof = math.inf
+
+    def log_density(self, t: Floats) -> Floats:
+        """Return the log density at ``t``, elementwise."""
+        return -0.5 * t * t - 0.5 * math.log(2 * math.pi)
+
+    def upper_tail(self, t: Floats, power: Floats | float = 1.0) -> Floats:
+        """Return P(T > t) for t >= 0, elementwise."""
+        return normal.cdf(-np.sinh(np.arcsinh(power * t) / power))
+
+    def truncated(self, noise: Floats, bound: Floats, power: Floats | float = 1.0) -> Floats:
+        """Return the value with the rank of a standard normal ``noise``; ``bound`` is not read."""
+        return np.asarray(np.sinh(power * np.arcsinh(noise)) / power)
+
+    def truncated_log_density(self, t: Floats, bound: Floats, power: Floats | None = None) -> Floats:
+        """Return the log density at ``t``; ``bound`` is not read."""
+        if power is None:
+            return self.log_density(t)
+        root = np.arcsinh(power * t) / power
+        jacobian = np.log(np.cosh(root)) - 0.5 * np.log1p((power * t) ** 2)
+        return np.asarray(self.log_density(np.sinh(root)) + jacobian)
+
+
+def student(dof: float) -> StudentT | Normal:
+    """Return the Student-t distribution with ``dof`` degrees of freedom; inf: the normal one."""
+    return Normal() if math.isinf(dof) else tabulated_student(float(dof))
+
+
 @functools.lru_cache(maxsize=16)
-def student(dof: float) -> StudentT:
-    """Return the Student-t distribution with ``dof`` degrees of freedom; builds its tables on first use."""
+def tabulated_student(dof: float) -> StudentT:
+    """Return the Student-t distribution with finitely many degrees of freedom, its tables built once."""
     x = np.linspace(0.0, _ARCSINH_END, _CELLS + 1)
     step = x[1]
     nodes, weights = np.polynomial.legendre.leggauss(8)

@@ -38,7 +38,7 @@ class Variant:
         input_mean: (D,) subtracted from the columns.
         input_sd: (D,) divides the columns.
         base_scale: (2, 2) row i: error i is divided by [0] + [1] x range [m].
-        dof: (2,) degrees of freedom of the Student-t errors.
+        dof: (2,) degrees of freedom of the Student-t errors; inf: normal errors, without a limit.
         limit: () largest distance of an error from its centre [m].
         link: "probit" or "logit": turns the detection latent into a probability.
         frame: "vehicle": errors are along and across it; "ego": to the right of the ego and forward.
@@ -96,6 +96,7 @@ class Variant:
         base = self.base_scale[:, 0] + self.base_scale[:, 1] * distance[..., None]
         power = self.tail_power(distance) if self.tail.any() else None
         index = self.dof if power is None else self.dof / power
+        index = np.where(np.isinf(index), 2.0, index)  # a normal law keeps its mean square
         widened = np.exp(2 * means[..., 1, :] + index * variances[..., 1, :]) + variances[..., 0, :]
         return ObservationLaw(
             detect=detect,

@@ -98,6 +98,7 @@ def fit_process(
     latents: int,
     schedule: Schedule,
     report: Callable[[str], None],
+    prior: torch.nn.Module | None = None,
 ) -> tuple[VariationalSparseGP, list[float]]:
     """Fit one process.
 
@@ -108,6 +109,7 @@ def fit_process(
         latents: Number of latent functions.
         schedule: Optimisation.
         report: Called with a line after each check.
+        prior: Prior mean; None: constant and slope over the first input.
 
     Returns:
         The process and the evidence lower bound per row at each check, over all rows.
@@ -123,7 +125,7 @@ def fit_process(
         RBF(x.shape[1], lengthscale=torch.full((x.shape[1],), 2.0)),
         torch.as_tensor(centres),
         likelihood,
-        mean_function=_LinearPrior(latents),
+        mean_function=prior or _LinearPrior(latents),
         latent_shape=torch.Size([latents]),
         num_data=len(x) * schedule.weight,
         whiten=True,

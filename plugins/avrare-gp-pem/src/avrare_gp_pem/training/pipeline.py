@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.stats import t as student_t
 
 from avrare.protocols import Floats
-from avrare_gp_pem.runtime.features import AXES, COMMON, features
+from avrare_gp_pem.runtime.features import AXES, COMMON, LITERAL, features
 from avrare_gp_pem.runtime.variant import FittedPem, Latents, Variant, YawErrors, split_flips
 from avrare_gp_pem.training.calibration import MAX_DOF, MIN_DOF, UnseenRows, calibrate
 from avrare_gp_pem.training.cleaning import CleanedData
@@ -42,7 +42,7 @@ class FitPlan:
     """Model to fit.
 
     Attributes:
-        model: "gp" or a name in ``RECIPES``.
+        model: "gp", "literal" or a name in ``RECIPES``.
         seed: Seed of everything random.
         recipe: Replaces the model's recipe, for networks.
         schedule: Replaces the default schedule, for Gaussian processes.
@@ -64,10 +64,11 @@ def fit_model(data: CleanedData, plan: FitPlan, provenance: Mapping[str, str], r
         report: Called with lines of progress.
     """
     oblique = data.train.take(data.oblique)
-    clean = _fit_variant(oblique, plan, "vehicle", lambda line: report(f"detector: {line}"))
+    fit = _fit_literal_variant if plan.model == "literal" else _fit_variant
+    clean = fit(oblique, plan, "vehicle", lambda line: report(f"detector: {line}"))
     delivered = None
     if data.has_artefact:
-        delivered = _fit_variant(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
+        delivered = fit(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
     lasting = fit_persistence(clean, oblique)
     report(describe_persistence(lasting))
     return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting)
@@ -109,6 +110,30 @@ def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report
         f"{variant.dof[0]:.2f} and {variant.dof[1]:.2f} degrees of freedom, tails to the power of {powers}"
     )
     return variant
+
+
+def _fit_literal_variant(rows: DetectionTable, plan: FitPlan, _: str, report: Report) -> Variant:
+    from avrare_gp_pem.training.fit_literal import LITERAL_SCHEDULE, fit_literal  # needs pyro
+
+    columns, errors = features(rows, LITERAL), errors_in("ego", rows)
+    mean, sd = columns.mean(axis=0), np.maximum(columns.std(axis=0), _MIN_SD)
+    scale = np.maximum(errors[rows.detected].std(axis=0), _MIN_SCALE)
+    sample = Sample((columns - mean) / sd, rows.detected, np.nan_to_num(errors / scale))
+    latents = fit_literal(sample, replace(plan.schedule or LITERAL_SCHEDULE, seed=plan.seed), report)
+    noise = scale * np.exp(latents.log_noise)
+    report(f"normal noise of {noise[0]:.3f} m to the right and {noise[1]:.3f} m forward, not calibrated")
+    return Variant(
+        latents=latents,
+        inputs=LITERAL,
+        input_mean=mean,
+        input_sd=sd,
+        base_scale=np.stack([scale, np.zeros(2)], axis=1),
+        dof=np.full(2, np.inf),
+        limit=np.array(np.inf),
+        link="probit",
+        frame="ego",
+        bounds=np.stack([columns.min(axis=0), columns.max(axis=0)]),
+    )
 
 
 def _fit_latents(

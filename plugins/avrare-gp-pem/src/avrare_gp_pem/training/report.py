@@ -33,6 +33,8 @@ _KINDS = {
     "gp": "two sparse variational Gaussian processes (detection; location and log scale of Student-t errors)",
     "mlp": "the mean of small networks (detection and Student-t errors from one trunk)",
     "student": "logistic detection, Student-t errors whose location and log scale are linear in the inputs",
+    "literal": "two sparse variational Gaussian processes of seven inputs, with normal errors: that of the "
+    "STL-AMS paper",
     "logistic": "logistic detection, and Student-t errors with a scale linear in range: a baseline",
 }
 
@@ -40,7 +42,7 @@ _KINDS = {
 def provenance(plan: FitPlan, data: CleanedData, given: Mapping[str, str]) -> dict[str, str]:
     """Return what a model file states about its origin: data, rows, seed, versions and licence."""
     rows = f"{len(data.train)} training ({int(data.oblique.sum())} of them clean), {len(data.test)} held out"
-    libraries = ["torch", "numpy", "scipy", *(["pyro-ppl"] if plan.model == "gp" else [])]
+    libraries = ["torch", "numpy", "scipy", *(["pyro-ppl"] if plan.model in ("gp", "literal") else [])]
     return {
         **given,
         "model": plan.model,

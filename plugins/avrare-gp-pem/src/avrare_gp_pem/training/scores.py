@@ -23,6 +23,7 @@ AXIS_NAMES = {"vehicle": ("along", "across"), "ego": ("right", "forward")}
 TAILS = (2.0, 4.0, 8.0)
 """Sizes of z whose shares are compared."""
 _GRID = 4001
+_ARCSINH_END = 8.0  # where there is no bound
 _POWERS = 9
 
 
@@ -205,7 +206,7 @@ def _truncated_sd(dof: float, bound: Floats, power: Floats) -> Floats:
 
 
 def _sd_at_power(dof: float, bound: Floats, power: float) -> Floats:
-    ends = np.arcsinh(power * bound) / power
+    ends = np.minimum(np.arcsinh(power * bound) / power, _ARCSINH_END)
     x = np.linspace(0.0, float(ends.max()), _GRID)
     t = np.sinh(x)
     density = np.exp(student(dof).log_density(t)) * np.cosh(x)
