@@ -32,7 +32,7 @@ from avrare_gp_pem.training.report import summary
 from avrare_gp_pem.training.scores import evaluate
 from avrare_gp_pem.training.table import read_table
 
-MODELS = ("measured", "best", "paper", "pointpillars")
+MODELS = ("measured", "best", "paper", "literal", "pointpillars")
 RANGES = (5.0, 10.0, 20.0, 30.0, 40.0, 45.0, 50.0, 55.0, 60.0)
 SAMPLES = 100_000
 WORLDS, VEHICLES, REPEATS = 250, 3, 1000

@@ -102,7 +102,7 @@ def test_variance_far_away_is_that_of_the_prior():
     np.testing.assert_allclose(mean[0], small()["prior"] @ [1, 1e3])
 
 
-@pytest.mark.parametrize("model", ["pointpillars", "paper"])
+@pytest.mark.parametrize("model", ["pointpillars", "paper", "literal"])
 @pytest.mark.parametrize("name", ["detection", "error"])
 def test_rows_are_the_same_in_any_batch_and_place(model, name):
     process = getattr(load(locate(model)).clean.latents, name)
@@ -130,7 +130,7 @@ def test_file_survives_a_round_trip(pointpillars, tmp_path):
     assert (tmp_path / "twice.npz").read_bytes() == (tmp_path / "copy.npz").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["pointpillars", "paper", "best", "measured"])
+@pytest.mark.parametrize("name", ["pointpillars", "paper", "literal", "best", "measured"])
 def test_shipped_file_is_small_and_has_its_provenance(name):
     model = load(locate(name))
     assert (FOLDER / f"{name}.npz").stat().st_size < 1_000_000

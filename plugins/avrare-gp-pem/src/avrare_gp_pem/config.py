@@ -66,12 +66,12 @@ class GpPemConfig(_PemConfig):
     persistence: Persistence | Literal["measured"] = Field(  # type: ignore[assignment]
         Persistence(),
         description="time constants of the errors, your assumption; or `measured`: those that the model has "
-        "from its data (of the shipped ones, `measured` has)",
+        "from its data (of the shipped ones, `measured` and `literal` have)",
     )
 
     model: str = Field(
         "pointpillars",
-        description="a shipped model (measured, best, paper, pointpillars), or the path of an .npz file",
+        description="a shipped model (measured, best, paper, literal, pointpillars), or the path of an .npz",
         json_schema_extra={"file": True},
     )
     artefact: bool = Field(

@@ -192,7 +192,7 @@ def _limits(model: FittedPem, data: CleanedData) -> str:
     spans = [(name, *bounds[name]) for name in ("range", "length", "width") if name in bounds]
     seen = ", ".join(f"{name} {low:.1f} to {high:.1f}" for name, low, high in spans)
     lines = [
-        _artefact(data),
+        _artefact(model, data),
         f"It has seen {seen} m; beyond, inputs are cut to these: it extrapolates nothing.",
         _persistence(model),
         "No false positives and no swapped identities; errors of size are not modelled.",
@@ -211,7 +211,7 @@ def _persistence(model: FittedPem) -> str:
     )
 
 
-def _artefact(data: CleanedData) -> str:
+def _artefact(model: FittedPem, data: CleanedData) -> str:
     if not data.has_artefact:
         return "No artefact of matching by axis-aligned boxes is modelled: one law for all rows."
     if not data.artefact.known:
@@ -220,10 +220,12 @@ def _artefact(data: CleanedData) -> str:
         )
     aligned, oblique = 100 * data.artefact.aligned, 100 * data.artefact.oblique
     rows, every = int(data.oblique.sum()), len(data.train)
+    read = [name for name in AXES if model.delivered is not None and name in model.delivered.inputs]
+    also = f" also read {', '.join(read)}" if read else " read nothing of its own"
     return (
         "The labels have the artefact of matching by axis-aligned boxes: within 1 degree of an axis of the "
         f"ego {aligned:.0f} % are detected, {OBLIQUE:g} degrees or more off it {oblique:.0f} % at the same "
         f"range below 50 m. The detector (`artefact: false`) is learnt from these, {rows:,} of {every:,}, "
         "so aligned traffic lies between its rows and no label can check it; the labels as delivered "
-        f"(`artefact: true`) also read {', '.join(AXES)}."
+        f"(`artefact: true`){also}."
     )
