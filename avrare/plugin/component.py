@@ -92,6 +92,10 @@ class Component:
         check: ``"package.module:function"`` that finds mistakes which the model of a specification's options
             cannot see: called as ``check(config, dt)`` when a scenario is loaded, with the simulator's step
             [s] or None if not known; returns a list of ``Finding``. Must import nothing heavy.
+        complete: ``"package.module:function"`` of a simulator whose options are partly in files of others:
+            called as ``complete(options, folder)`` when a scenario is loaded, with the options as written and
+            the folder that their paths may be relative to; returns options to add or to put in their place,
+            laws among them. Raises a ``UsageError`` where such a file is wrong. Must import nothing heavy.
         driving: True for components of road vehicles; they are refused if the simulator has no ``Scene``.
     """
 
@@ -104,6 +108,7 @@ class Component:
     api: int = 1
     rules: str = ""
     check: str = ""
+    complete: str = ""
     driving: bool = False
 
     def load_config(self) -> type[Any]:

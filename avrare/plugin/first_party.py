@@ -61,7 +61,7 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-mpc": {"controller": ("mpc",)},
     "avrare-policy": {"controller": ("policy",)},
     "avrare-ray": {"executor": ("ray",)},
-    "avrare-single-track": {"simulator": ("single_track", "commonroad")},
+    "avrare-single-track": {"simulator": ("single_track", "commonroad", "openscenario")},
     "avrare-traffic-rules": {"specification": ("traffic_rules",)},
 }
 FIRST_PARTY = {

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel
 
-from avrare.base.errors import ExitCode, PluginError, did_you_mean
+from avrare.base.errors import AvrareError, ExitCode, PluginError, did_you_mean
+from avrare.base.late_import import late_import
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.drawn_options import find_draws
 from avrare.scenario.draws import KEY, Draws
-from avrare.scenario.extends import read
+from avrare.scenario.extends import merge, read
 from avrare.scenario.overrides import override
 from avrare.scenario.safe_mode import check_import_path, find_refusals
 from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
@@ -123,6 +124,10 @@ def _resolve_block(
     draws: Draws | None = None
     found: list[Mistake] = []
     if kind == "simulator":
+        try:
+            node = _completed(row, node, folder)
+        except AvrareError as error:
+            return None, [Mistake(node.name_mark, path, error.message, error.hint)]
         node, draws, found = find_draws(model, node, path, folder)
     if refusals := find_refusals(row, model, node, path, folder):
         return None, refusals
@@ -131,6 +136,15 @@ def _resolve_block(
     if config is None or row.component is None:
         return None, mistakes
     return Block(plugin.value, row.component, config, row.distribution, row.version, draws), mistakes
+
+
+def _completed(row: Row, node: Node, folder: str) -> Node:
+    # With the options that files of others hold.
+    if row.component is None or not row.component.complete:
+        return node
+    beside = os.path.dirname(node.mark.file) if node.mark.line else folder
+    found = late_import(row.component.complete)(node.plain(), beside or ".")
+    return merge(node, Node.of(found, node.mark))
 
 
 def _options_model(row: Row) -> type[BaseModel]:

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -143,9 +143,15 @@ def _reword(message: str, node: Node) -> str:
 
 
 def fields_at(model: type[BaseModel], path: Path) -> list[FieldInfo]:
-    """Return the fields that the value at ``path`` may belong to, through lists, mappings and unions."""
+    """Return the fields that the value at ``path`` may belong to, through lists, mappings and unions.
+
+    A number in a mapping of numbers belongs to the mapping's own field.
+    """
     parts = _models_at(model, path[:-1])
-    return [info for part in parts for name, info in _fields(part) if path[-1:] == (name,)]
+    found = [info for part in parts for name, info in _fields(part) if path[-1:] == (name,)]
+    if found or len(path) < 2:
+        return found
+    return [info for info in fields_at(model, path[:-1]) if get_origin(info.annotation) is dict]
 
 
 def _option_help(model: type[BaseModel], path: Path) -> str | None:

@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """Return the simulators ``single_track`` and ``commonroad``."""
+    """Return the simulators ``single_track``, ``commonroad`` and ``openscenario``."""
     return [
         Component(
             kind="simulator",
@@ -22,5 +22,13 @@ def avrare_components() -> list[Component]:
             factory="avrare_single_track.recorded:build",
             summary="recorded CommonRoad scene: its planning problem as the ego, its obstacles replayed",
             needs=("casadi", "commonroad"),
+        ),
+        Component(
+            kind="simulator",
+            name="openscenario",
+            config="avrare_single_track.config:OpenScenarioConfig",
+            factory="avrare_single_track.openscenario.simulator:build",
+            complete="avrare_single_track.openscenario.completion:complete",
+            summary="OpenSCENARIO XML scene: a single-track ego among vehicles that act out its storyboard",
         ),
     ]

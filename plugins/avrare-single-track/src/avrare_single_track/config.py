@@ -250,3 +250,34 @@ class RecordedConfig(BaseModel):
         default_factory=dict,
         description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
     )
+
+
+class OpenScenarioConfig(_Options):
+    """Options of the simulator ``openscenario``."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"file": "cut_in.xosc", "entity": "Ego"}]})
+
+    file: Path = Field(
+        description="OpenSCENARIO XML 1.x: a scenario, or a file of parameter distributions that names one",
+        json_schema_extra={"file": True},
+    )
+    entity: str = Field(default="Ego", min_length=1, description="name of the entity that is the ego")
+    road: Path | None = Field(
+        default=None,
+        description="OpenDRIVE file; default: the one that the scenario names",
+        json_schema_extra={"file": True},
+    )
+    dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
+    parameters: dict[str, Drawable | str] = Field(
+        default_factory=dict, description="values or laws of parameters, in place of those that are declared"
+    )
+    ego: dict[str, float] = Field(
+        default_factory=dict,
+        description="limits of the ego, as in single_track: friction, acceleration_max, steering_max, ...",
+    )
+    ignore_ego_events: bool = Field(
+        default=False, description="pass over what the storyboard has the ego do; its start counts"
+    )
+    weather: Drawable | None = Field(
+        default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
+    )

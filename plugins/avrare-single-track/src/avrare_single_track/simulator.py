@@ -142,21 +142,23 @@ class SingleTrack:
             ego = to_road(road.line, ego)
         before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
         jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
-        step = world.step + 1
-        others, drivers = self._others(step, world.plans), world.drivers
-        if drivers is not None:
-            drivers, found = self.reactive.step(drivers, world.step, world.ego, world.others, noise)
-            others = self.reactive.placed(others, found)
         return replace(
             world,
-            step=step,
+            step=world.step + 1,
             ego=ego,
-            others=others,
-            drivers=drivers,
             steering=steering,
             jerk=jerk,
             slips=world.slips + slips,
+            **self._move_others(world, noise),
         )
+
+    def _move_others(self, world: TrackWorld, noise: Floats) -> dict[str, Any]:
+        # What changes in a world within a step, besides the ego.
+        others, drivers = self._others(world.step + 1, world.plans), world.drivers
+        if drivers is not None:
+            drivers, found = self.reactive.step(drivers, world.step, world.ego, world.others, noise)
+            others = self.reactive.placed(others, found)
+        return {"others": others, "drivers": drivers}
 
     def _lateral(self, ego: Vehicles, steering: Floats) -> Floats:
         return lateral_acceleration(ego.speed, steering, self.config.ego.wheelbase)

@@ -1,0 +1,1 @@
+"""OpenSCENARIO XML as scenarios: what is read, and the traffic that acts it out."""

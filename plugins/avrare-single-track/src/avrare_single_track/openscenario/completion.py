@@ -1,0 +1,53 @@
+"""Options of the simulator that stand in its files: where they are, and laws of parameters."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from avrare.scenario.safe_mode import refuse_outside
+from avrare_single_track.openscenario.distributions import read_distributions
+from avrare_single_track.openscenario.scenario_file import read_scenario
+from avrare_single_track.openscenario.xml_tree import read_xml
+
+
+def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
+    """Return the scenario's file and road, beside the scenario if they are there, and laws of parameters.
+
+    Raises:
+        UsageError: Something in a file is not understood.
+    """
+    if not isinstance(options.get("file"), str):
+        return {}  # the model says so
+
+    def allow(path: str, what: str) -> None:
+        refuse_outside(path, folder, what)
+
+    file = _find(options["file"], folder)
+    laws: dict[str, Any] = {}
+    allow(file, "file")
+    top = read_xml(file, "OpenSCENARIO")
+    if top.find("ParameterValueDistribution") is not None:
+        file, laws = read_distributions(top)
+        allow(file, "ParameterValueDistribution: ScenarioFile")
+    given = options.get("parameters")
+    given = given if isinstance(given, dict) else {}
+    laws = {name: law for name, law in laws.items() if name not in given}
+    numbers = {name: value for name, value in given.items() if isinstance(value, str | float | int)}
+    road = options.get("road")
+    found = read_scenario(
+        file,
+        str(options.get("entity", "Ego")),
+        float(options.get("dt", 0.1)),
+        numbers,
+        _find(road, folder) if isinstance(road, str) else None,
+        options.get("ignore_ego_events") is True,
+        allow,
+    )
+    return {"file": file, "road": found.road_path, **({"parameters": laws} if laws else {})}
+
+
+def _find(path: str, folder: str) -> str:
+    beside = os.path.join(folder, path)
+    return beside if os.path.exists(beside) else path

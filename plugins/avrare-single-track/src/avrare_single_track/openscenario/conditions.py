@@ -1,0 +1,183 @@
+"""Evaluation of a storyboard's conditions, all particles at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.driving import Vehicles
+from avrare.driving.frames import to_plane
+from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.protocols import Bools, Floats
+from avrare_single_track.openscenario.opendrive import RoadMap
+from avrare_single_track.openscenario.starts import move_along_body, place_point
+from avrare_single_track.openscenario.story import Condition
+
+_TOLERANCE = 1e-9
+"""Relative difference below which numbers are equal: 3 x 0.1 s is no more than 0.3 s."""
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """All vehicles at one step, the ego last.
+
+    Attributes:
+        time: (N,) [s].
+        vehicles: States (N, V + 1).
+        lengths: (V + 1,) [m].
+        widths: (V + 1,) [m].
+        ahead: (V + 1,) how far the middles are ahead of the points of reference [m].
+        travelled: (N, V + 1) way so far [m].
+        still: (N, V + 1) time at rest so far [s].
+    """
+
+    time: Floats
+    vehicles: Vehicles
+    lengths: Floats
+    widths: Floats
+    ahead: Floats
+    travelled: Floats
+    still: Floats
+
+
+def holds(
+    condition: Condition,
+    traffic: Traffic,
+    roads: RoadMap,
+    table: Floats,
+    begun: NDArray[np.int64],
+    ended: NDArray[np.int64],
+) -> Bools:
+    """Tell (N,) where a condition holds, edges and delays aside.
+
+    Args:
+        condition: The condition.
+        traffic: The vehicles.
+        roads: The road.
+        table: (N, K) numbers of the file.
+        begun: (N, E) step at which each event began, -1 before.
+        ended: (N, E) step at which it ended, -1 before.
+    """
+    value = table[:, condition.value]
+    if condition.kind == "time":
+        return compare(condition.rule, traffic.time, value)
+    if condition.kind == "state":
+        return _state_holds(condition, begun, ended)
+    found = np.stack(
+        [
+            compare(condition.rule, _measure(condition, entity, traffic, roads, table), value)
+            for entity in condition.entities
+        ]
+    )
+    return np.asarray(found.all(axis=0) if condition.every else found.any(axis=0))
+
+
+def compare(rule: str, left: Floats, right: Floats) -> Bools:
+    """Tell where a comparison of OpenSCENARIO holds."""
+    slack = _TOLERANCE * (1.0 + np.abs(right))
+    match rule:
+        case "lessThan":
+            return np.asarray(left < right - slack)
+        case "lessOrEqual":
+            return np.asarray(left <= right + slack)
+        case "greaterThan":
+            return np.asarray(left > right + slack)
+        case "greaterOrEqual":
+            return np.asarray(left >= right - slack)
+        case "equalTo":
+            return np.asarray(np.abs(left - right) <= slack)
+    return np.asarray(np.abs(left - right) > slack)
+
+
+def _state_holds(condition: Condition, begun: NDArray[np.int64], ended: NDArray[np.int64]) -> Bools:
+    events = list(condition.events)
+    some, all_ended = (begun[:, events] >= 0).any(axis=1), (ended[:, events] >= 0).all(axis=1)
+    match condition.state:
+        case "standbyState":
+            return np.asarray(~some)
+        case "startTransition":
+            return np.asarray(some)
+        case "runningState":
+            return np.asarray(some & ~all_ended)
+    return np.asarray(all_ended)
+
+
+def _measure(condition: Condition, entity: int, traffic: Traffic, roads: RoadMap, table: Floats) -> Floats:
+    speeds, other = traffic.vehicles.speed, condition.other
+    match condition.kind:
+        case "travelled":
+            return traffic.travelled[:, entity]
+        case "standstill":
+            return traffic.still[:, entity]
+        case "speed":
+            return speeds[:, entity]
+        case "acceleration":
+            return traffic.vehicles.acceleration[:, entity]
+        case "relative_speed":
+            return np.asarray(speeds[:, entity] - speeds[:, other])
+    if condition.place is not None:
+        return _distance_to_place(condition, entity, traffic, roads, table)
+    distance = _distance(condition, entity, other, traffic, roads)
+    if condition.kind == "distance":
+        return distance
+    closing = speeds[:, entity]
+    if condition.kind == "collision_time":
+        along = speeds * np.cos(traffic.vehicles.heading)
+        side = np.sign(traffic.vehicles.x[:, other] - traffic.vehicles.x[:, entity])
+        closing = side * (along[:, entity] - along[:, other])
+    moving = closing > _TOLERANCE
+    return np.where(moving, distance / np.where(moving, closing, 1.0), np.inf)
+
+
+def _distance(condition: Condition, one: int, other: int, traffic: Traffic, roads: RoadMap) -> Floats:
+    here, there = (_pick(traffic.vehicles, k) for k in (one, other))
+    if condition.free and condition.along:
+        reach = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
+        return np.asarray(np.maximum(np.abs(here.x - there.x) - reach, 0.0))
+    if condition.free:
+        boxes = _box(roads, here, traffic, one), _box(roads, there, traffic, other)
+        return np.asarray(np.maximum(signed_distance(*boxes), 0.0))
+    here = _reference(roads, here, traffic.ahead[one])
+    return _apart(condition.along, here, _reference(roads, there, traffic.ahead[other]), roads)
+
+
+def _distance_to_place(
+    condition: Condition, entity: int, traffic: Traffic, roads: RoadMap, table: Floats
+) -> Floats:
+    assert condition.place is not None
+    s, d, heading = place_point(condition.place, roads, table, {})
+    goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
+    here = _pick(traffic.vehicles, entity)
+    if not condition.free:
+        here = _reference(roads, here, traffic.ahead[entity])
+        return _apart(condition.along, here, goal, roads)
+    if condition.along:
+        return np.asarray(np.maximum(np.abs(here.x - s) - 0.5 * traffic.lengths[entity], 0.0))
+    point = to_plane(roads.road, goal)
+    nothing = np.zeros_like(point.x)
+    spot = Rectangle(point.x, point.y, point.heading, nothing, nothing)
+    return np.asarray(np.maximum(signed_distance(_box(roads, here, traffic, entity), spot), 0.0))
+
+
+def _box(roads: RoadMap, vehicles: Vehicles, traffic: Traffic, k: int) -> Rectangle:
+    place, size = to_plane(roads.road, vehicles), (traffic.lengths[k], traffic.widths[k])
+    return Rectangle(place.x, place.y, place.heading, *map(np.asarray, size))
+
+
+def _apart(along: bool, one: Vehicles, other: Vehicles, roads: RoadMap) -> Floats:
+    if along:
+        return np.asarray(np.abs(one.x - other.x))
+    one, other = to_plane(roads.road, one), to_plane(roads.road, other)
+    return np.hypot(one.x - other.x, one.y - other.y)
+
+
+def _reference(roads: RoadMap, vehicles: Vehicles, ahead: Floats) -> Vehicles:
+    # The point that a file speaks of: the middle of the rear axle.
+    s, d, heading = move_along_body(roads, vehicles.x, vehicles.y, vehicles.heading, -ahead)
+    return Vehicles(s, d, heading, vehicles.speed, vehicles.acceleration)
+
+
+def _pick(vehicles: Vehicles, k: int) -> Vehicles:
+    return Vehicles(*(part[:, k] for part in vars(vehicles).values()))

@@ -1,0 +1,80 @@
+"""Laws of parameters from OpenSCENARIO files of parameter distributions."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from avrare_single_track.openscenario.xml_tree import Element
+
+_KNOWN = "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram"
+
+
+def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Return the scenario's file and the law of each parameter, as a scenario would write it.
+
+    Args:
+        top: The element ``OpenSCENARIO`` of a file with a ``ParameterValueDistribution``.
+
+    Raises:
+        UsageError: A distribution is not read, or values are given without probabilities.
+    """
+    top.child("FileHeader").skip()
+    block = top.child("ParameterValueDistribution")
+    file = block.child("ScenarioFile").attribute("filepath")
+    if deterministic := block.find("Deterministic"):
+        raise deterministic.error(
+            "values without probabilities are no distribution",
+            "give the parameters fixed `parameters: {...}` in one scenario each, as entries of a catalogue",
+        )
+    stochastic, laws = block.child("Stochastic"), {}
+    for name in ("numberOfTestRuns", "randomSeed"):
+        stochastic.get(name)  # the estimator's rollouts and the scenario's seed
+    for one in stochastic.list("StochasticDistribution"):
+        laws[one.attribute("parameterName")] = _read_law(one.choice())
+    top.refuse_unread()
+    return os.path.join(os.path.dirname(top.path), file), laws
+
+
+def _read_law(one: Element) -> dict[str, Any]:
+    match one.tag:
+        case "NormalDistribution":
+            mean, sd = _number(one, "expectedValue"), _number(one, "variance") ** 0.5
+            return _cut(one, {"law": "normal", "mean": mean, "sd": sd})
+        case "LogNormalDistribution":
+            mean, sd = _number(one, "expectedValue"), _number(one, "variance") ** 0.5
+            return _cut(one, {"law": "lognormal", "mean": mean, "sd": sd})
+        case "UniformDistribution":
+            return {"law": "uniform", **_range(one.child("Range"))}
+        case "Histogram":
+            parts: list[dict[str, Any]] = [
+                {"weight": _number(part, "weight"), "of": {"law": "uniform", **_range(part.child("Range"))}}
+                for part in one.list("Bin")
+            ]
+            parts = [part for part in parts if part["weight"] != 0.0]
+            if not parts:
+                raise one.error("has no bin with a weight")
+            return {"law": "mixture", "parts": parts} if len(parts) > 1 else parts[0]["of"]
+    raise one.unknown(_KNOWN)
+
+
+def _cut(one: Element, law: dict[str, Any]) -> dict[str, Any]:
+    bounds = one.find("Range")
+    return law if bounds is None else {"law": "truncated", "of": law, **_range(bounds)}
+
+
+def _range(bounds: Element) -> dict[str, float]:
+    return {"low": _number(bounds, "lowerLimit"), "high": _number(bounds, "upperLimit")}
+
+
+def _number(element: Element, name: str) -> float:
+    text = element.attribute(name)
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value) or (name in ("variance", "weight") and value < 0.0):
+        raise element.error(f"{name}: {text[:40]!r} is no number that it can be")
+    return value

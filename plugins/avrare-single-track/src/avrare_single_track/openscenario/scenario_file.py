@@ -1,0 +1,190 @@
+"""Reading of an OpenSCENARIO file: entities, road, starts, and the storyboard as values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from avrare.base.errors import did_you_mean
+from avrare_single_track.openscenario.opendrive import RoadMap, read_opendrive
+from avrare_single_track.openscenario.parameters import Number, Parameters
+from avrare_single_track.openscenario.place_reader import read_place
+from avrare_single_track.openscenario.story import Place, Storyboard
+from avrare_single_track.openscenario.story_reader import StoryReader
+from avrare_single_track.openscenario.xml_tree import Element, read_xml
+
+
+@dataclass(frozen=True)
+class Body:
+    """Body of a vehicle.
+
+    Attributes:
+        name: Name of the entity.
+        length: [m].
+        width: [m].
+        ahead: Distance of its middle ahead of the middle of the rear axle, its point of reference [m].
+        wheelbase: Distance of the axles [m]; None where there are no axles.
+        speed_max: Top speed [m/s].
+    """
+
+    name: str
+    length: float
+    width: float
+    ahead: float
+    wheelbase: float | None
+    speed_max: float | None
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """Scene of a file.
+
+    Attributes:
+        path: The file.
+        road_path: The file of its road.
+        parameters: Its parameters; all numbers of the storyboard are columns of their table.
+        roads: Its road.
+        bodies: Bodies of the vehicles, the ego last.
+        story: What happens.
+    """
+
+    path: str
+    road_path: str
+    parameters: Parameters
+    roads: RoadMap
+    bodies: tuple[Body, ...]
+    story: Storyboard
+
+
+def read_scenario(
+    path: str,
+    ego: str,
+    dt: float,
+    given: Mapping[str, float | str],
+    road: str | None = None,
+    ignore_ego: bool = False,
+    allowed: Callable[[str, str], None] | None = None,
+) -> ScenarioFile:
+    """Read a file.
+
+    Args:
+        path: The file.
+        ego: Name of the entity that is the ego.
+        dt: Step [s].
+        given: Values of parameters, in place of the declared ones.
+        road: Road file in place of the one that the file names.
+        ignore_ego: Whether what the storyboard has the ego do is passed over.
+        allowed: Raises an error where a file (path, what it is) may not be read.
+
+    Raises:
+        UsageError: Something is not understood, with its place.
+    """
+    top = read_xml(path, "OpenSCENARIO")
+    header = top.child("FileHeader")
+    header.skip()
+    if header.attributes.get("revMajor") != "1":
+        raise header.error("only OpenSCENARIO XML 1.x is read")
+    top.skip_children("CatalogLocations")
+    parameters = Parameters(top.find("ParameterDeclarations"), given, path)
+    logic = top.child("RoadNetwork").find("LogicFile")
+    if logic is None:
+        raise top.child("RoadNetwork").error("names no LogicFile", "the lanes must be known")
+    file = road or os.path.join(os.path.dirname(path), parameters.text(logic, "filepath"))
+    logic.get("filepath")
+    if allowed is not None:
+        allowed(file, "RoadNetwork: LogicFile")
+    top.child("RoadNetwork").skip_children("SceneGraphFile")
+    roads = read_opendrive(file)
+    bodies = _read_bodies(top.child("Entities"), parameters, ego)
+    names = [body.name for body in bodies]
+    board = top.child("Storyboard")
+    places, speeds = _read_starts(board.child("Init"), parameters, roads, names)
+    reader = StoryReader(parameters, roads, names, dt, ignore_ego)
+    story = reader.read(board, places, speeds)
+    top.refuse_unread()
+    return ScenarioFile(path, file, parameters, roads, bodies, story)
+
+
+def _read_bodies(entities: Element, parameters: Parameters, ego: str) -> tuple[Body, ...]:
+    bodies = [_read_body(one, parameters) for one in entities.list("ScenarioObject")]
+    names = [body.name for body in bodies]
+    if ego not in names:
+        hint = did_you_mean(ego, names) or f"choose it with `entity`; there are: {', '.join(names)}"
+        raise entities.error(f"there is no entity {ego!r}", hint)
+    if wrong := sorted({"ego", "others"} & {name for name in names if name != ego}):
+        raise entities.error(f"{wrong[0]!r} is a reserved name in formulas", "give the entity another name")
+    if len(set(names)) < len(names):
+        raise entities.error("two entities have the same name")
+    return (*(body for body in bodies if body.name != ego), *(body for body in bodies if body.name == ego))
+
+
+def _read_body(entity: Element, parameters: Parameters) -> Body:
+    entity.skip_children("ObjectController")
+    kind = entity.choice()
+    if kind.tag not in ("Vehicle", "Pedestrian", "MiscObject"):
+        raise kind.unknown("Vehicle, Pedestrian, MiscObject, with their boxes in the file itself")
+    box = kind.child("BoundingBox")
+    box.skip()
+    centre, size = box.child("Center"), box.child("Dimensions")
+    kind.skip_children("Properties", "ParameterDeclarations")
+    for name in kind.attributes:
+        kind.get(name)
+
+    def read(element: Element, name: str) -> float:
+        return _constant(parameters, element, name)
+
+    top_speed, performance = None, kind.find("Performance")
+    if performance is not None:
+        performance.skip()
+        top_speed = read(performance, "maxSpeed")
+    wheelbase, axles = None, kind.find("Axles")
+    if axles is not None:
+        axles.skip()
+        wheelbase = read(axles.child("FrontAxle"), "positionX") - read(axles.child("RearAxle"), "positionX")
+    length, width = read(size, "length"), read(size, "width")
+    if min(length, width) <= 0.0:
+        raise size.error("length and width should be above 0")
+    return Body(parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed)
+
+
+def _constant(parameters: Parameters, element: Element, name: str) -> float:
+    text = parameters.text(element, name)
+    try:
+        return float(text)
+    except ValueError:
+        raise element.error(f"{name} should be a number, found {text[:40]!r}") from None
+
+
+def _read_starts(
+    init: Element, parameters: Parameters, roads: RoadMap, names: Sequence[str]
+) -> tuple[tuple[Place, ...], tuple[Number, ...]]:
+    places: dict[str, Place] = {}
+    speeds: dict[str, Number] = {}
+    for actions in init.list("Actions"):
+        for private in actions.list("Private"):
+            name = parameters.text(private, "entityRef")
+            if name not in names:
+                raise private.error(f"there is no entity {name!r}", did_you_mean(name, names))
+            for one in private.list("PrivateAction"):
+                action = one.choice()
+                if action.tag == "TeleportAction":
+                    places[name] = read_place(action.child("Position"), parameters, roads, names)
+                elif action.tag == "LongitudinalAction" and action.find("SpeedAction") is not None:
+                    speeds[name] = _read_speed(action.child("SpeedAction"), parameters)
+                elif action.tag in ("ControllerAction", "ActivateControllerAction"):
+                    action.skip()
+                else:
+                    raise action.unknown("TeleportAction, SpeedAction in a LongitudinalAction")
+    for name in names:
+        if name not in places:
+            raise init.error(f"{name!r} has no start", "give it a TeleportAction")
+    still = parameters.constant(0.0)
+    return tuple(places[name] for name in names), tuple(speeds.get(name, still) for name in names)
+
+
+def _read_speed(action: Element, parameters: Parameters) -> Number:
+    action.child("SpeedActionDynamics").skip()
+    if action.child("SpeedActionDynamics").attributes.get("dynamicsShape") != "step":
+        raise action.error("the speed at the start should be reached in a step")
+    return parameters.number(action.child("SpeedActionTarget").child("AbsoluteTargetSpeed"), "value")

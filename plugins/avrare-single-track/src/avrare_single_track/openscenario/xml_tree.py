@@ -1,0 +1,184 @@
+"""Elements of an XML file with their places, and a record of which of them were understood.
+
+A reader asks for what it knows; at the end ``refuse_unread`` names the first element or attribute that nobody
+asked for, so that nothing of a file is passed over in silence. The file may come from a stranger: its size,
+its depth and its declarations are bounded.
+"""
+
+from __future__ import annotations
+
+import xml.parsers.expat
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from avrare.base.errors import UsageError
+
+MOST_BYTES = 16 * 1024 * 1024
+"""Largest file that is read."""
+_DEEPEST = 64
+"""Elements within each other."""
+
+
+@dataclass
+class Element:
+    """Element of a file.
+
+    Attributes:
+        tag: Its name.
+        path: The file.
+        line: Where it begins, from 1.
+        column: The same.
+        attributes: Its attributes as written.
+        children: The elements in it.
+    """
+
+    tag: str
+    path: str
+    line: int
+    column: int
+    attributes: dict[str, str]
+    children: list[Element] = field(default_factory=list)
+    _asked: set[str] = field(default_factory=set)
+    _known: bool = False
+
+    def error(self, text: str, hint: str | None = None) -> UsageError:
+        """Return the error with this message about the element."""
+        return UsageError(f"{self.path}:{self.line}:{self.column}: {self.tag}: {text}", hint)
+
+    def find(self, tag: str) -> Element | None:
+        """Return the only child with this name, or None."""
+        found = self.list(tag)
+        if len(found) > 1:
+            raise found[1].error(f"a second {tag} in {self.tag}")
+        return found[0] if found else None
+
+    def child(self, tag: str) -> Element:
+        """Return the only child with this name."""
+        found = self.find(tag)
+        if found is None:
+            raise self.error(f"lacks the element {tag}")
+        return found
+
+    def list(self, tag: str) -> list[Element]:
+        """Return all children with this name."""
+        found = [one for one in self.children if one.tag == tag]
+        for one in found:
+            one._known = True
+        return found
+
+    def choice(self) -> Element:
+        """Return the first child, whatever its name."""
+        if not self.children:
+            raise self.error("is empty")
+        self.children[0]._known = True
+        return self.children[0]
+
+    def unknown(self, known: str) -> UsageError:
+        """Return the error that this element is not among those that are read."""
+        return self.error("is not read", f"known here: {known}")
+
+    def get(self, name: str) -> str | None:
+        """Return an attribute, or None."""
+        self._asked.add(name)
+        return self.attributes.get(name)
+
+    def attribute(self, name: str) -> str:
+        """Return an attribute that must be there."""
+        value = self.get(name)
+        if value is None:
+            raise self.error(f"lacks the attribute {name}")
+        return value
+
+    def skip(self) -> None:
+        """Count the element and all within it as understood: it changes nothing."""
+        for one in self._walk():
+            one._known = True
+            one._asked.update(one.attributes)
+
+    def skip_children(self, *tags: str) -> None:
+        """Skip the children with these names."""
+        for tag in tags:
+            for one in self.list(tag):
+                one.skip()
+
+    def refuse_unread(self) -> None:
+        """Raise an error at the first element or attribute in it that was not asked for.
+
+        Elements without attributes and children say nothing.
+        """
+        for one in self._walk():
+            for child in one.children:
+                if not child._known and (child.children or child.attributes):
+                    raise child.error(
+                        f"is not read in {one.tag}", "see docs/openscenario.md for what is; or take it out"
+                    )
+            if unread := sorted(set(one.attributes) - one._asked):
+                raise one.error(f"the attribute {unread[0]} is not read", "see docs/openscenario.md")
+
+    def _walk(self) -> Iterator[Element]:
+        yield self
+        for child in self.children:
+            yield from child._walk()
+
+
+def read_xml(path: str, root: str) -> Element:
+    """Read a file whose top element is ``root``.
+
+    Raises:
+        UsageError: It cannot be read, is no XML, too large or too deep, or declares types or entities.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else str(error)
+        raise UsageError(f"{path}: {reason}") from None
+    if len(content) > MOST_BYTES:
+        raise UsageError(f"{path}: larger than {MOST_BYTES // 2**20} MiB", "is this the right file?")
+    top = _Builder(path).parse(content)
+    if top.tag != root:
+        raise top.error(f"the file should begin with {root}", "is this the right file?")
+    return top
+
+
+class _Builder:
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.open: list[Element] = []
+        self.top: Element | None = None
+        self.parser = parser = xml.parsers.expat.ParserCreate()
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        parser.StartDoctypeDeclHandler = self._declared
+
+    def parse(self, content: bytes) -> Element:
+        try:
+            self.parser.Parse(content, True)
+        except (xml.parsers.expat.ExpatError, UnicodeError, LookupError, ValueError) as error:
+            code = getattr(error, "code", None)
+            reason = str(error) if code is None else xml.parsers.expat.ErrorString(code)
+            raise UsageError(f"{self._here()}: no XML: {reason}") from None
+        assert self.top is not None  # an empty file is an error of the parser
+        return self.top
+
+    def _here(self) -> str:
+        return f"{self.path}:{self.parser.CurrentLineNumber}:{self.parser.CurrentColumnNumber + 1}"
+
+    def _declared(self, *_: object) -> None:
+        raise UsageError(f"{self._here()}: a document type is declared", "take out the line <!DOCTYPE ...>")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        if len(self.open) >= _DEEPEST:
+            raise UsageError(f"{self._here()}: more than {_DEEPEST} elements within each other")
+        own = {name: text for name, text in attributes.items() if not name.startswith(("xmlns", "xsi:"))}
+        place = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
+        element = Element(tag, self.path, *place, own)
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.top = element
+        self.open.append(element)
+
+    def _end(self, _: str) -> None:
+        self.open.pop()
