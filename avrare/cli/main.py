@@ -31,6 +31,7 @@ COMMANDS = {
     "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
     "sensitivity": ("avrare.cli.sensitivity", "estimate how the probability changes with parameters"),
     "require": ("avrare.cli.require", "find the parameter value that keeps a probability below a bound"),
+    "synthesize": ("avrare.cli.synthesize", "change numbers of a scenario until its failures are rarer"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),
@@ -48,7 +49,6 @@ PROVIDED = {
     "pem": ("avrare-gp-pem", "fit a perception error model to detections"),
     "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
     "policy": ("avrare-policy", "convert a trained policy network to a file of the plugin"),
-    "synthesize": ("avrare-linear", "design the input of a linear system that makes its failure less likely"),
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.
 

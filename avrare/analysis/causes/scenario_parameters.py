@@ -132,7 +132,7 @@ def sensitivity(
         sample = sample_failures(problem, rollouts, seed, confidence, tapes)
         interval = intervals.clopper_pearson(sample.size, rollouts, confidence, sample.errors)
     else:
-        sample, interval = _take_sample(Path(run), name, scenario.scenario)
+        sample, interval = take_sample(Path(run), name, scenario.scenario)
     rows: list[Sensitivity] = []
     for parameter, value in values.items():
         if by_score and parameter.startswith(_DEFAULT) and isinstance(value, float):
@@ -156,7 +156,12 @@ def sensitivity(
     )
 
 
-def _take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[FailureSample, Interval]:
+def take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[FailureSample, Interval]:
+    """Return the stored failures of a specification, and the interval of its estimate.
+
+    Raises:
+        UsageError: The run stored none, or is of another scenario.
+    """
     folder = read_run_folder(run)
     if name not in folder.failures:
         raise UsageError(f"{run}: no failure of {name} is stored", "leave --run out, or run more rollouts")

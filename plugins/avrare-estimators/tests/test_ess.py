@@ -125,6 +125,16 @@ def test_runs_are_a_prefix(kernel):
     np.testing.assert_array_equal(few.run_probabilities, many.run_probabilities[:2])
 
 
+@pytest.mark.parametrize("memory", [None, 2.0])
+def test_kept_failures_are_of_all_runs(memory):
+    result = estimate("c_fourbranch_k6", runs=6, memory=memory, **SMALL)
+    runs, counts = np.unique(result.failures.ancestors[:, 0], return_counts=True)
+    assert runs.tolist() == list(range(6))
+    assert counts.max() < 0.4 * counts.sum()
+    parts = np.bincount(result.failures.ancestors[:, 0], result.failures.weights)
+    np.testing.assert_allclose(parts * 6, result.run_probabilities, rtol=1e-12)
+
+
 def test_without_levels_it_is_monte_carlo():
     result = avrare.estimate(Problem(systems.Walk(), avrare.stl("always (x < 0.01)"), 3), "ess", runs=3)
     failed = round(float(result.run_probabilities.sum()) * 500)

@@ -137,7 +137,7 @@ def test_an_unchanged_scenario_is_reported_as_unchanged(options, tmp_path, capsy
     [
         (["--parameter", "gain"], "the system has no gain\nhint: it has mean, covariance, "),
         (["--parameter", "observer"], "the system has no observer"),
-        (["--parameter", "gian"], "invalid choice: 'gian'"),
+        (["--parameter", "gian"], "no such parameter of a linear system"),
         (["--parameter", "mean", "--specification", "cleer"], "no specification 'cleer'"),
         (["--parameter", "mean", "--rate", "-1"], "positive, finite rate"),
         (["--parameter", "mean", "--rate", "inf"], "positive, finite rate"),

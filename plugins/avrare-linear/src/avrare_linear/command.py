@@ -1,4 +1,4 @@
-"""Command ``avrare synthesize``: lowers the failure probability of a scenario's linear system."""
+"""Route of ``avrare synthesize`` for linear systems: descent along exact gradients."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode, UsageError, did_you_mean
 from avrare.logic.formula import find_formula
 
 if TYPE_CHECKING:
@@ -19,58 +19,21 @@ _PARAMETERS = (
 )  # fmt: skip
 _SEED_OFFSET = 1_000_000
 """Distance of the seeds of the final estimates from those of the descent."""
-_EXAMPLE = """\
-examples:
-  avrare synthesize scenarios/four_squares.yaml --parameter mean --rate 0.1 --out better.yaml
-  avrare synthesize scenarios/double_integrator.yaml --parameter gain --steps 3 --out better.yaml
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command."""
-    parser.epilog = _EXAMPLE
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("scenario", metavar="SCENARIO", help="scenario file whose simulator is linear")
-    parser.add_argument("--parameter", required=True, choices=_PARAMETERS, help="parameter to change")
-    parser.add_argument("--specification", metavar="NAME", help="specification, if the scenario has several")
-    parser.add_argument(
-        "--steps",
-        type=int,
-        default=10,
-        metavar="N",
-        help="gradients at most, including the start (10)",
-    )
-    parser.add_argument(
-        "--rate", type=float, metavar="R", help="rate of the descent on log p (1 / slope^2 at the start)"
-    )
-    parser.add_argument("--target", type=float, default=0.0, metavar="P", help="stop at this probability")
-    parser.add_argument(
-        "--least", type=float, default=0.02, metavar="X", help="stop when a step gains less in log p (0.02)"
-    )
-    parser.add_argument("--chains", type=int, default=50, metavar="N", help="chains of each run (50)")
-    parser.add_argument("--runs", type=int, default=4, metavar="N", help="independent runs at each step (4)")
-    parser.add_argument(
-        "--moves", type=int, default=10, metavar="N", help="moves of each chain at failures (10)"
-    )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the first step (the scenario's, or 0)")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override one value")
-    parser.add_argument("--out", metavar="FILE.yaml", help="write the changed scenario")
-    parser.add_argument("--safe", action="store_true", help="as of `avrare run`: for scenarios of strangers")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Descend, estimate start and result with fresh seeds, and write the changed scenario."""
     import avrare
 
-    if args.out is not None and not Path(args.out).parent.is_dir():
-        raise UsageError(f"{args.out}: there is no folder {Path(args.out).parent}")
-    if args.out is not None and Path(args.out).is_dir():
-        raise UsageError(f"{args.out}: is a folder", "name a file")
+    if args.parameter not in _PARAMETERS:
+        hint = did_you_mean(args.parameter, _PARAMETERS) or f"one of {', '.join(_PARAMETERS)}"
+        raise UsageError(f"--parameter {args.parameter}: there is no such parameter of a linear system", hint)
     scenario = avrare.load(args.scenario, args.set)
     problem = scenario.problem(_specification(args.specification, scenario.specifications))
     seed = scenario.definition.seed if args.seed is None else args.seed
     steps = _descend(args, problem, seed)
-    best = min(steps, key=lambda step: step.probability)
+    sign = -1.0 if args.maximise else 1.0
+    best = min(steps, key=lambda step: sign * step.probability)
     written = f"the scenario with another {args.parameter}"
     if best is steps[0]:
         print(f"no step was better than the start: the {args.parameter} is unchanged")
@@ -131,6 +94,7 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Desc
     return synthesise(
         system, formula, problem.steps, ATTRIBUTES[args.parameter], rate=args.rate, iterations=args.steps,
         target=args.target, least=args.least, effort=effort, seed=seed, on_step=print_step,
+        maximise=args.maximise,
     )  # fmt: skip
 
 

@@ -165,12 +165,12 @@ def _changed(system: LinearSystem, parameter: str, value: Any) -> LinearSystem:
 
 def descend(
     evaluate: Callable[[Floats, int], DescentStep], start: Floats, *, rate: float | None, iterations: int,
-    target: float = 0.0, tolerance: float = 0.0, least: float = 0.0,
-    on_step: Callable[[DescentStep], object] | None = None,
+    target: float | None = None, tolerance: float = 0.0, least: float = 0.0,
+    on_step: Callable[[DescentStep], object] | None = None, maximise: bool = False,
 ) -> list[DescentStep]:  # fmt: skip
-    """Take steps of size ``rate`` against the gradient of log p.
+    """Take steps of size ``rate`` against the gradient of log p, or along it (the paper's v_dir).
 
-    Stops at the first iteration whose probability is at most ``target``, whose step gains less than
+    Stops at the first iteration whose probability has reached ``target``, whose step gains less than
     ``least``, or would change no entry by more than ``tolerance``; the last step's parameter is the result.
 
     Args:
@@ -179,11 +179,12 @@ def descend(
         rate: Step size, in the parameter's units squared; None: the one at which the first step lowers log p
             by 1 to first order.
         iterations: Maximal number of iterations.
-        target: Probability that is low enough.
+        target: Probability that is low (or high) enough.
         tolerance: Smallest change, in the parameter's units.
         least: Smallest gain in log p, to first order; a smaller one cannot be told from the noise of the
             estimated gradient.
         on_step: Function called with each step.
+        maximise: Raise the probability instead: v_dir = 1, for one of success.
 
     Raises:
         UsageError: The rate is not positive and finite, or there is no iteration.
@@ -200,16 +201,18 @@ def descend(
         rate = 1.0 / max(slope, 1e-300) if rate is None else rate
         move = rate * done[-1].gradient
         still = np.abs(move).max(initial=0.0) <= tolerance or rate * slope < least
-        if done[-1].probability <= target or still:
+        sign = 1.0 if maximise else -1.0
+        if still or (target is not None and sign * (done[-1].probability - target) >= 0.0):
             break
-        value = value - move
+        value = value + sign * move
     return done
 
 
 def synthesise(
     system: LinearSystem, formula: Formula, steps: int, parameter: str, *, rate: float | None,
-    iterations: int, target: float = 0.0, tolerance: float = 0.0, least: float = 0.0,
+    iterations: int, target: float | None = None, tolerance: float = 0.0, least: float = 0.0,
     effort: Effort | None = None, seed: int = 0, on_step: Callable[[DescentStep], object] | None = None,
+    maximise: bool = False,
 ) -> list[DescentStep]:  # fmt: skip
     """Lower a linear system's failure probability by gradient descent in one of ``PARAMETERS``.
 
@@ -226,6 +229,7 @@ def synthesise(
         effort: Computing effort of an iteration.
         seed: Iteration i uses ``seed + i``.
         on_step: See ``descend``.
+        maximise: See ``descend``.
 
     Raises:
         UsageError: See ``estimate_parameter_gradient`` and ``descend``.
@@ -240,5 +244,5 @@ def synthesise(
     start: Floats = getattr(system, parameter)
     return descend(
         evaluate, start, rate=rate, iterations=iterations, target=target, tolerance=tolerance, least=least,
-        on_step=on_step,
+        on_step=on_step, maximise=maximise,
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,6 +16,10 @@ class PolicyConfig(BaseModel):
         min_length=1,
         description="name of a policy that an installed plugin ships, or the path of an .npz or .onnx file",
         json_schema_extra={"file": True},
+    )
+    arrays: dict[str, Any] | None = Field(
+        default=None,
+        description="weights and biases in place of those of an .npz file, by name: W0, b0, W1, ...",
     )
     output: Literal["value", "argmax"] = Field(
         "value", description="argmax: the action is the number of the largest output (discrete actions)"

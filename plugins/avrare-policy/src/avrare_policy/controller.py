@@ -34,6 +34,11 @@ class PolicyController:
     def __init__(self, network: Network | OnnxPolicy, argmax: bool = False) -> None:
         self.network, self.argmax = network, argmax
 
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """Weights and biases by name; none of an ONNX file."""
+        return self.network.arrays if isinstance(self.network, Network) else {}
+
     def start(self, n: int) -> None:
         """Return None: there is no memory."""
 
@@ -92,8 +97,14 @@ def build(config: PolicyConfig, scene: object | None = None) -> PolicyController
     """Build the controller of a scenario.
 
     Raises:
-        UsageError: The policy is unknown or its file cannot be read.
+        UsageError: The policy is unknown, its file cannot be read, or ``arrays`` do not fit it.
     """
     path = locate(config.model)
-    network = OnnxPolicy(path) if path.suffix == ".onnx" else load(path)
+    if path.suffix == ".onnx":
+        if config.arrays:
+            raise UsageError(
+                f"{config.model}: arrays are those of an .npz file", "see `avrare policy convert`"
+            )
+        return PolicyController(OnnxPolicy(path), config.output == "argmax")
+    network = load(path).with_arrays(path, config.arrays or {})
     return PolicyController(network, config.output == "argmax")

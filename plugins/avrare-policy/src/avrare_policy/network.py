@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +53,39 @@ class Network:
     def inputs(self) -> int:
         """Numbers of an observation, D."""
         return len(self.mean)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """Weights and biases by the names of the file: W0, b0, W1, ..."""
+        pairs = zip(self.weights, self.biases, strict=True)
+        return {
+            name: one
+            for k, pair in enumerate(pairs)
+            for name, one in zip((f"W{k}", f"b{k}"), pair, strict=True)
+        }
+
+    def with_arrays(self, path: Path, arrays: Mapping[str, object]) -> Network:
+        """Return the network with other weights and biases, by name.
+
+        Raises:
+            UsageError: A name or a shape does not fit, or a number is not finite.
+        """
+        known = self.arrays
+        for name, values in arrays.items():
+            if name not in known:
+                raise UsageError(f"{path}: has no array {name!r}", f"it has {', '.join(known)}")
+            shape = known[name].shape
+            try:
+                known[name] = np.ascontiguousarray(values, dtype=np.float32)
+            except (TypeError, ValueError):
+                raise UsageError(f"{path}: {name} needs numbers of shape {shape}") from None
+            if known[name].shape != shape:
+                raise UsageError(f"{path}: {name} needs numbers of shape {shape}, not {known[name].shape}")
+        layers = range(len(self.weights))
+        weights, biases = (tuple(known[f"{letter}{k}"] for k in layers) for letter in "Wb")
+        changed = replace(self, weights=weights, biases=biases)
+        _check(path, changed)
+        return changed
 
     def __call__(self, observation: Floats) -> Floats:
         """Return actions (N, A) of observations (N, D), within their range.

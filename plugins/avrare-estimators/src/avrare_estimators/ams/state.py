@@ -16,6 +16,7 @@ from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.in_turn import take_in_turn
 from avrare_estimators.looks import Looks, Pilot
 
 _NEVER = np.iinfo(np.int64).max
@@ -258,18 +259,6 @@ class EndedRuns:
     def probabilities(self) -> Floats:
         """(R,) unbiased at every stage: discarded failures count too, with the weight that they had."""
         return np.asarray(self.retired + self.weight * self.violated.mean(axis=1))
-
-
-def take_in_turn(run: Integers, most: int) -> Integers:
-    """Return the indices of at most so many entries with these runs (F,): the first of each, then the second.
-
-    Entries that are left out of a part are left out of the whole as well.
-    """
-    order = np.argsort(run, kind="stable")
-    _, begin, inverse = np.unique(run[order], return_index=True, return_inverse=True)
-    rank = np.empty(len(run), dtype=np.int64)
-    rank[order] = np.arange(len(run)) - begin[inverse]
-    return np.sort(np.lexsort((run, rank))[:most])
 
 
 def thin(tapes: TapeAddresses, most: int) -> TapeAddresses:

@@ -14,9 +14,10 @@ from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses, take_in_turn
+from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.in_turn import take_in_turn
 from avrare_estimators.looks import Looks
 
 _STATIC = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from hashlib import blake2b
 
 import numpy as np
 
@@ -10,9 +11,10 @@ from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Worst
 from avrare.estimation.result_builder import missing_worst
 from avrare.protocols import Floats
-from avrare.rollout.request import Rollouts
+from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ess.level_pass import LevelPass
 from avrare_estimators.fresh import FreshRows
+from avrare_estimators.in_turn import far_apart, take_in_turn
 from avrare_estimators.looks import Looks, Pilot
 
 
@@ -73,12 +75,13 @@ class EssState:
             return self
         assert self.kept is not None
         new, most = _distinct_failures(self.level_pass, 0, self.ended.shape.runs), self.plan.kept_failures
-        arrays = [(getattr(self.kept, name), getattr(new, name)) for name in _ARRAYS]
-        kept = Failures(**{
-            name: np.concatenate(pair)[:most] for name, pair in zip(_ARRAYS, arrays, strict=True)
-        }, count=0)  # fmt: skip
-        whole = self.ended.joined(self.level_pass.without_tapes())
-        return replace(self, level_pass=whole, ended=None, kept=kept)
+        whole = {name: np.concatenate([getattr(self.kept, name), getattr(new, name)]) for name in _ARRAYS}
+        run = whole["ancestors"][:, 0]
+        rows = take_in_turn(run, most)
+        thinned = {name: values[rows] for name, values in whole.items()}
+        kept = _weighted_anew(Failures(**{**thinned, "weights": whole["weights"]}, count=0), run, rows)
+        joined = self.ended.joined(self.level_pass.without_tapes())
+        return replace(self, level_pass=joined, ended=None, kept=kept)
 
     def next_batch(self, level_pass: LevelPass, counting: bool) -> EssState:
         """Set the ended runs aside and begin further ones."""
@@ -114,15 +117,30 @@ def _distinct_failures(last: LevelPass, count: int, first_run: int = 0) -> Failu
     parts = (last.weights * last.failed).reshape(-1)
     mass = np.zeros(len(parts))
     for row in np.flatnonzero(points.violated):
-        key = points.tape[row].tobytes()
-        if key in different or len(different) < last.plan.kept_failures:
-            mass[different.setdefault(key, int(row))] += parts[row]
+        key = blake2b(points.tape[row].tobytes(), digest_size=16).digest()
+        mass[different.setdefault(key, int(row))] += parts[row]
     rows = np.array(list(different.values()), dtype=np.int64)
+    # Neighbours are samples of one chain: the first of a run to be kept are far apart.
     run = rows // samples
-    kept = np.bincount(run, mass[rows], minlength=last.shape.runs)
-    weights = mass[rows] * (last.probabilities[run] / np.maximum(kept[run], 1e-300))
+    order = [np.flatnonzero(run == one) for one in np.unique(run)]
+    rows = np.concatenate([rows[part][far_apart(len(part))] for part in order] + [rows[:0]])
+    run = rows // samples
+    total = np.bincount(run, mass[rows], minlength=last.shape.runs)
+    weights = mass[rows] * (last.probabilities[run] / np.maximum(total[run], 1e-300))
+    kept = take_in_turn(run, last.plan.kept_failures)
     ancestors = np.stack([first_run + run, points.root[rows]], axis=1)
-    return Failures(points.tape[rows], points.robustness[rows], count, weights, ancestors)
+    found = Failures(points.tape[rows[kept]], points.robustness[rows[kept]], count, weights, ancestors[kept])
+    return _weighted_anew(found, run, kept)
+
+
+def _weighted_anew(failures: Failures, run: Integers, kept: Integers) -> Failures:
+    # The kept ones of a run stand for all of it, whose weights ``failures`` still has.
+    weights = failures.weights
+    assert weights is not None
+    runs = run.max(initial=0) + 1
+    before, after = np.bincount(run, weights), np.bincount(run[kept], weights[kept], minlength=runs)
+    factor = before / np.maximum(after, 1e-300)
+    return replace(failures, weights=weights[kept] * factor[run[kept]])
 
 
 _ARRAYS = ("noise", "robustness", "weights", "ancestors")

@@ -1,0 +1,126 @@
+"""Proof that a change lowers a failure probability: start and result, on noise that chose neither."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from avrare.analysis.compare.paired_comparison import PairedCounts, compare_pairs
+from avrare.base.number_format import format_interval, format_probability, format_signed_interval
+from avrare.estimation import intervals
+from avrare.estimation.intervals import Interval
+from avrare.rollout.executors.work import Executor
+from avrare.rollout.loaded_scenario import LoadedScenario
+
+ENOUGH = 10
+"""Failures that a paired comparison should expect at the start; fewer say too little."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of the comparison: probability and interval."""
+
+    probability: float
+    interval: Interval
+
+    def line(self, name: str) -> str:
+        """Return it in words."""
+        return f"  {name:<7}{format_probability(self.probability)}   {format_interval(self.interval)}"
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Comparison of start and result.
+
+    Attributes:
+        before: The start.
+        after: The result.
+        counts: Paired counts of all specifications, that of the search first; none for two estimates.
+        confidence: Level at which ``moved`` holds.
+        maximise: The probability was to rise.
+    """
+
+    before: Side
+    after: Side
+    counts: tuple[PairedCounts, ...]
+    confidence: float
+    maximise: bool = False
+
+    @property
+    def moved(self) -> bool:
+        """Whether the probability is shown to have moved as it should."""
+        if self.counts:
+            return self.counts[0].verdict(self.confidence) == ("worse" if self.maximise else "better")
+        low, high = (self.before, self.after) if self.maximise else (self.after, self.before)
+        return low.interval[1] < high.interval[0]
+
+    @property
+    def harmed(self) -> tuple[PairedCounts, ...]:
+        """The other specifications that are shown to fail more often."""
+        return tuple(one for one in self.counts[1:] if one.verdict(self.confidence) == "worse")
+
+    def lines(self) -> list[str]:
+        """Return it in words."""
+        return [*self._head(), self.before.line("before"), self.after.line("after"), *self._verdict()]
+
+    def _head(self) -> list[str]:
+        if self.counts:
+            one = self.counts[0]
+            broken = f", {one.errors} broke down" if one.errors else ""
+            return [f"the same {one.count + one.errors:,} fresh tapes before and after{broken}:"]
+        return [f"fresh estimates, at {self.confidence:.1%} together:"]
+
+    def _verdict(self) -> list[str]:
+        word, opposite = ("rose", "fell") if self.maximise else ("fell", "rose")
+        if not self.counts:
+            said = f"it {word}: the intervals do not meet" if self.moved else "not shown: the intervals meet"
+            return [f"  {said}"]
+        one = self.counts[0]
+        change = (
+            f"{format_signed_interval(one.interval(self.confidence))} (Tango), McNemar p = {one.p_value:.2g}"
+        )
+        said = f"it {word}" if self.moved else "not shown"
+        if one.verdict(self.confidence) == ("better" if self.maximise else "worse"):
+            said = f"it {opposite}"
+        lines = [f"  {said}: {one.only_first} fail only before, {one.only_second} only after; {change}"]
+        return lines + [
+            f"  but {other.specification} fails more often: {other.first:.3g}, then {other.second:.3g}"
+            for other in self.harmed
+        ]
+
+
+def prove_by_pairs(
+    before: LoadedScenario, after: LoadedScenario, specification: str, rollouts: int, seed: int,
+    executor: Executor, maximise: bool = False,
+) -> Proof:  # fmt: skip
+    """Run both scenarios on the same fresh tapes, and count the outcomes of every specification."""
+    names = (specification, *(name for name in before.specifications if name != specification))
+    confidence = before.definition.confidence
+    counts = tuple(compare_pairs(before.problem(names), after.problem(names), rollouts, seed, executor))
+    one = counts[0]
+
+    def side(only: int) -> Side:
+        failed, total = one.both + only, one.count + one.errors
+        return Side(
+            failed / max(one.count, 1), intervals.clopper_pearson(failed, total, confidence, one.errors)
+        )
+
+    return Proof(side(one.only_first), side(one.only_second), counts, confidence, maximise)
+
+
+def prove_by_estimates(
+    before: LoadedScenario, after: LoadedScenario, confidence: float,
+    estimate: Callable[[LoadedScenario, int, float], Side], maximise: bool = False,
+) -> Proof:  # fmt: skip
+    """Estimate both with noise of their own, each at a level that makes both intervals hold together.
+
+    Args:
+        before: The start.
+        after: The result.
+        confidence: Level of both together.
+        estimate: Function from a scenario, its number (0, 1) and a level to the estimate.
+        maximise: The probability was to rise.
+    """
+    level = 1.0 - (1.0 - confidence) / 2.0
+    sides = [estimate(one, number, level) for number, one in enumerate((before, after))]
+    return Proof(sides[0], sides[1], (), confidence, maximise)
