@@ -35,7 +35,21 @@ def test_the_kinds_and_the_savings_are_shown(analysed):
     assert "x &lt; 1 is violated first" in page
     assert "What to fix first</h3>" in page
     assert "no noise beyond 2.5 sigma" in page
-    assert f"avrare kinds {analysed} --specification left" not in page
+    assert f"avrare kinds {analysed} --specification left --out {analysed} --shrink" in page
+    section = page[page.index('id="specification-0"') : page.index('id="specification-1"')]
+    assert "Not analysed" not in section
+    stored = json.loads((analysed / "kinds.json").read_text())["kinds"]["left"]
+    assert f'href="#failure-left-{stored["kinds"][0]["representative"]}"' in section
+    assert "failures in the plane of their two principal components" in section
+
+
+def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
+    stored = json.loads((analysed / "kinds.json").read_text())
+    stored["kinds"]["left"]["kinds"][0] |= {"decisive": "car 0.2 m too far left", "lost": "lost at t = 1.0 s"}
+    (analysed / "kinds.json").write_text(json.dumps(stored))
+    page = render_report(analysed)
+    assert "It needs only this: car 0.2 m too far left." in page
+    assert "<p>Lost at t = 1.0 s.</p>" in page
 
 
 def test_an_analysis_of_another_result_is_not_shown(analysed):

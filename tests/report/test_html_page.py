@@ -183,6 +183,17 @@ def test_a_replay_has_its_road_vehicles_and_observations(lane_change):
     assert len(film["plan"][1]) > 5
     assert len(film["predicted"][1]) == 3
     assert "perception of cut_in" in html
+    for caption in (
+        "Error of cut_in as seen [m]",
+        "Distance to ",
+        "Speed [m/s]",
+        "Acceleration of the ego",
+        "Jerk",
+    ):
+        assert caption in html
+    assert html.count("Robustness if the noise ended here") == len(
+        re.findall(r">Lost at t = [\d.]+ s: with", html)
+    )
     assert len(html) < 3_000_000
 
 
@@ -222,3 +233,15 @@ def test_a_rule_that_the_scenario_lacks_is_a_clear_error(plane):
         text = text.replace(place.format("left"), place.format("right"))
     (plane / "scenario.yaml").write_text(text)
     assert "has no specification &#x27;left&#x27;" in render_report(plane)
+
+
+def test_each_number_leads_to_its_command(made):
+    html = render_report(made)
+    assert html.count('href="#command-run"') == 4  # verdict, estimates, two specifications
+    at = html.index('id="command-run"')
+    assert f"avrare run {made / 'scenario.yaml'}" in html[at : at + 300]
+    for index in range(2):
+        assert f'href="#specification-{index}"' in html[html.index("<nav") : html.index("</nav>")]
+    anchors = set(re.findall(r' id="([^"]+)"', html))
+    assert set(re.findall(r' href="#([^"]+)"', html)) <= anchors
+    assert re.search(r"avrare replay --run \S+ --specification left --failure \d+ --lost", html)

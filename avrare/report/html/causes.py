@@ -7,10 +7,14 @@ from collections.abc import Iterable, Sequence
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_typeset, format_typeset_interval
+from avrare.report.html.kind_pictures import draw_map, draw_moment
 from avrare.report.html.markup import Markup, tag
+from avrare.report.html.rollout_player import name_rollout
+from avrare.report.html.stored_rollouts import MonitoredRollout
 from avrare.results.reader import RunFolder, StoredEstimate
 from avrare.results.stored_causes import (
     StoredAttribution,
+    StoredKind,
     StoredKinds,
     StoredSaving,
     read_attribution,
@@ -18,54 +22,86 @@ from avrare.results.stored_causes import (
 )
 
 
-def render_causes(folder: RunFolder, entry: StoredEstimate) -> Markup | None:
+def find_stored_kinds(folder: RunFolder, entry: StoredEstimate) -> StoredKinds | None:
+    """Return the stored kinds of an estimate; None without them, or if they are of another result."""
+    try:
+        found = read_kinds(folder.path).get(entry.specification)
+    except UsageError:  # the section says so
+        return None
+    return found if found is not None and found.probability == entry.probability else None
+
+
+def render_causes(
+    folder: RunFolder, entry: StoredEstimate, rollouts: Sequence[MonitoredRollout] = ()
+) -> Markup | None:
     """Return what is known of the causes of failure; None without failures.
 
-    Analyses of another result, left in the folder by an earlier run, are not shown.
+    Analyses of another result, left in the folder by an earlier run, are not shown. ``rollouts`` are those
+    that the report shows.
     """
     if not entry.failures:
         return None
     name = entry.specification
     try:
-        kinds, attribution = read_kinds(folder.path).get(name), read_attribution(folder.path).get(name)
+        read_kinds(folder.path)
+        attribution = read_attribution(folder.path).get(name)
     except UsageError as error:
         return tag("p", f"{error.message}.", class_="note", role="note")
-    parts = []
-    if kinds is not None and kinds.probability == entry.probability:
-        parts.append(_render_kinds(kinds))
+    kinds = find_stored_kinds(folder, entry)
+    if kinds is not None:
+        parts = [_render_kinds(folder, name, kinds, rollouts)]
     else:
-        parts.append(_render_command(folder, name, "kinds", "Kinds of failure"))
+        parts = [_render_command(folder, name, "kinds", "Kinds of failure")]
     if attribution is not None and attribution.probability == entry.probability:
         parts.append(_render_savings(attribution))
+        parts.append(_render_command(folder, name, "attribution", "The command", ""))
     else:
         parts.append(_render_command(folder, name, "attribution", "What to fix first"))
     return tag("div", parts, class_="causes")
 
 
-def _render_command(folder: RunFolder, name: str, command: str, title: str) -> Markup:
+def _render_command(
+    folder: RunFolder, name: str, command: str, title: str,
+    text: str = "Not analysed. To add it to this report, run this and write the report again:",
+) -> Markup:  # fmt: skip
     words = ["avrare", command, str(folder.path), "--specification", name, "--out", str(folder.path)]
-    text = "Not analysed. To add it to this report, run this and write the report again:"
+    words += ["--shrink"] if command == "kinds" else []
     return tag(
-        "details", tag("summary", title), tag("p", text, class_="muted"),
+        "details", tag("summary", title), tag("p", text, class_="muted") if text else None,
         tag("pre", shlex.join(words), class_="command", tabindex=0),
+        class_=None if text else "plain",
     )  # fmt: skip
 
 
-def _render_kinds(kinds: StoredKinds) -> Markup:
-    rows = [
-        (
-            str(one.kind), [tag("strong", format_typeset(one.probability)), " ",
-                            tag("span", format_typeset_interval((one.low, one.high)), class_="interval")],
-            describe_share(one.share),
-            [one.text, [tag("span", f" {text}.", class_="muted") for text in one.warnings]],
-            str(one.representative),
-        )
-        for one in kinds.kinds
-    ]  # fmt: skip
-    count = len(rows)
+def _render_kinds(
+    folder: RunFolder, name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRollout]
+) -> Markup:
+    shown = {one.stored.index: one for one in rollouts if one.stored.specification == name}
+    count = len(kinds.kinds)
     title = f"{count} kind{'s' if count > 1 else ''} of failure"
-    heads = ("", "Probability", "Share", "What happens", "See failure")
-    return tag("div", tag("h3", title), _render_table(heads, rows))
+    cards = [_render_kind(name, one, shown.get(one.representative)) for one in kinds.kinds]
+    command = _render_command(folder, name, "kinds", "The command", "")
+    return tag("div", tag("h3", title), tag("ol", cards, class_="kinds"), draw_map(kinds), command)
+
+
+def _render_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) -> Markup:
+    link = f"failure {kind.representative}"
+    if rollout is not None:
+        link = tag("a", link, href=f"#{name_rollout(name, kind.representative)}")
+    head = tag(
+        "p", tag("span", f"{kind.kind}", class_=f"number kind-{kind.kind - 1}"),
+        tag("strong", format_typeset(kind.probability)), " ",
+        tag("span", format_typeset_interval((kind.low, kind.high)), class_="interval"),
+        f" · {describe_share(kind.share)} of the failures",
+    )  # fmt: skip
+    lines = [
+        tag("p", f"{kind.text}. Most typical: ", link, "."),
+        tag("p", f"It needs only this: {kind.decisive}.") if kind.decisive else None,
+        tag("p", f"{kind.lost[:1].upper()}{kind.lost[1:]}.") if kind.lost else None,
+        [tag("p", f"{text[:1].upper()}{text[1:]}.", class_="muted") for text in kind.warnings],
+    ]
+    picture = draw_moment(rollout) if rollout is not None else None
+    return tag("li", tag("div", head, lines), picture)
 
 
 def _render_savings(attribution: StoredAttribution) -> Markup:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
 from avrare.report.html.line_chart import Scale, make_log_scale
-from avrare.report.html.markup import Markup, tag
+from avrare.report.html.markup import Markup, link_command, tag
 from avrare.report.html.verdict import render_badge
 from avrare.results.reader import RunFolder, StoredEstimate
 
@@ -29,7 +29,7 @@ def render_estimates(folder: RunFolder) -> Markup:
         "intervals on a logarithmic axis; ticks: thresholds."
     )
     return tag(
-        "section", tag("h2", "Estimates"), tag("p", note, class_="muted"),
+        "section", tag("h2", "Estimates", link_command("run")), tag("p", note, class_="muted"),
         tag("div", tag("table", tag("thead", tag("tr", row)), tag("tbody", body), class_="estimates")),
         id="estimates",
     )  # fmt: skip

@@ -136,6 +136,10 @@ class LineChart:
         if axis.low <= 0.0 <= axis.high:
             self._add(f"M{at} 0V100" if vertical else f"M0 {at}H100", "zero")
 
+    def draw_mark(self, x: float, style: str = "mark") -> None:
+        """Draw a vertical line that marks a moment."""
+        self._add(f"M{_format(self.x.at(x))} 0V100", style)
+
     def render(self, caption: Any = None, legend: Any = None, height: int = 168) -> Markup:
         """Return the chart as a figure; ``height`` is that of the plot [px]."""
         xs, ys = self.x.ticks(), self.y.ticks(5)

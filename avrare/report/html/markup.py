@@ -58,3 +58,8 @@ def _format_child(child: Any) -> str:
     if isinstance(child, Markup):
         return child
     return _escape(child) if isinstance(child, (str, int, float)) else join(child)
+
+
+def link_command(name: str) -> Markup:
+    """Return a link to the command, at the end of a report, that makes the numbers beside it."""
+    return tag("a", "command", href=f"#command-{name}", class_="how")

@@ -105,17 +105,26 @@ def _render_provenance(folder: RunFolder) -> Markup:
     ]
     return tag(
         "section",
-        tag("h2", "Provenance"),
-        tag("p", "To reproduce the numbers:"),
-        tag("pre", folder.reproduction, class_="command", tabindex=0),
+        tag("h2", "How these numbers were made"),
+        tag("p", "Probabilities, intervals, verdicts and charts of estimates:"),
+        tag("pre", folder.reproduction, class_="command target", tabindex=0, id="command-run"),
         tag("p", "Original command:") if original else None,
         tag("pre", original, class_="command", tabindex=0) if original else None,
+        _render_commands(folder),
         tag("dl", [tag("div", tag("dt", row[0]), tag("dd", row[1])) for row in rows if row], class_="origin"),
         tag("details", tag("summary", "Scenario with all defaults"), tag("pre", folder.scenario_text))
         if folder.scenario_text
         else None,
         id="provenance",
     )
+
+
+def _render_commands(folder: RunFolder) -> Markup | None:
+    if not (folder.path / "result.json").is_file():
+        return None
+    text = "This report; kinds, what to fix first and each failure have their commands beside them:"
+    command = shlex.join(["avrare", "report", str(folder.path)])
+    return tag("div", tag("p", text), tag("pre", command, class_="command", tabindex=0))
 
 
 def _read_asset(name: str) -> str:

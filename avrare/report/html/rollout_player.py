@@ -1,136 +1,86 @@
-"""Rollouts in a report: stored ones are selected, replayed and shown in a player.
-
-A player has a top view or signals, robustness over time, predicates and noise.
-"""
+"""Player of a stored rollout in a report: animation, charts on the same clock, predicates, noise."""
 
 from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
-from avrare.base.errors import AvrareError, UsageError
+from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.number_format import format_robustness
-from avrare.estimation.result import Failures
-from avrare.protocols import Floats
+from avrare.report.html.drive_charts import DriveCharts, make_time_axis
 from avrare.report.html.heat_strips import draw_noise, draw_predicates
-from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, render_legend
+from avrare.report.html.line_chart import LineChart, make_linear_scale, render_legend
 from avrare.report.html.markup import Markup, json_block, tag
-from avrare.report.plots.rollout_plot import Frame, extract_frames
+from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
+from avrare.report.plots.rollout_plot import Frame
 from avrare.report.terminal.monitoring_text import summarise
-from avrare.results.reader import RolloutSample
-from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.replay import ReplayedRollout, replay_tapes
 from avrare.stack.drawn_start import SIGNAL
 
 _LEAD = 3.0  # time before the failure at which the player opens [s]
 _MAX_SIGNALS = 12
-_LEVELS = ("longitudinal_acceleration", "lateral_acceleration", "jerk", "time_to_collision")
-"""Signals that are drawn beside a top view, where the simulator has them."""
 _MAX_NUMBERS = 60_000  # largest size of plans and predictions; a longer rollout is shown without them
 
 
-@dataclass(frozen=True)
-class StoredRollout:
-    """A stored rollout with its tape (steps + 1, noise_size); ``title`` says why it is shown."""
+def render_player(
+    rollout: MonitoredRollout, scenario: LoadedScenario, opened: bool, folder: Path | None = None
+) -> Markup:
+    """Return everything about one rollout, synchronised by one clock.
 
-    title: str
-    specification: str
-    tape: Floats
-    robustness: float
-    failed: bool
-
-    @property
-    def norm(self) -> float:
-        """Norm of the noise; the smaller, the more likely."""
-        return float(np.sqrt(np.square(self.tape).sum()))
-
-
-@dataclass(frozen=True)
-class MonitoredRollout:
-    """A stored rollout, replayed and monitored.
-
-    Without a result it cannot be shown, for the reason ``problem``; without vehicles it has no frames.
+    ``folder`` is that of the run, for the command that replays it.
     """
-
-    stored: StoredRollout
-    result: MonitoringResult | None
-    frames: tuple[Frame, ...] = ()
-    problem: str = ""
-
-
-def select_rollouts(
-    name: str, failures: Failures | None, sample: RolloutSample | None
-) -> list[StoredRollout]:
-    """Return the worst and the most likely stored failure, or the rollout nearest to a failure."""
-    if failures is None or not len(failures.robustness):
-        if sample is None or np.isnan(sample.worst.robustness):
-            return []
-        noise, robustness = sample.worst.noise, sample.worst.robustness
-        return [StoredRollout("Nearest to a failure", name, noise, robustness, False)]
-    worst = int(np.argmin(failures.robustness))
-    likely = int(np.argmin(np.square(failures.noise).sum(axis=(1, 2))))
-    titles = {worst: "Worst failure"}
-    titles[likely] = f"{'Worst and likeliest' if likely == worst else 'Likeliest'} stored failure"
-    return [
-        StoredRollout(title, name, failures.noise[k], float(failures.robustness[k]), True)
-        for k, title in titles.items()
-    ]
-
-
-def replay_stored(scenario: LoadedScenario, stored: Sequence[StoredRollout]) -> list[MonitoredRollout]:
-    """Replay rollouts in one batch and monitor them."""
-    if not stored:
-        return []
-    if len({one.tape.shape for one in stored}) > 1:
-        raise UsageError("the stored tapes have different shapes", "run the scenario again")
-    missing = [one.specification for one in stored if one.specification not in scenario.specifications]
-    if missing:
-        raise UsageError(f"its scenario.yaml has no specification {missing[0]!r}", "run the scenario again")
-    problem = scenario.problem(scenario.specifications)
-    rollouts = replay_tapes(problem, np.stack([one.tape for one in stored]))
-    return [_monitor(scenario, one, rollout) for one, rollout in zip(stored, rollouts, strict=True)]
-
-
-def _monitor(scenario: LoadedScenario, stored: StoredRollout, rollout: ReplayedRollout) -> MonitoredRollout:
-    if rollout.error is not None:
-        text = f"the rollout ended with an error after {len(rollout.states)} samples"
-        return MonitoredRollout(stored, None, problem=text)
-    recording = record_rollout(scenario, rollout, scenario.name)
-    specification = scenario.stack.specifications[stored.specification]
-    try:
-        result = monitor_recording(stored.specification, specification, recording)
-    except AvrareError as error:
-        return MonitoredRollout(stored, None, problem=error.message)
-    return MonitoredRollout(stored, result, tuple(extract_frames(scenario, rollout)))
-
-
-def render_player(rollout: MonitoredRollout, scenario: LoadedScenario, opened: bool) -> Markup:
-    """Return everything about one rollout, synchronised by one clock."""
     stored, result = rollout.stored, rollout.result
     summary = tag("summary", tag("h3", stored.title), tag("span", _describe_rollout(stored), class_="muted"))
+    anchor = None if stored.index is None else name_rollout(stored.specification, stored.index)
     if result is None:
-        return tag("details", summary, tag("p", f"It cannot be shown: {rollout.problem}."), open=opened)
+        text = tag("p", f"It cannot be shown: {rollout.problem}.")
+        return tag("details", summary, text, open=opened, id=anchor)
     decisive = [one for one in (result.first, result.worst) if one is not None]
     marked = sorted({name for one in decisive for name in one.vehicles.values()})
     return tag(
         "details", summary,
         tag("p", typeset_minus(summarise(result)), class_="sentence"),
+        _render_lost(rollout),
         _render_difference(stored, result), _render_drawn(result),
         tag(
             "div", _render_stage(result), json_block(_tabulate_view(result, rollout.frames, marked)),
-            _draw_robustness(result), draw_predicates(scenario.stack.specifications[result.name], result),
-            _draw_levels(result), draw_noise(scenario, stored.tape, stored.failed),
+            DriveCharts(rollout, marked).render(), _draw_robustness(result),
+            draw_predicates(scenario.stack.specifications[result.name], result),
+            draw_noise(scenario, stored.tape, stored.failed),
             class_="player", data_start=_select_start(result),
         ),
-        open=opened,
+        _render_command(stored, folder),
+        open=opened, id=anchor, class_="target",
     )  # fmt: skip
+
+
+def name_rollout(specification: str, index: int) -> str:
+    """Return the anchor of a stored failure in the report."""
+    return f"failure-{specification}-{index}"
+
+
+def _render_lost(rollout: MonitoredRollout) -> Markup | None:
+    if rollout.continuations is None:
+        return None
+    text = rollout.continuations.describe(rollout.violation)
+    return tag("p", f"{text[0].upper()}{text[1:]}.", class_="sentence")
+
+
+def _render_command(stored: StoredRollout, folder: Path | None) -> Markup | None:
+    if folder is None or stored.index is None:
+        return None
+    words = ["avrare", "replay", "--run", str(folder), "--specification", stored.specification]
+    words += ["--failure", str(stored.index), "--lost"]
+    text = "The same in the terminal; --shrink finds what it needs, --csv and --rerun export it:"
+    return tag(
+        "div", tag("p", text, class_="muted"), tag("pre", shlex.join(words), class_="command", tabindex=0)
+    )
 
 
 def _render_drawn(result: MonitoringResult) -> Markup | None:
@@ -192,12 +142,6 @@ def _render_stage(result: MonitoringResult) -> Markup:
     return tag("div", canvas, tag("div", key, class_="legend"), controls)
 
 
-def _make_time_axis(result: MonitoringResult) -> tuple[Floats, Scale]:
-    # Each sample is as wide as its pixel in the strips below.
-    times, half = result.recording.times, 0.5 * result.recording.dt
-    return times, Scale(float(times[0]) - half, float(times[-1]) + half)
-
-
 def _draw_signals(result: MonitoringResult) -> Markup:
     # scalar ones, those of the formula first
     scalar = [name for name, values in result.recording.signals.items() if np.ndim(values) == 1]
@@ -205,14 +149,8 @@ def _draw_signals(result: MonitoringResult) -> Markup:
     return tag("div", _draw_lines(result, chosen), class_="signals")
 
 
-def _draw_levels(result: MonitoringResult) -> Markup | None:
-    recording = result.recording
-    names = [name for name in _LEVELS if name in recording.signals and recording.scene is not None]
-    return tag("div", _draw_lines(result, names), class_="signals") if names else None
-
-
 def _draw_lines(result: MonitoringResult, names: Sequence[str]) -> list[Markup]:
-    times, x = _make_time_axis(result)
+    times, x = make_time_axis(result)
     figures = []
     for name in names:
         values = np.asarray(result.recording.signals[name], dtype=np.float64)
@@ -223,7 +161,7 @@ def _draw_lines(result: MonitoringResult, names: Sequence[str]) -> list[Markup]:
 
 
 def _draw_robustness(result: MonitoringResult) -> Markup:
-    times, x = _make_time_axis(result)
+    times, x = make_time_axis(result)
     values = result.prefix if result.body is None else result.body
     title = f"Robustness over time, least {format_robustness(result.robustness)}"
     y = make_linear_scale([*values.tolist(), *result.prefix.tolist()], zero=True)

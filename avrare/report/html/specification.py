@@ -19,40 +19,65 @@ from avrare.logic.formula import find_formula
 from avrare.logic.syntax.words import HasWords, to_words
 from avrare.protocols import find_ability
 from avrare.report.html import charts
-from avrare.report.html.causes import render_causes
-from avrare.report.html.markup import Markup, tag
-from avrare.report.html.rollout_player import MonitoredRollout, render_player, replay_stored, select_rollouts
+from avrare.report.html.causes import find_stored_kinds, render_causes
+from avrare.report.html.markup import Markup, link_command, tag
+from avrare.report.html.rollout_player import render_player
+from avrare.report.html.stored_rollouts import (
+    MonitoredRollout,
+    replay_stored,
+    select_rollouts,
+    with_continuations,
+)
 from avrare.report.html.verdict import render_badge
 from avrare.results.reader import RunFolder, StoredEstimate
 
+_PATIENCE = 120.0
+"""Predicted time above which the report does not look for the moments at which drives were lost [s]."""
 _LONG = 400
 """Words of a formula longer than this are not shown: they say less than the formula."""
 
 
 def render_sections(folder: RunFolder) -> list[Markup]:
     """Return a section for each specification; all stored rollouts are replayed in one batch."""
-    names = [one.specification for one in folder.result.estimates]
-    selected = [select_rollouts(name, folder.failures.get(name), folder.samples.get(name)) for name in names]
+    estimates = folder.result.estimates
+    selected = [
+        select_rollouts(
+            name, folder.failures.get(name), folder.samples.get(name), find_stored_kinds(folder, one)
+        )
+        for one in estimates
+        for name in [one.specification]
+    ]
     rollouts: list[MonitoredRollout] = []
     errors = folder.load_errors
     if folder.scenario is not None:
         try:
             rollouts = replay_stored(folder.scenario, [one for several in selected for one in several])
+            if _predict_seconds(estimates, len(rollouts), folder.scenario.steps) <= _PATIENCE:
+                rollouts = with_continuations(folder.scenario, rollouts)
         except AvrareError as error:
             errors = tuple(error.lines())
     sections = []
-    for index, (entry, stored) in enumerate(zip(folder.result.estimates, selected, strict=True)):
+    for index, (entry, stored) in enumerate(zip(estimates, selected, strict=True)):
         mine = [one for one in rollouts if one.stored.specification == entry.specification]
-        shown = _render_players(folder, mine, errors if stored else ())
-        sections.append(_render_section(folder, index, entry, shown))
+        sections.append(_render_section(folder, index, entry, mine, errors if stored else ()))
     return sections
 
 
-def _render_section(folder: RunFolder, index: int, entry: StoredEstimate, rollouts: Markup) -> Markup:
+def _predict_seconds(estimates: Sequence[StoredEstimate], shown: int, steps: int) -> float:
+    # of all continuations without noise, from the cost of the run's rollouts
+    each = max(one.seconds / max(one.rollouts, 1) for one in estimates)
+    return each * shown * (steps + 2)
+
+
+def _render_section(
+    folder: RunFolder, index: int, entry: StoredEstimate, rollouts: Sequence[MonitoredRollout],
+    errors: Sequence[str],
+) -> Markup:  # fmt: skip
     head = tag("div", tag("h2", entry.specification), render_badge(entry.verdict), class_="head")
     return tag(
         "section", head, _render_formula(folder, entry.specification), _render_facts(entry),
-        _render_warnings(entry), render_causes(folder, entry), _draw_charts(folder, entry), rollouts,
+        _render_warnings(entry), render_causes(folder, entry, rollouts), _draw_charts(folder, entry),
+        _render_players(folder, rollouts, errors),
         id=f"specification-{index}", class_="specification",
     )  # fmt: skip
 
@@ -84,6 +109,7 @@ def _render_facts(entry: StoredEstimate) -> Markup:
         ("time", f"{entry.seconds:,.1f} s"),
     ]
     rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
+    rows.append(tag("div", tag("dt", "made by"), tag("dd", link_command("run"))))
     notes = [] if entry.blind_bound is None else [describe_blind_bound(entry.blind_bound)]
     if check := entry.cross_check:
         notes.append(f"{check.text} ({check.rollouts:,} rollouts, {check.seconds:,.1f} s)")
@@ -140,4 +166,5 @@ def _render_players(folder: RunFolder, rollouts: Sequence[MonitoredRollout], err
         return tag("div", tag("p", text), tag("pre", "\n".join(errors)), class_="note")
     if folder.scenario is None or not rollouts:
         return tag("p", "No rollout is stored in the run folder.", class_="muted")
-    return tag("div", [render_player(one, folder.scenario, k == 0) for k, one in enumerate(rollouts)])
+    path = folder.path if (folder.path / "result.json").is_file() else None  # a run in Python has none
+    return tag("div", [render_player(one, folder.scenario, k == 0, path) for k, one in enumerate(rollouts)])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from avrare.analysis.rates.combination import Quantity, Total, combine, from_exposure
 from avrare.base.number_format import format_amount_in_words, format_percent
 from avrare.estimation.result import worst_verdict
-from avrare.report.html.markup import Markup, tag
+from avrare.report.html.markup import Markup, link_command, tag
 from avrare.results.reader import RunFolder, StoredEstimate
 from avrare.scenario.schema import Threshold
 
@@ -34,7 +34,7 @@ def render_verdict(folder: RunFolder) -> Markup:
     return tag(
         "section",
         tag("div", render_badge(worst_verdict(one.verdict for one in estimates)), class_="verdict"),
-        tag("p", _summarise(judged), class_="lead"),
+        tag("p", _summarise(judged), link_command("run"), class_="lead"),
         _render_hint(folder) if not judged else None,
         tag("ul", lines, class_="answers"),
         _render_exposure(folder),

@@ -1,0 +1,94 @@
+"""Charts beside the animation, on worlds made by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.analysis.failures.lost import Continuations
+from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.driving import Observation, Road, Scene, Vehicles, World
+from avrare.report.html.drive_charts import DriveCharts
+from avrare.report.html.kind_pictures import draw_map, draw_moment
+from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
+from avrare.report.plots.rollout_plot import Frame
+from avrare.results.recordings.recording import Recording
+from avrare.results.stored_causes import StoredKinds
+
+STEPS = 20
+
+
+def vehicles(x, y, speed):
+    zeros = np.zeros_like(x)
+    return Vehicles(x, y, zeros, speed, zeros)
+
+
+@pytest.fixture
+def rollout():
+    """The ego at 10 m/s comes up to a car at rest, seen 0.5 m too far left, and missed at samples 3 to 5."""
+    road = Road((-1.75, 1.75), 3.5)
+    scene = Scene(0.1, road, 4.0, 2.0, ("van",), np.array([4.0]), np.array([2.0]), np.array([False]))
+    frames = []
+    for t in range(STEPS + 1):
+        ego = vehicles(np.array([1.0 * t]), np.zeros(1), np.full(1, 10.0))
+        others = vehicles(np.array([[30.0]]), np.zeros((1, 1)), np.zeros((1, 1)))
+        seen = np.array([[t not in (3, 4, 5)]])
+        observation = Observation(
+            seen, np.where(seen, 30.0, np.nan), np.where(seen, 0.5, np.nan), np.where(seen, 0.0, np.nan)
+        )
+        world = World(np.array([t]), ego, others, np.zeros(1))
+        frames.append(Frame(t, world, observation if t else None))
+    gap = np.array([30.0 - t - 4.0 for t in range(STEPS + 1)])
+    recording = Recording("t", 0.1, 0.0, {"gap": gap}, scene, scene.names)
+    result = monitor_recording("near", avrare.stl("always (gap > 10)", dt=0.1).monitor(), recording)
+    ends = np.arange(-1, STEPS + 1)
+    found = Continuations(ends, np.where(ends < 12, 1.0, -1.0), ends >= 12, 0.1, len(ends))
+    stored = StoredRollout("Worst failure", "near", np.zeros((STEPS + 1, 1)), -4.0, True, 0, 1)
+    return MonitoredRollout(stored, result, tuple(frames), "", found)
+
+
+def test_every_chart_stands_on_the_clock_and_has_both_marks(rollout):
+    html = DriveCharts(rollout, ["van"]).render()
+    captions = (
+        "Robustness if the noise ended here", "Error of van as seen [m]", "Distance to van [m]",
+        "Speed [m/s]", "Acceleration of the ego [m/s²]", "Distance over closing speed, van [s]",
+    )  # fmt: skip
+    assert all(caption in html for caption in captions)
+    assert html.count('class="chart over-time"') == html.count('class="mark lost"') == len(captions)
+    assert html.count('class="mark"') == len(captions)
+    assert html.count('class="cursor"') == len(captions)
+
+
+def test_what_was_missed_is_shaded_and_errors_are_in_metres(rollout):
+    charts = DriveCharts(rollout, ["van"])
+    chart = charts._draw_errors(0, "van")
+    assert chart.count('class="missed"') == 1
+    left = charts.x.at(0.25), charts.x.at(0.55)
+    [path] = [one.split('"')[0] for one in chart.split('class="missed" d="')[1:]]
+    xs = [float(point.split()[0]) for point in path.strip("MZ").split("L")]
+    assert (min(xs), max(xs)) == pytest.approx(left, abs=0.01)
+    assert "box missed" in chart
+
+
+def test_the_distance_is_between_the_boxes(rollout):
+    distance = DriveCharts(rollout, ["van"])._distance(0)
+    assert distance == pytest.approx([30.0 - t - 4.0 for t in range(STEPS + 1)])
+
+
+def test_a_moment_from_above_has_all_vehicles(rollout):
+    picture = draw_moment(rollout)
+    assert picture.count("<text") == 2
+    assert 'class="ego"' in picture
+    assert "The road at 1.6 s" in picture
+    assert draw_moment(SimpleNamespace(result=None)) is None
+
+
+def test_the_map_has_a_colour_for_each_kind():
+    kinds = StoredKinds(
+        probability=0.1, kinds=[], points=[[0.0, 0.0], [1.0, 2.0], [3.0, 1.0]], labels=[0, 0, 1]
+    )
+    picture = draw_map(kinds)
+    assert "kind 1" in picture
+    assert 'class="dot kind-1"' in picture
+    assert draw_map(StoredKinds(probability=0.1, kinds=[])) is None
