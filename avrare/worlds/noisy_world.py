@@ -11,8 +11,16 @@ import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.special_functions import uniform_from_normal
-from avrare.protocols import Floats, HasLimits, find_ability
-from avrare.worlds.world import CanBeCopied, CanBeDisplaced, PreparesActions, World, close, observed
+from avrare.protocols import Floats, HasLimits, find_ability, forward_abilities
+from avrare.worlds.world import (
+    CanBeCopied,
+    CanBeDisplaced,
+    PreparesActions,
+    TakesValues,
+    World,
+    close,
+    observed,
+)
 
 Law = Literal["normal", "uniform", "laplace"]
 
@@ -96,6 +104,7 @@ class Noisy:
         self._error: Any = 0.0
         limited = find_ability(world, HasLimits)
         self.lacks: Mapping[str, str] = limited.lacks if limited is not None else {}
+        forward_abilities(self, world, TakesValues)
         if find_ability(world, CanBeCopied) is not None:
             self.snapshot, self.restore = self._snapshot, self._restore
 

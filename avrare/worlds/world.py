@@ -65,6 +65,13 @@ class CanBeCopied(Protocol):
         """Continue from a copy that any world of the same kind has made."""
 
 
+class TakesValues(Protocol):
+    """World with numbers that may differ from rollout to rollout."""
+
+    def assign(self, values: Mapping[str, float], /) -> None:
+        """Take values of options, by their place; called before every reset."""
+
+
 class CanBeClosed(Protocol):
     """World that holds resources."""
 

@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from avrare.plugin import Drawable
+
 OUTCOMES = ("reward", "terminated", "truncated")
 """Signals in addition to the observation."""
 Vector = tuple[float, ...]
@@ -102,6 +104,11 @@ class GymnasiumConfig(_Model):
     env: str = Field(min_length=1, description="id of a registered environment, e.g. CartPole-v1")
     options: dict[str, Any] = Field(default_factory=dict, description="keyword arguments of the environment")
     reset: dict[str, Any] = Field(default_factory=dict, description="options of every reset")
+    attributes: dict[str, Drawable] = Field(
+        default_factory=dict,
+        description="numbers of the environment that are set before every reset, such as gravity: 9.8; what "
+        "it computes from them when it is made stays as it was",
+    )
     dt: float = Field(default=1.0, gt=0.0, description="time step [s]; converts time bounds of formulas")
     signals: dict[str, int] | None = Field(
         default=None,
@@ -133,6 +140,14 @@ class GymnasiumConfig(_Model):
                 "register it with an entry point (group gymnasium.envs), and omit the module"
             )
         return env
+
+    @field_validator("attributes")
+    @classmethod
+    def _public(cls, attributes: dict[str, float]) -> dict[str, float]:
+        for name in attributes:
+            if not re.fullmatch(r"[A-Za-z]\w*", name):
+                raise ValueError(f"{name!r} is no name of a public attribute")
+        return attributes
 
     @field_validator("signals")
     @classmethod

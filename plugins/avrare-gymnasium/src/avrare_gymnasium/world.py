@@ -13,9 +13,9 @@ from gymnasium import spaces
 
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.protocols import Floats
+from avrare.worlds.drawn_worlds import DrawnWorlds
 from avrare.worlds.noisy_world import Channel, Noisy
 from avrare.worlds.world import World
-from avrare.worlds.worlds_simulator import Worlds
 from avrare_gymnasium.actions import actions
 from avrare_gymnasium.config import OUTCOMES, GymnasiumConfig
 from avrare_gymnasium.registration import register_installed
@@ -43,6 +43,9 @@ class GymWorld:
         self.env = _make_environment(config)
         self.options: dict[str, Any] | None = config.reset or None
         self.initial = config.noise.initial
+        self.attributes = dict(config.attributes)
+        for name in self.attributes:
+            _check_number(self.env.unwrapped, name)
         self.space = self.env.observation_space
         self.nested = not isinstance(self.space, spaces.Box | spaces.Discrete)
         stream = config.noise.stream
@@ -59,8 +62,14 @@ class GymWorld:
 
     def reset(self, noise: Floats) -> None:
         """Reset to t = 0 with noise (noise_size,)."""
+        for name, value in self.attributes.items():
+            setattr(self.env.unwrapped, name, value)
         observation, _ = self.stream.reset(self.env, noise, self.options)
         self.observed, self.outcome, self.steps = self._flat(observation), _INITIAL_OUTCOME, 0
+
+    def assign(self, values: Mapping[str, float]) -> None:
+        """Take drawn numbers of the environment, by their place in the options."""
+        self.attributes |= {path.removeprefix("attributes."): value for path, value in values.items()}
 
     def prepare(self, actions: Any, noise: Floats) -> Any:
         """Return the actions of N environments from commands (N, ...) and noise (N, noise_size)."""
@@ -131,11 +140,15 @@ class GymWorld:
 
     def _snapshot(self) -> Any:
         inner: Any = self.env.unwrapped
-        return inner.snapshot(), copy.deepcopy(inner.np_random), self.observed, self.outcome, self.steps
+        numbers = self.observed, self.outcome, self.steps, dict(self.attributes)
+        return inner.snapshot(), copy.deepcopy(inner.np_random), *numbers
 
     def _restore(self, snapshot: Any) -> None:
-        state, generator, self.observed, self.outcome, self.steps = snapshot
+        state, generator, self.observed, self.outcome, self.steps, attributes = snapshot
         inner: Any = self.env.unwrapped
+        self.attributes = dict(attributes)
+        for name, value in self.attributes.items():
+            setattr(inner, name, value)
         self.env.reset(seed=0)  # required by its wrappers
         inner.np_random = copy.deepcopy(generator)  # may be missing in the snapshot
         inner.restore(state)
@@ -163,6 +176,17 @@ def state_size(world: GymWorld, attribute: str) -> int:
             f"{type(world.env.unwrapped).__name__}.{attribute} is not a numeric state: {error}",
             "noise.initial.attribute names the attribute that holds the state",
         ) from None
+
+
+def _check_number(environment: Any, name: str) -> None:
+    value = getattr(environment, name, None)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        known = [
+            one for one, found in vars(environment).items()
+            if isinstance(found, int | float | np.number) and not isinstance(found, bool)
+        ]  # fmt: skip
+        text = f"attributes.{name}: {type(environment).__name__} has no number of this name"
+        raise UsageError(text, did_you_mean(name, known) or "it has none")
 
 
 def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[Any, Any]:
@@ -193,14 +217,14 @@ def _names(config: GymnasiumConfig, size: int) -> dict[str, int]:
     return config.signals
 
 
-def build(config: GymnasiumConfig, scene: object | None = None) -> Worlds:
+def build(config: GymnasiumConfig, scene: object | None = None) -> DrawnWorlds:
     """Build the simulator of a scenario.
 
     Raises:
         UsageError: The environment does not exist, or an option does not fit it.
         PluginError: The environment needs a package that is not installed.
     """
-    return Worlds(
+    return DrawnWorlds(
         functools.partial(make_world, config), dt=config.dt, copy=config.copy_by,
         step_timeout=config.step_timeout, reuse=config.reuse,
     )  # fmt: skip

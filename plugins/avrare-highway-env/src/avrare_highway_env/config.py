@@ -7,6 +7,8 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from avrare.plugin import Drawable
+
 Waypoints = tuple[tuple[float, float], ...]
 SceneName = Literal["merge", "highway", "intersection", "roundabout"]
 
@@ -30,12 +32,24 @@ class LidarConfig(_Model):
 
 
 class TrafficConfig(_Model):
-    """Moods of the other drivers: an Ornstein-Uhlenbeck process added to their accelerations."""
+    """Other drivers, and their moods: an Ornstein-Uhlenbeck process added to their accelerations."""
 
-    acceleration_sd: float = Field(
+    acceleration_sd: Drawable = Field(
         default=0.0, ge=0.0, description="standard deviation of the mood [m/s^2]; 0: no moods"
     )
     correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of a mood [s]")
+    desired_speed: Drawable | None = Field(
+        default=None, gt=0.0, description="speed on a free road of all drivers [m/s]; default: the scene's"
+    )
+    time_gap: Drawable | None = Field(
+        default=None, gt=0.0, description="time gap to the vehicle ahead [s]; default: 1.5, as in highway-env"
+    )
+    acceleration: Drawable | None = Field(
+        default=None, gt=0.0, description="acceleration on a free road [m/s^2]; default: the scene's"
+    )
+    deceleration: Drawable | None = Field(
+        default=None, gt=0.0, description="comfortable deceleration [m/s^2]; default: the scene's"
+    )
 
 
 class HighwayEnvConfig(_Model):
@@ -62,6 +76,9 @@ class HighwayEnvConfig(_Model):
         default=None,
         gt=0.0,
         description="x at which a rollout is over [m], for merge (default 370) and highway",
+    )
+    ego_speed: Drawable | None = Field(
+        default=None, ge=0.0, le=40.0, description="speed of the ego at the start [m/s]; default: the scene's"
     )
     lidar: LidarConfig | None = Field(default=None, description="lidar of the ego")
     traffic: TrafficConfig = Field(default_factory=TrafficConfig, description="moods of the other drivers")

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
+
+_PARAMETERS = (
+    ("time_gap", "TIME_WANTED", 1.0),
+    ("acceleration", "COMFORT_ACC_MAX", 1.0),
+    ("deceleration", "COMFORT_ACC_MIN", -1.0),
+)
+"""Option, attribute of highway-env, and the sign that it has there."""
 
 
 class MoodyDriver(IDMVehicle):  # type: ignore[misc]
@@ -14,9 +22,20 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
 
     Attributes:
         mood: Offset on the model's acceleration [m/s^2]; 0 gives highway-env's driver.
+        tuned: Whether ``tune`` has set its parameters.
     """
 
     mood = 0.0
+    tuned = False
+
+    def tune(self, options: Mapping[str, float]) -> None:
+        """Set the parameters that ``TrafficConfig`` names."""
+        self.tuned = True
+        if "desired_speed" in options:
+            self.target_speed = options["desired_speed"]
+        for name, attribute, sign in _PARAMETERS:
+            if name in options:
+                setattr(self, attribute, sign * options[name])
 
     def act(self, action: dict[str, Any] | str | None = None) -> None:
         """Set the model's action, with the mood added to the acceleration within the model's bounds."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -21,6 +21,9 @@ from avrare_highway_env.scenes import scene_of, setting_of
 from avrare_highway_env.sensing import Ego, Sensors
 from avrare_highway_env.tape import TapeRandom
 from avrare_highway_env.worlds import EGO, capture, gap_ahead, others_of, read, restore
+
+_TUNED = ("desired_speed", "time_gap", "acceleration", "deceleration")
+"""Options of the traffic that drivers take."""
 
 
 def build(config: HighwayEnvConfig, scene: object | None = None) -> HighwayEnvSimulator:
@@ -84,6 +87,12 @@ class HighwayEnvSimulator:
         ego = self.environment.vehicle
         self._ego_size = float(ego.LENGTH), float(ego.WIDTH)
         self._lengths, self._widths = (np.full(capacity, size) for size in self._ego_size)
+        tuned = {f"traffic.{name}": getattr(config.traffic, name) for name in _TUNED}
+        self._fixed = {
+            name: value
+            for name, value in {**tuned, "ego_speed": config.ego_speed}.items()
+            if value is not None
+        }
         self.scene: Scene | None = None
         if self.setting.road is not None:
             objects = [*self.environment.road.vehicles, *self.environment.road.objects]
@@ -92,11 +101,20 @@ class HighwayEnvSimulator:
 
     def reset(self, noise: Floats) -> HighwayWorld:
         """Return the worlds at t = 0 from noise (N, noise_size)."""
+        return self.reset_drawn(noise, {})
+
+    def drawing(self, laws: Mapping[str, Any]) -> HighwayEnvSimulator:
+        """Return the simulator itself: values of options belong to each world."""
+        return self
+
+    def reset_drawn(self, noise: Floats, values: Mapping[str, Floats]) -> HighwayWorld:
+        """Return the worlds at t = 0 with drawn values (N,) of some options."""
         seed = self.config.start_seed
 
         def place(row: int) -> None:
             own = TapeRandom(noise[row, self._start])
             self._place(own if seed is None else np.random.default_rng(seed))
+            self._tune({**self._fixed, **{path: float(value[row]) for path, value in values.items()}})
 
         return self._worlds(place, noise)
 
@@ -162,6 +180,20 @@ class HighwayEnvSimulator:
         self.environment._np_random = random
         self.environment._reset()
 
+    def _tune(self, options: dict[str, float]) -> None:
+        # The ego carries what was drawn, as an attribute that snapshots copy.
+        ego = self.environment.vehicle
+        ego.options = options
+        ego.speed = options.get("ego_speed", ego.speed)
+        self._tune_drivers(options)
+
+    def _tune_drivers(self, options: Mapping[str, float]) -> None:
+        # Those that have come since as well.
+        traffic = {path.removeprefix("traffic."): value for path, value in options.items() if "." in path}
+        for driver in self.environment.road.vehicles if traffic else ():
+            if isinstance(driver, MoodyDriver) and not driver.tuned:
+                driver.tune(traffic)
+
     def _advance(self, action: Floats, noise: Floats) -> None:
         environment = self.environment
         environment._np_random = environment.road.np_random = TapeRandom(noise[self._draws])
@@ -176,12 +208,14 @@ class HighwayEnvSimulator:
             environment.road.step(self.dt / self.config.substeps)
         if hasattr(environment, "renew"):
             environment.renew()
+            self._tune_drivers(environment.vehicle.options)
 
     def _set_moods(self, noise: Floats) -> None:
         """Advance the moods by the exact transition of an Ornstein-Uhlenbeck process that starts at 0."""
         traffic = self.config.traffic
         decay = np.exp(-self.dt / traffic.correlation_time)
-        innovation = traffic.acceleration_sd * np.sqrt(1.0 - decay**2)
+        spread = self.environment.vehicle.options.get("traffic.acceleration_sd", traffic.acceleration_sd)
+        innovation = spread * np.sqrt(1.0 - decay**2)
         drivers = [one for one in self.environment.road.vehicles if isinstance(one, MoodyDriver)]
         for driver, number in zip(drivers, noise, strict=False):
             driver.mood = float(decay * driver.mood + innovation * number)

@@ -1,0 +1,79 @@
+"""Worlds some of whose numbers are drawn for each rollout, which they take at the reset.
+
+The drawn values travel at the end of the rows of noise, as zeros after the reset: so they are part of the
+inputs from which a world is replayed, and a world in another process gets the same ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from avrare.protocols import Floats, HasLimits, find_ability, forward_abilities
+from avrare.worlds.world import CanBeCopied, ObservesWorld, PreparesActions, ReadsAsTable, World, close
+from avrare.worlds.worlds_simulator import Worlds, WorldState
+
+
+class DrawnWorlds(Worlds):
+    """Simulator of worlds that take values (``TakesValues``); see ``avrare.stack.drawn_start.TakesDraws``.
+
+    Args:
+        make: Creates a world.
+        names: Places of the options that are drawn, in the order of their numbers.
+        options: As of ``Worlds``.
+    """
+
+    def __init__(self, make: Callable[[], World], names: Sequence[str] = (), **options: Any) -> None:
+        super().__init__(partial(_Valued, make, tuple(names)) if names else make, **options)
+        self._plain, self._names = (make, options), tuple(names)
+        self.noise_size -= len(self._names)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        make, options = self._plain
+        return partial(type(self), make, self._names, **options), ()
+
+    def drawing(self, laws: Mapping[str, Any]) -> DrawnWorlds:
+        """Return the same simulator for draws of options by these laws."""
+        make, options = self._plain
+        return type(self)(make, tuple(laws), **options)
+
+    def reset_drawn(self, noise: Floats, values: Mapping[str, Floats]) -> WorldState:
+        """Return the worlds at t = 0 with drawn values (N,)."""
+        return super().reset(np.column_stack([noise, *(values[name] for name in self._names)]))
+
+    def step(self, world: WorldState, action: Any, noise: Floats) -> WorldState:
+        """Return worlds one step later; ``action`` is an array with leading axis N, or None."""
+        return super().step(world, action, np.pad(noise, ((0, 0), (0, len(self._names)))))
+
+
+class _Valued:
+    # World whose rows of noise end with the values of its options.
+
+    def __init__(self, make: Callable[[], World], names: tuple[str, ...]) -> None:
+        self.world, self._names = make(), names
+        self._own = int(self.world.noise_size)
+        self.noise_size = self._own + len(names)
+        forward_abilities(self, self.world, ReadsAsTable, ObservesWorld, CanBeCopied, HasLimits)
+        if find_ability(self.world, PreparesActions) is not None:
+            self.prepare = self._prepare
+
+    def reset(self, noise: Floats) -> None:
+        taking: Any = self.world
+        taking.assign(dict(zip(self._names, noise[self._own :].tolist(), strict=True)))
+        self.world.reset(noise[: self._own])
+
+    def _prepare(self, actions: Any, noise: Floats) -> Any:
+        preparing: Any = self.world
+        return preparing.prepare(actions, noise[:, : self._own])
+
+    def step(self, action: Any, noise: Floats) -> None:
+        self.world.step(action, noise[: self._own])
+
+    def signals(self) -> Mapping[str, Any]:
+        return self.world.signals()
+
+    def close(self) -> None:
+        close(self.world)
