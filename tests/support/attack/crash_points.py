@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from attack import warm_workers
 from attack.attempts import BITS, CODE, HANG, TRACEBACK
 from attack.kills import Program
 from attack.material import ESTIMATORS, copy_material, result
@@ -168,6 +169,7 @@ def _killed(words, point, log):
     code = 70
     try:
         os.setsid()
+        warm_workers.use()
         sys.stdout = sys.stderr = io.StringIO()
         if point < 0:
             size = TORN[-point - 1]
@@ -183,12 +185,11 @@ def _killed(words, point, log):
 
 
 def _kill_at(point, folder):
-    left = [point]
-    fsync = os.fsync
+    left, victim, fsync = [point], os.getpid(), os.fsync
 
     def step():
         left[0] -= 1
-        if left[0] < 0:
+        if left[0] < 0 and os.getpid() == victim:
             os.kill(os.getpid(), signal.SIGKILL)
 
     def watch(event, arguments):

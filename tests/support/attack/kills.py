@@ -10,10 +10,12 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import numpy as np
 
+from attack import warm_workers
 from attack.attempts import BITS, CODE, HANG, TRACEBACK
 from attack.material import ESTIMATORS, quietly, result, walk
 from attack.mutation import pick
@@ -23,6 +25,8 @@ PAUSE = "0.001"
 """Seconds of a step of the toy walk, so that signals arrive in the midst of chunks."""
 PATIENCE = 90.0
 """Seconds after which a run is said to hang: a worker that is stopped is waited for, then replaced."""
+SPAWNED = 0.1
+"""Share of the runs with workers whose workers are spawned, as users' are; others are forked, and warm."""
 KILLS = {
     "parent": [signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP],
     "worker": [signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP],
@@ -36,6 +40,7 @@ _ENDS = {signal.SIGKILL: {-9, 0}, signal.SIGTERM: {2, 0}, signal.SIGINT: {2, 0},
 class Life:
     """One run under attack: what was sent to whom, and how it ended (None: not within ``PATIENCE``)."""
 
+    estimator: str
     target: str
     number: signal.Signals
     code: int | None
@@ -43,14 +48,17 @@ class Life:
 
 
 class Program:
-    """``avrare`` in a child of this process, which leads a process group of its own."""
+    """``avrare`` in a child of this process, which leads a process group of its own.
 
-    def __init__(self, words, log: Path) -> None:
+    ``warm``: it forks its workers, which need not import anything.
+    """
+
+    def __init__(self, words, log: Path, warm: bool = True) -> None:
         _import_all()
         ready, begun = os.pipe()
         self.pid = os.fork()
         if self.pid == 0:
-            _be_program(words, log, begun)
+            _be_program(words, log, begun, warm)
         os.close(begun)
         os.read(ready, 1)
         os.close(ready)
@@ -61,8 +69,9 @@ class Program:
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError, ValueError, IndexError):
                 fields = (path / "stat").read_text().rsplit(")", 1)[1].split()
-                spawned = b"spawn_main" in (path / "cmdline").read_bytes()
-                if int(fields[2]) == self.pid and int(path.name) != self.pid and fields[0] != "Z" and spawned:
+                tracker = b"resource_tracker" in (path / "cmdline").read_bytes()
+                ours = int(fields[2]) == self.pid != int(path.name)
+                if ours and fields[0] != "Z" and not tracker:
                     found.append(int(path.name))
         return found
 
@@ -84,7 +93,8 @@ class Program:
 
 @functools.cache
 def _import_all():
-    """What the command imports, so that no child has to."""
+    """What the command imports and starts, so that no child has to."""
+    resource_tracker.ensure_running()
     for module in COMMANDS.values():
         with contextlib.suppress(ImportError):
             importlib.import_module(module[0])
@@ -95,8 +105,10 @@ def _import_all():
         shutil.rmtree(path.parent)
 
 
-def _be_program(words, log, begun):
+def _be_program(words, log, begun, warm):
     os.setsid()
+    if warm:
+        warm_workers.use()
     for number in (signal.SIGTERM, signal.SIGPROF, signal.SIGALRM):
         signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -127,11 +139,11 @@ def whole(estimator, home):
 
 
 @functools.cache
-def _duration(estimator, workers, home):
+def _duration(estimator, workers, warm, home):
     """Seconds of an undisturbed run."""
     with tempfile.TemporaryDirectory() as folder:
         begun = time.monotonic()
-        program = Program([*_words(estimator, home, workers), "--resume", folder], home / "log")
+        program = Program([*_words(estimator, home, workers), "--resume", folder], home / "log", warm)
         assert program.wait(PATIENCE) == 0, (home / "log").read_text()
     return time.monotonic() - begun
 
@@ -163,7 +175,7 @@ def harass(seed, home):
         found = HANG if code is None else CODE if code else None
         found = found or (BITS if result(folder) != wanted else None)
         found = found or (CODE if _leftovers(folder) else None)
-        lives.append(Life("nobody", signal.SIGCONT, code, (home / "log").read_text()[-1500:]))
+        lives.append(Life(estimator, "nobody", signal.SIGCONT, code, (home / "log").read_text()[-1500:]))
     if found:
         told = f"{estimator}\n" + "\n".join(
             f"{one.number.name} of {one.target}: {one.code}\n{one.told}" for one in lives
@@ -177,8 +189,9 @@ def _live(random, estimator, home):
     target = pick(random, ["parent", "group", "worker", "worker"][: 2 + workers])
     target = target if workers == 2 or target != "worker" else "parent"
     number = pick(random, KILLS[target])
-    program = Program([*_words(estimator, home, workers), "--resume", str(home / "torn")], log)
-    time.sleep(float(random.uniform(0.0, _duration(estimator, workers, home))))
+    warm = workers == 1 or random.random() >= SPAWNED
+    program = Program([*_words(estimator, home, workers), "--resume", str(home / "torn")], log, warm)
+    time.sleep(float(random.uniform(0.0, _duration(estimator, workers, warm, home))))
     _send(program, target, number, random)
     code = program.wait(PATIENCE)
     left = _outlive(program)
@@ -186,7 +199,7 @@ def _live(random, estimator, home):
     if code is None:
         os.waitpid(program.pid, 0)
     text = log.read_text(errors="replace")
-    life = Life(target, number, code, text[-1500:])
+    life = Life(estimator, target, number, code, text[-1500:])
     allowed = {0} if target == "worker" else _ENDS[number]
     if code is None or left:
         return life, HANG

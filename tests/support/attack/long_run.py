@@ -6,10 +6,12 @@ import os
 import select
 import shutil
 import signal
+import subprocess
 import time
 from collections import Counter
 from pathlib import Path
 
+import avrare
 from attack import crash_points, kills, material
 from attack.attempts import HANG, LONGEST, TRACEBACK, TROUBLES, limit_memory
 from attack.kinds import KINDS, attempt
@@ -19,32 +21,44 @@ _BATCH, _KILLED, _CRASHED = 100, 3, 8
 """Inputs of a kind, runs that are killed, and crash points of a turn."""
 _SILENCE = 8 * LONGEST
 """Seconds without an answer after which a child is ended; before that its own watch ends what it does."""
+PARTS = ("inputs", "kills", "crash points")
 _MOST_KEPT = 200
 """Findings of one kind that are kept with what was told."""
 
 
 class Progress:
-    """File with the counts so far, what comes next of each kind, and what was found, with its seed."""
+    """File with what comes next, the counts of each version of the code, and what was found, with its seed.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.content = {"kinds": {}, "kills": {}, "crash points": {}, "found": []}
+    Inputs and kills go on where an earlier version stopped; crash points begin again with each version.
+    """
+
+    def __init__(self, path: Path, version: str) -> None:
+        self.path, self.version = path, version
+        self.content = {"next": {part: {} for part in PARTS}, "versions": {}, "found": []}
         if path.exists():
             self.content = json.loads(path.read_text())
+        if version not in self.content["versions"]:
+            self.content["versions"][version] = {part: {} for part in PARTS}
+            self.content["next"]["crash points"] = {}
 
-    def entry(self, part, name):
-        """Counts of a kind of inputs, kills or crash points."""
-        return self.content[part].setdefault(name, {"next": 0, "tried": 0, **dict.fromkeys(TROUBLES, 0)})
+    def following(self, part, name):
+        """What comes next of a kind: a seed, or a place among crash points; None: all is done."""
+        return self.content["next"][part].get(name, 0)
 
-    def add(self, part, name, seed, trouble, told, following=None):
+    def proceed(self, part, name, following):
+        """Set what comes next."""
+        self.content["next"][part][name] = following
+
+    def add(self, part, name, seed, trouble, told):
         """Count one attempt."""
-        entry = self.entry(part, name)
-        entry["next"], entry["tried"] = seed + 1 if following is None else following, entry["tried"] + 1
+        counts = self.content["versions"][self.version][part]
+        entry = counts.setdefault(name, {"tried": 0, **dict.fromkeys(TROUBLES, 0)})
+        entry["tried"] += 1
         if trouble:
             entry[trouble] += 1
-            found = {"part": part, "kind": name, "seed": seed, "trouble": trouble, "told": told[-3000:]}
+            found = {"version": self.version, "part": part, "kind": name, "seed": seed, "trouble": trouble}
             if sum(one["kind"] == name for one in self.content["found"]) < _MOST_KEPT:
-                self.content["found"].append(found)
+                self.content["found"].append(found | {"told": told[-3000:]})
             print(f"{name}, seed {seed}: {trouble}\n{told[-1200:]}", flush=True)
 
     def save(self):
@@ -52,25 +66,46 @@ class Progress:
         write_text(self.path, json.dumps(self.content, indent=1))
 
     def table(self) -> str:
-        """Counts by kind, in Markdown."""
-        head = ["", "tried", *TROUBLES]
-        lines = [head, ["---", *["---:"] * (len(head) - 1)]]
-        for part in ("kinds", "kills", "crash points"):
-            rows = self.content[part]
-            lines += [[name, *(f"{entry[key]:,}" for key in head[1:])] for name, entry in rows.items()]
-        total = Counter()
-        for part in ("kinds", "kills", "crash points"):
-            for entry in self.content[part].values():
-                total.update({key: entry[key] for key in head[1:]})
-        lines.append(["**all**", *(f"{total[key]:,}" for key in head[1:])])
+        """Counts by kind, of each version that tried it and of all, in Markdown."""
+        versions = self.content["versions"]
+        head = [part for version in [*versions, "all"] for part in (version, "found")]
+        lines = [["", *head], ["---", *["---:"] * len(head)]]
+        for part in PARTS:
+            for name in dict.fromkeys(name for counts in versions.values() for name in counts[part]):
+                lines.append([name, *_cells([counts[part].get(name) for counts in versions.values()])])
+        totals = [_total(counts) for counts in versions.values()]
+        lines.append(["**all**", *_cells(totals)])
         return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _total(counts):
+    total = Counter()
+    for entry in (entry for part in counts.values() for entry in part.values()):
+        total.update(entry)
+    return total
+
+
+def _cells(entries):
+    pairs = [(one["tried"], sum(one[trouble] for trouble in TROUBLES)) if one else (0, 0) for one in entries]
+    pairs.append(tuple(map(sum, zip(*pairs, strict=True))))
+    return [f"{number:,}" if pair[0] else "" for pair in pairs for number in pair]
+
+
+def version() -> str:
+    """Name the version of the code that is attacked, and whether it has changes that no commit has."""
+    words = ["git", "-C", str(material.ROOT), "describe", "--always", "--dirty"]
+    with contextlib.suppress(OSError):
+        told = subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+        if told:
+            return told
+    return avrare.__version__
 
 
 def run(folder: Path, inputs: int, many_kills: int, only, seconds: float) -> Progress:
     """Go on with an attack until all is tried or the time is over, and return its progress."""
     folder.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + seconds
-    progress = Progress(folder / "progress.json")
+    progress = Progress(folder / "progress.json", version())
     with material.inside(folder):
         for name in only or KINDS:  # so that no child has to import what all of them need
             if name in KINDS:
@@ -100,9 +135,10 @@ def _inputs(progress, folder, inputs, only):
 
 
 def _one_kind(progress, folder, name, inputs):
-    while (first := progress.entry("kinds", name)["next"]) < inputs:
+    while (first := progress.following("inputs", name)) < inputs:
         for seed, trouble, told in _batch(folder, name, range(first, min(inputs, first + _BATCH))):
-            progress.add("kinds", name, seed, trouble, told)
+            progress.add("inputs", name, seed, trouble, told)
+            progress.proceed("inputs", name, seed + 1)
         yield True
 
 
@@ -149,28 +185,31 @@ def _serve(theirs, folder, name, seeds):
 def _kills(progress, folder, most):
     shutil.rmtree(folder, ignore_errors=True)  # results of an earlier version are no measure
     folder.mkdir()
-    entries = progress.content["kills"]
-    while sum(entry["tried"] for entry in entries.values()) < most:
-        seed = max([entry["next"] for entry in entries.values()], default=0)
+    while progress.following("kills", "kills") < most:
+        seed = progress.following("kills", "runs")
         trouble, told, lives = kills.harass(seed, folder)
         for i, life in enumerate(lives):
-            name = f"{life.number.name} of the {life.target}"
+            name = f"kills of `{life.estimator}`: {life.number.name} of the {life.target}"
             last = i == len(lives) - 1
             progress.add("kills", name, seed, trouble if last else None, told)
+        progress.proceed("kills", "runs", seed + 1)
+        progress.proceed("kills", "kills", progress.following("kills", "kills") + len(lives))
         if seed % _KILLED == _KILLED - 1:
             yield True
 
 
 def _crash_points(progress, folder, name):
-    entry = progress.entry("crash points", name)
-    if entry.get("complete"):
+    begin = progress.following("crash points", name)
+    if begin is None:
         return
     home, task = folder / "crashes", crash_points.TASKS[name]
     home.mkdir(exist_ok=True)
-    begin = entry["next"] or (0, 0)
-    for count, (point, trouble, told, following) in enumerate(crash_points.points(task, home, begin)):
-        progress.add("crash points", name, point, trouble, told, following)
+    for count, (point, trouble, told, following) in enumerate(
+        crash_points.points(task, home, begin or (0, 0))
+    ):
+        progress.add("crash points", f"crash points of `{name}`", point, trouble, told)
+        progress.proceed("crash points", name, following)
         if count % _CRASHED == _CRASHED - 1:
             yield True
-    entry["complete"] = True
+    progress.proceed("crash points", name, None)
     yield True

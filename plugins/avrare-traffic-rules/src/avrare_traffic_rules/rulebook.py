@@ -113,7 +113,12 @@ def read(path: Path) -> Rulebook:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"{path}: {reason}", "give `rules_file` relative to the current folder") from error
-    return _parse(data, str(path), shipped().definitions)
+    return _read_once(data, str(path))
+
+
+@functools.lru_cache(maxsize=4)  # one command asks several times: to list, to check and to build
+def _read_once(data: bytes, name: str) -> Rulebook:
+    return _parse(data, name, shipped().definitions)
 
 
 def fill(text: str, options: Mapping[str, Any]) -> str:
