@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeVar
 
+from avrare.base.atomic_files import write_atomic
 from avrare.base.errors import UsageError
 
 if TYPE_CHECKING:  # rules and formulas are read without arrays
@@ -136,6 +137,16 @@ def _parse_int(text: str) -> int:
     if len(text) > _MOST_DIGITS:
         raise ValueError(f"it holds a whole number of {len(text)} digits")
     return int(text)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], compress: bool = True) -> None:
+    """Write arrays as an npz file, completely or not at all; the same arrays give the same bytes."""
+    import numpy as np
+
+    content = io.BytesIO()
+    save: Callable[..., None] = np.savez_compressed if compress else np.savez
+    save(content, allow_pickle=False, **arrays)
+    write_atomic(path, content.getvalue())
 
 
 def parse_arrays(content: bytes) -> Arrays:

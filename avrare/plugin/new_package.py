@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from string import Template
@@ -69,13 +70,14 @@ def write(name: str, kind: str, folder: Path, driving: bool = True) -> Path:
     words = _placeholders(name, kind, driving)
     target = folder / words["distribution"]
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.mkdir()
+        if target.exists():
+            raise UsageError(f"{target}: already exists", "choose another name or --out")
+        unfinished = target.with_name(f".{target.name}.new")  # of a killed command, perhaps
+        shutil.rmtree(unfinished, ignore_errors=True)
         for path, text in _files(words).items():
-            (target / path).parent.mkdir(parents=True, exist_ok=True)
-            (target / path).write_text(text, encoding="utf-8")
-    except FileExistsError as error:
-        raise UsageError(f"{error.filename}: already exists", "choose another name or --out") from None
+            (unfinished / path).parent.mkdir(parents=True, exist_ok=True)
+            (unfinished / path).write_text(text, encoding="utf-8")
+        unfinished.rename(target)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise UsageError(f"{error.filename or target}: cannot be written: {reason}") from None

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import json
 import platform
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -17,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.base.atomic_files import explain_file_errors, remove_torn, write_atomic, write_text
+from avrare.base.atomic_files import explain_file_errors, remove_torn, write_text
 from avrare.base.errors import AvrareError, ExitCode, UsageError
-from avrare.base.stored_files import digest, seal
+from avrare.base.stored_files import digest, seal, write_arrays
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index, resume_hint
 from avrare.estimation.result import Result
@@ -244,7 +243,7 @@ def write_failures(folder: Path, results: Sequence[Result]) -> None:
         if getattr(result.failures, field) is not None
     }
     if arrays:
-        _write_arrays(folder / FAILURES_FILE, np.savez, arrays)
+        write_arrays(folder / FAILURES_FILE, arrays, compress=False)
     else:
         (folder / FAILURES_FILE).unlink(missing_ok=True)  # left by an earlier run in the same folder
 
@@ -264,13 +263,7 @@ def _write_rollouts(folder: Path, results: Sequence[Result]) -> None:
         arrays[f"{name}.robustness"] = _to_single(result.robustness[:_MAX_SAMPLES])
         arrays[f"{name}.worst"] = np.asarray(result.worst.noise)
         arrays[f"{name}.worst_robustness"] = np.asarray(result.worst.robustness)
-    _write_arrays(folder / ROLLOUTS_FILE, np.savez_compressed, arrays)
-
-
-def _write_arrays(path: Path, save: Callable[..., None], arrays: Mapping[str, NDArray[Any]]) -> None:
-    content = io.BytesIO()
-    save(content, **arrays)
-    write_atomic(path, content.getvalue())
+    write_arrays(folder / ROLLOUTS_FILE, arrays)
 
 
 def _to_single(values: NDArray[np.float64]) -> NDArray[np.float32]:

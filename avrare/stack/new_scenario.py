@@ -68,12 +68,13 @@ def write_scenario(
         "# thresholds:",
         '#   - {specification: first, probability: "< 0.01"}   # decided by `avrare check`',
     ]
-    texts = {path: "\n".join(lines) + "\n"}
+    texts = {}
     if act:
         template = "act.py.txt" if find_scene(built) is None else "act_driving.py.txt"
         texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
-    for file in texts:
-        if file.exists():
+    texts[path] = "\n".join(lines) + "\n"
+    for file, text in texts.items():  # a command that was killed has left the first of them as it is
+        if file.exists() and (file == path or file.read_bytes() != text.encode()):
             raise UsageError(f"{file}: already exists", "choose another name or --out")
     with explain_file_errors(f"{path}: cannot write", "choose another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -102,6 +102,25 @@ def test_nothing_is_overwritten(tmp_path, capsys):
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("call", range(0, 8, 3))
+def test_a_command_that_was_killed_can_be_repeated(tmp_path, monkeypatch, call):
+    """Half a package had the name of the whole one, which was refused from then on."""
+    write, left = Path.write_text, [call]
+
+    def dying(*words, **options):
+        left[0] -= 1
+        if left[0] < 0:
+            raise KeyboardInterrupt  # no code of the command runs after a kill either
+        return write(*words, **options)
+
+    monkeypatch.setattr(Path, "write_text", dying)
+    assert main(["new", "plugin", "mine", "--kind", "tracker", "--out", str(tmp_path)]) == 2
+    assert not (tmp_path / "avrare-mine").exists()
+    monkeypatch.setattr(Path, "write_text", write)
+    make("tracker", tmp_path, "mine")
+    assert [path.name for path in tmp_path.iterdir()] == ["avrare-mine"]
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -201,3 +220,18 @@ def test_a_new_scenario_overwrites_nothing(tmp_path, monkeypatch, capsys):
     assert main(["new", "scenario", "spill.yaml", "--simulator", "tank"]) == 4
     assert "already exists" in capsys.readouterr().err
     assert Path("spill.yaml").read_text() == "mine"
+
+
+def test_a_new_scenario_goes_on_with_its_controller(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["new", "scenario", "spill", "--simulator", "gymnasium", "--set", "env=Pendulum-v1", "--act"]
+    assert main(words) == 0
+    scenario = Path("spill.yaml")
+    before = scenario.read_text()
+    scenario.unlink()  # as if killed between the two files
+    assert main(words) == 0
+    assert scenario.read_text() == before
+    scenario.unlink()
+    Path("spill.py").write_text("mine")
+    assert main(words) == 4
+    assert "spill.py: already exists" in capsys.readouterr().err

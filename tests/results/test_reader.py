@@ -11,7 +11,7 @@ import pytest
 
 from avrare.base import stored_files
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import parse_json, read_arrays, read_json
+from avrare.base.stored_files import parse_json, read_arrays, read_json, write_arrays
 from avrare.results.reader import load_run_scenario, read_failures, read_rollouts, read_run_folder
 
 ESTIMATE = {
@@ -176,3 +176,15 @@ def test_whole_numbers_have_at_most_64_bits():
     for number in ("1" + "0" * 40, "-1" + "0" * 400, "9" * 5000):
         with pytest.raises(ValueError, match="whole number of"):
             parse_json(f'{{"n": {number}}}')
+
+
+def test_arrays_are_written_completely_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "model"
+    write_arrays(path, {"a": np.arange(3)})
+    before = path.read_bytes()
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(OSError, match="full"):
+        write_arrays(path, {"a": np.arange(4)})
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+    assert np.array_equal(read_arrays(path, "fit it again")["a"], np.arange(3))

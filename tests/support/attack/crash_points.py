@@ -81,6 +81,7 @@ def _baselines():
 
 
 _FEW = ["--set", "estimator.rollouts=30"]
+_SCALE = ["--parameter", "simulator.scale", "--specification", "near"]
 TASKS = {
     **{f"run {name}, {workers} workers": _run(name, workers) for name in ESTIMATORS for workers in (1, 2)},
     "run --failures": Task(
@@ -104,6 +105,48 @@ TASKS = {
         lambda: Path("r.csv").read_text(), ("run",), codes=(0, 1),
     ),
     "monitor --out": Task(["monitor", "run", "--out", "m"], _texts("m/*.json"), ("run",), codes=(0, 1)),
+    "monitor of many drives": Task(
+        ["monitor", "drives", "--rule", "R_G1", "--out", "m"], _texts("m/*.*"), ("drives",), codes=(0, 1),
+    ),
+    "compare --out": Task(
+        ["compare", "walk.yaml", "--specification", "near", "--estimators", "mc,ams", "--budget", "steps=400",
+         "--set", "ams.particles=10", "--set", "ams.discard=2", "--repeat", "2", "--out", "c", "--no-pictures"],
+        lambda: Path("c/comparison.md").exists(), ("walk.yaml",),
+    ),
+    "kinds --out": Task(["kinds", "run", "--out", "k"], _texts("k/*.json"), ("run",)),
+    "attribution --out": Task(
+        ["attribution", "run", "--fresh", "20", "--out", "k"], _texts("k/*.json"), ("run",),
+    ),
+    "sensitivity --out": Task(
+        ["sensitivity", "walk.yaml", *_SCALE, "--budget", "rollouts=60", "--out", "k"],
+        _texts("k/*.json"), ("walk.yaml",),
+    ),
+    "require --out": Task(
+        ["require", "walk.yaml", *_SCALE, "--probability", "< 0.1", "--budget", "rollouts=400", "--out", "k"],
+        _texts("k/*.json"), ("walk.yaml",), codes=(0, 3),
+    ),
+    "rate": Task(
+        ["rate", "catalogue.yaml", "--quiet", "--out", "out"],
+        lambda: _texts("out/rate.json")(), ("catalogue.yaml", "walk.yaml"),
+        ["rate", "catalogue.yaml", "--quiet", "--resume", "out"], codes=(0, 3),
+    ),
+    "falsify": Task(
+        ["falsify", "walk.yaml", "--specification", "near", "--budget", "40", "--failures", "stored",
+         "--write-blob", "b"],
+        lambda: (_failures(), Path("b").read_text()), ("walk.yaml",), codes=(0, 1),
+    ),
+    "synthesize": Task(
+        ["synthesize", "linear.yaml", "--parameter", "mean", "--steps", "1", "--chains", "10", "--runs", "2",
+         "--out", "better.yaml"],
+        lambda: Path("better.yaml").read_text(), ("linear.yaml",),
+    ),
+    "new scenario": Task(
+        ["new", "scenario", "first", "--simulator", "toy_walk"], lambda: Path("first.yaml").read_text(),
+    ),
+    "new plugin": Task(
+        ["new", "plugin", "gusts", "--kind", "controller"],
+        lambda: sorted(path.name for path in Path().rglob("*.*")),
+    ),
 }  # fmt: skip
 
 

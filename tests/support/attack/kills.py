@@ -91,13 +91,16 @@ class Program:
             os.killpg(self.pid, signal.SIGKILL)
 
 
+_PICTURES = ("matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin")
+
+
 @functools.cache
 def _import_all():
     """What the command imports and starts, so that no child has to."""
     resource_tracker.ensure_running()
-    for module in COMMANDS.values():
+    for module in (*(name for name, _ in COMMANDS.values()), *_PICTURES):
         with contextlib.suppress(ImportError):
-            importlib.import_module(module[0])
+            importlib.import_module(module)
     for estimator in ESTIMATORS:
         path = Path(tempfile.mkdtemp()) / "walk.yaml"
         path.write_text(walk(estimator))

@@ -38,6 +38,30 @@ ESTIMATORS = {
     "smc": "{plugin: smc, particles: 20, runs: 2, pilot: 200, stages: 1, times: 2}",
     "auto": "{plugin: auto, rollouts: 5000}",  # the least with which it learns
 }
+CATALOGUE = """\
+name: walks
+scenes:
+  - {name: short, scenario: walk.yaml, exposure: {count: 30, hours: 10.0}}
+  - {name: wide, scenario: walk.yaml, set: ["simulator.scale=0.2"], exposure: {per_hour: 2.0}}
+thresholds:
+  - {rule: near, per_hour: "< 0.5"}
+pilot: 40
+budget: {rollouts: 200}
+"""
+LINEAR = """\
+name: linear
+steps: 5
+simulator:
+  plugin: linear
+  dt: 0.1
+  states: [x, v]
+  A: [[1, 0.1], [0, 1]]
+  process_noise: [0.0, 0.04]
+  initial: {mean: [0, 0], covariance: [0.04, 0.01]}
+specifications:
+  left: {stl: "always (x < 0.5)"}
+estimator: {plugin: mc, rollouts: 400}
+"""
 MODELS = {
     "policy": """\
 name: policy
@@ -75,11 +99,12 @@ estimator: {plugin: mc, rollouts: 2}
 """,
 }
 _PARTS = {
-    "scenarios": {"walk.yaml", *(f"{name}.yaml" for name in ESTIMATORS)},
+    "scenarios": {"walk.yaml", "catalogue.yaml", "linear.yaml", *(f"{name}.yaml" for name in ESTIMATORS)},
     "results": {"run", "failures", "history.sqlite", "baselines"},
     "checkpoints": {f"{state}_{name}" for state in ("torn", "whole") for name in ESTIMATORS},
-    "drives": {"drive.csv", "signals.csv", "drive.xml", "rules.yaml"},
-    "models": {f"{name}.{kind}" for name in ("policy", "flow", "pem", "spline") for kind in ("yaml", "npz")},
+    "drives": {"drive.csv", "signals.csv", "drive.xml", "rules.yaml", "drives"},
+    "models": {"samples.npy"}
+    | {f"{name}.{kind}" for name in ("policy", "flow", "pem", "spline") for kind in ("yaml", "npz")},
 }
 """Part of the material -> its names; each part is made by a function of its own."""
 RULES_DRIVE = ["drive.csv", "--lanes", "-1.75,1.75,5.25", "--access-ramp", "0"]
@@ -155,6 +180,8 @@ def result(folder):
 
 def _make_scenarios():
     Path("walk.yaml").write_text(WALK)
+    Path("catalogue.yaml").write_text(CATALOGUE)
+    Path("linear.yaml").write_text(LINEAR)
     for name in ESTIMATORS:
         Path(f"{name}.yaml").write_text(walk(name))
 
@@ -198,6 +225,9 @@ def _make_drives():
     Path("signals.csv").write_text("\n".join(["time,gap,speed,p", *rows]) + "\n")
     recording = read_csv("drive.csv", "ego", parse_road("-1.75,1.75,5.25", 3.5, "0"))
     Path("drive.xml").write_text(to_commonroad(recording, "drive"))
+    Path("drives").mkdir()
+    for name in ("one", "two"):
+        (Path("drives") / f"{name}.xml").write_text(Path("drive.xml").read_text())
     rules = yaml.safe_load(
         (ROOT / "plugins/avrare-traffic-rules/src/avrare_traffic_rules/rules.yaml").read_text()
     )

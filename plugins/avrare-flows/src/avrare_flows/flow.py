@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import parse_arrays, read_regular
+from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
 from avrare.protocols import Floats
 
 KINDS = ("affine_coupling", "spline_autoregressive")
@@ -193,8 +193,7 @@ class Flow:
             for j, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
                 arrays[f"{i}.weight{j}"], arrays[f"{i}.bias{j}"] = weight, bias
         try:
-            with Path(path).open("wb") as file:
-                np.savez_compressed(file, **arrays)
+            write_arrays(Path(path), arrays)
         except OSError as error:
             raise UsageError(f"{path}: cannot be written: {error.strerror}") from error
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import parse_arrays, read_regular
+from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -128,7 +128,7 @@ def save(path: Path, network: Network) -> None:
     arrays |= {name: getattr(network, name) for name in ("mean", "scale", "low", "high")}
     for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
         arrays |= {f"W{k}": weight.astype(np.float32), f"b{k}": bias.astype(np.float32)}
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    write_arrays(path, arrays)
 
 
 def _assemble(path: Path, arrays: Arrays) -> Network:

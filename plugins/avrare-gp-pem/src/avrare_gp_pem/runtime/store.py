@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.base.stored_files import parse_arrays, read_regular
+from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, NormalErrorGps, SparseGp
@@ -88,7 +88,7 @@ def save(path: Path, model: FittedPem) -> None:
         arrays |= {f"persistence_{name}": getattr(model.persistence, name) for name in _PERSISTENCE}
     arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
     arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    write_arrays(path, arrays)
 
 
 def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
