@@ -110,7 +110,8 @@ TASKS = {
     ),
     "compare --out": Task(
         ["compare", "walk.yaml", "--specification", "near", "--estimators", "mc,ams", "--budget", "steps=400",
-         "--set", "ams.particles=10", "--set", "ams.discard=2", "--repeat", "2", "--out", "c", "--no-pictures"],
+         "--set", "ams.particles=10", "--set", "ams.discard=2", "--repeat", "2", "--out", "c",
+         "--no-pictures"],
         lambda: Path("c/comparison.md").exists(), ("walk.yaml",),
     ),
     "kinds --out": Task(["kinds", "run", "--out", "k"], _texts("k/*.json"), ("run",)),
