@@ -28,6 +28,7 @@ from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import Executor, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
+from avrare.rollout.twin import check_twin
 from avrare.scenario.schema import CrossCheck
 from avrare.scenario.validation import check_options
 
@@ -208,6 +209,8 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
             "system": type(problem.system).__qualname__, "steps": problem.steps, "chunk": problem.named_chunk,
             "noise_size": problem.noise_size, "formula": formula.text if formula is not None else None,
             "score": getattr(problem.score, "text", problem.score),
+            **({} if problem.twin is None else {"twin": [type(problem.twin.problem.system).__qualname__,
+                                                          problem.twin.cost]}),
         },
         "versions": {"avrare": version.__version__, row.distribution: row.version},
     }  # fmt: skip
@@ -232,6 +235,8 @@ def check_scenario(scenario: LoadedScenario) -> tuple[dict[str, str], Forecast]:
     """
     definition, estimator = scenario.definition, scenario.estimator()
     problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
+    if problem.twin is not None:
+        check_twin(problem, problem.twin.problem, problem.twin.cost)
     problem, plan = planned(problem, estimator, Settings(definition.seed, definition.confidence))
     return check_system(problem, estimator), forecast(problem, estimator, plan)
 

@@ -109,3 +109,45 @@ def log_normal_laws(
 ) -> list[tuple[float, float]]:
     """Return centre and variance of the logarithm in each of the laws that ``log_normal`` joins."""
     return [(math.log(mean), math.log1p(relative_variance)), *([logs] if logs else [])]
+
+
+def weighted_counts(
+    weights: Floats, trials: int, largest: float, confidence: float, errors: Floats | None = None
+) -> Interval:
+    """Return the interval of a probability estimated by a sum of weights of the failures that were found.
+
+    Each of ``trials`` tapes is one of a few sorts of failure, found with a probability r of its sort and then
+    weighted by 1 / (trials r), or nothing. The law of the sum is matched by a scaled binomial one, with one
+    more failure of the largest weight at the upper end (Fay and Feuer, Statistics in Medicine 16, 1997, with
+    beta in place of gamma quantiles). With equal weights it is Clopper and Pearson's.
+
+    Args:
+        weights: Of the failures found.
+        trials: Tapes of the first phase.
+        largest: Largest weight that a failure may have.
+        confidence: Level.
+        errors: Weights of tapes that broke down; they count as failures in the upper end.
+    """
+    tail = (1.0 - confidence) / 2.0
+    total, squares = math.fsum(weights), math.fsum(weights**2)
+    low = 0.0
+    if total > 0.0:
+        share, size = _matched(total, squares, trials)
+        low = (
+            beta_quantile(tail, share * size, size - share * size + 1.0)
+            if share < 1.0
+            else tail ** (1 / size)
+        )
+    if errors is not None and len(errors):
+        total, squares = total + math.fsum(errors), squares + math.fsum(errors**2)
+    share, size = _matched(total + largest, squares + largest**2, trials)
+    high = beta_quantile(1.0 - tail, share * size, size - share * size + 1.0) if share < 1.0 else 1.0
+    return low, high
+
+
+def _matched(total: float, squares: float, trials: int) -> tuple[float, float]:
+    """Return share and size of the binomial law with the mean and the variance of a weighted sum."""
+    if total >= 1.0:
+        return 1.0, float(trials)
+    variance = max(squares - total**2 / trials, 1e-300)
+    return total, total * (1.0 - total) / variance

@@ -31,6 +31,13 @@ def avrare_components() -> list[Component]:
             summary="chooses for each specification by a Monte Carlo pilot",
         ),
         Component(
+            kind="estimator",
+            name="mfmc",
+            config="avrare.estimation.mfmc_config:MfmcConfig",
+            factory="avrare.estimation.mfmc:build",
+            summary="two fidelities: a cheap twin on many tapes, the stack itself on those that matter",
+        ),
+        Component(
             kind="executor",
             name="serial",
             config="avrare.rollout.executors.serial:ExecutorConfig",

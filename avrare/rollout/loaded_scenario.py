@@ -14,6 +14,7 @@ from avrare.logic.formula import FormulaMonitor
 from avrare.protocols import HasMargin, find_ability
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.progress_score import shape_of
+from avrare.rollout.twin import Twin
 from avrare.scenario.load import load as read_scenario
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Formula, Scenario, ScoreFormula
@@ -67,6 +68,11 @@ class LoadedScenario:
         check_start(self.definition, stack)
         return stack
 
+    @cached_property
+    def twin(self) -> LoadedScenario | None:
+        """The cheap twin, None where the scenario names none."""
+        return None if self.definition.cheap is None else LoadedScenario(self.definition.cheap)
+
     @property
     def scene(self) -> Scene | None:
         """Road, sizes and names of a driving simulator, else None."""
@@ -98,6 +104,14 @@ class ScenarioProblem(Problem):
         specifications = {name: stack.specifications[name] for name in names}
         score = _choose_score(scenario, names[0])
         super().__init__(stack.loop, specifications, definition.steps, score, chunk=definition.chunk)
+
+    @property
+    def twin(self) -> Twin | None:
+        """Cheap stand-in that the scenario names, or that was given in Python."""
+        named = self.scenario.twin
+        if self._twin is None and named is not None:
+            self._twin = Twin(named.problem(self.names), self.scenario.definition.cheap_cost)
+        return self._twin
 
     def subset(self, names: Sequence[str]) -> Problem:
         """Return the problem of some specifications, with the score of the first of them."""

@@ -26,6 +26,7 @@ from avrare.rollout.scores.scored_specifications import (
     ScoreFunction,
 )
 from avrare.rollout.scores.term_sizes import ScaledMonitor, Select, Sizes, measure_terms, record
+from avrare.rollout.twin import Twin, check_twin
 
 SCORES = ("robustness", "margin", "progress")
 
@@ -85,6 +86,7 @@ class Problem:
         self.monitors: tuple[Specification, ...] = tuple(_as_monitor(spec) for spec in named.values())
         self._scored: tuple[Specification, ...] | None = None
         self._sizes: tuple[Sizes | None, ...] | None = None
+        self._twin: Twin | None = None
 
     @cached_property
     def chunk(self) -> int:
@@ -115,6 +117,27 @@ class Problem:
                 for guide in map(self._find_guide, self.monitors)
             )
         return self._sizes
+
+    @property
+    def twin(self) -> Twin | None:
+        """Cheap stand-in on the same tapes; None where there is none."""
+        return self._twin
+
+    def with_twin(self, twin: Problem, cost: float | None = None) -> Problem:
+        """Return the same problem with a cheap twin, for estimator "mfmc".
+
+        Args:
+            twin: Problem with specifications of the same names, that reads the same noise tapes.
+            cost: Time of a rollout of the twin over that of this problem; None: measured.
+
+        Raises:
+            UsageError: Their tapes have different shapes, or a specification is missing.
+        """
+        check_twin(self, twin, cost)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._twin = Twin(twin, cost)
+        return other
 
     def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
         """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""

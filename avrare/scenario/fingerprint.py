@@ -37,11 +37,14 @@ def digests(scenario: Scenario) -> dict[str, str]:
     Raises:
         OSError: A file cannot be read.
     """
-    return {
+    found = {
         f"{key}.{name}": hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for key, block in scenario.blocks.items()
         for name, path in _files(block)
     }
+    if scenario.cheap is not None:
+        found |= {f"cheap.{key}": value for key, value in digests(scenario.cheap).items()}
+    return found
 
 
 def changed_files(before: Mapping[str, str], after: Mapping[str, str], keys: tuple[str, ...]) -> list[str]:

@@ -15,14 +15,15 @@ from avrare.scenario.draws import KEY, Draws
 from avrare.scenario.extends import merge, read
 from avrare.scenario.overrides import override
 from avrare.scenario.safe_mode import check_import_path, find_refusals
-from avrare.scenario.schema import PARTS, Block, Document, Formula, Scenario
+from avrare.scenario.schema import PARTS, TWIN_PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_block, check_formula, step_of
 from avrare.scenario.validation import Mistake, check, describe, scenario_error
 from avrare.scenario.value_positions import Mark, Node, Path
 
 _CORE_KEYS = {"estimator": ("plugin", "specifications"), "simulator": ("plugin", KEY)}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
-_SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications"))
+_SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications", "cheap"))
+_NOT_OF_TWIN = ("cheap", "thresholds", "regression", "cross_check")
 
 
 def load(
@@ -44,11 +45,11 @@ def load(
 
 
 def _with_estimator(tree: Node, name: str | None) -> Node:
-    own = tree.child("estimator")
+    own, default = tree.child("estimator"), "mfmc" if tree.entries_at("cheap") else "auto"
     if name is None and own is not None and own.value is not None:
         return tree
     mark = tree.mark if name is None else Mark("--estimator")
-    block = Node({"plugin": Node("auto" if name is None else name, mark, mark)}, mark, mark)
+    block = Node({"plugin": Node(default if name is None else name, mark, mark)}, mark, mark)
     return Node({**tree.entries, "estimator": block}, tree.mark, tree.key)
 
 
@@ -82,14 +83,27 @@ def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
         mistakes += _check_other_family(tree, document, block.plugin)
     if mistakes or document is None:
         raise scenario_error(mistakes)
+    cheap = _resolve_twin(tree, path, registry)
     return Scenario(
         path=path,
+        cheap=cheap,
+        cheap_cost=document.cheap.cost if document.cheap is not None else None,
         specifications=specifications,
         estimated=tuple(name for name in specifications if name in estimated),
         warnings=tuple((warning.message, warning.hint) for warning in warnings),
         **blocks,  # type: ignore[arg-type]  # keys are PARTS
         **{key: getattr(document, key) for key in _SETTINGS},
     )
+
+
+def _resolve_twin(tree: Node, path: str, registry: Registry) -> Scenario | None:
+    """Return the scenario whose parts are those of ``cheap``, merged over this one's."""
+    given = tree.entries_at("cheap")
+    if not given:
+        return None
+    parts = {key: node for key, node in given.items() if key in TWIN_PARTS}
+    own = {key: node for key, node in tree.entries.items() if key not in _NOT_OF_TWIN}
+    return _resolve(merge(Node(own, tree.mark, tree.key), Node(parts, tree.mark)), path, registry)
 
 
 def _without_options(tree: Node) -> Node:

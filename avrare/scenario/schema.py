@@ -28,6 +28,8 @@ from avrare.scenario.exposure import Exposure
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
 """Keys of a scenario that hold one component block each; the key is the component's kind."""
+TWIN_PARTS = PARTS[:-1]
+"""Parts of the stack in which a cheap twin may differ."""
 
 _SLUG = r"[A-Za-z0-9_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)*"
 _BOUND = re.compile(r"\s*(<=|<)?\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*")
@@ -176,6 +178,19 @@ HealthWarning = Annotated[
 ]
 
 
+class Cheap(_Model):
+    """Cheap twin of the stack: parts, or options of parts, that differ from the scenario's own."""
+
+    cost: float | None = Field(
+        None, gt=0.0, lt=1.0,
+        description="time of the twin's rollout over that of the stack's; default: measured, to a power of 2",
+    )  # fmt: skip
+    simulator: dict[str, Any] | None = Field(None, description="what differs in the simulator")
+    perception: dict[str, Any] | None = Field(None, description="what differs in perception")
+    tracker: dict[str, Any] | None = Field(None, description="what differs in the tracker")
+    controller: dict[str, Any] | None = Field(None, description="what differs in the controller")
+
+
 class Document(_Model):
     """Scenario file after ``extends`` and overrides; component blocks are checked by their plugins."""
 
@@ -192,6 +207,9 @@ class Document(_Model):
         description="name -> {stl: formula} or {plugin: name, ...}; more need a scenario of their own",
     )
     estimator: dict[str, Any] = Field({"plugin": "auto"}, description="estimator of the failure probability")
+    cheap: Cheap | None = Field(
+        None, description="cheap twin of the stack, which estimator mfmc runs on many tapes"
+    )
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
     exposure: Exposure | None = Field(None, description="how often this scene is met: gives rates in reports")
     regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
@@ -246,6 +264,8 @@ class Scenario:
         path: File, as the user wrote it.
         estimated: Names of the specifications to estimate, in the scenario's order (the estimator option
             ``specifications``; all of them by default).
+        cheap: The cheap twin, as a scenario of its own; None where there is none.
+        cheap_cost: Cost of its rollouts, in rollouts of this one; None: measured.
         warnings: (message, hint) on specifications that are valid but may not mean what was intended.
     """
 
@@ -269,6 +289,8 @@ class Scenario:
     confidence: float = 0.95
     suppress: tuple[str, ...] = ()
     cross_check: CrossCheck | None = None
+    cheap: Scenario | None = None
+    cheap_cost: float | None = None
     warnings: tuple[tuple[str, str | None], ...] = field(default=(), compare=False)
 
     @property
@@ -286,6 +308,8 @@ class Scenario:
             used |= getattr(part.config, "used_versions", {})
         if self.cross_check is not None:
             used |= self.cross_check.versions
+        if self.cheap is not None:
+            used |= self.cheap.versions
         return dict(sorted({**used, "avrare": version.__version__}.items()))
 
     @property
@@ -307,4 +331,8 @@ class Scenario:
         plain["suppress"] = list(self.suppress)
         if self.cross_check is not None:
             plain["cross_check"] = self.cross_check.model_dump()
+        if self.cheap is not None:
+            other = self.cheap.resolved
+            differing = {key: other.get(key) for key in TWIN_PARTS if other.get(key) != plain.get(key)}
+            plain["cheap"] = {"cost": self.cheap_cost, **differing}
         return plain

@@ -46,6 +46,33 @@ def test_resolved_loads_to_the_same_scenario(read, good):
     assert fingerprint(again) == fingerprint(scenario)
 
 
+def test_a_cheap_twin_differs_where_it_says_so(read, good):
+    text = good.replace("estimator: {plugin: toy, rollouts: 1e3}\n", "")
+    scenario = read(text + "cheap: {cost: 0.1, tracker: {delay: 1}, simulator: {gap: 30}}\n")
+    assert scenario.estimator.plugin == "mfmc"
+    assert scenario.cheap_cost == 0.1
+    assert (scenario.tracker.config.delay, scenario.cheap.tracker.config.delay) == (2, 1)
+    assert scenario.cheap.simulator.config.gap == 30.0
+    assert scenario.cheap.cheap is None
+    assert not scenario.cheap.thresholds
+    assert set(scenario.resolved["cheap"]) == {"cost", "simulator", "tracker"}
+    again = read(dump(scenario.resolved))
+    assert again == scenario
+    assert fingerprint(again) == fingerprint(scenario) != fingerprint(read(text))
+    without = read(text + "cheap: {tracker: null}\n")
+    assert without.cheap.tracker is None
+    assert without.tracker is not None
+    assert read(dump(without.resolved)) == without
+
+
+def test_mistakes_in_a_cheap_twin_have_their_place(fails, good):
+    lines, _ = fails(good + "cheap:\n  cost: 2\n  controler: {}\n")
+    assert any("s.yaml:15:9: cheap.cost: should be less than 1" in line for line in lines)
+    assert any("s.yaml:16:3: cheap.controler: unknown key" in line for line in lines)
+    lines, _ = fails(good + "cheap:\n  tracker: {dellay: 1}\n")
+    assert any(line.startswith("s.yaml:15:13: tracker.dellay: unknown key") for line in lines)
+
+
 def test_a_scenario_can_be_sent_to_a_worker(read, good):
     scenario = read(good)
     assert pickle.loads(pickle.dumps(scenario)) == scenario

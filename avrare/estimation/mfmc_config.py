@@ -1,0 +1,21 @@
+"""Options of ``mfmc``, Monte Carlo with two fidelities."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class MfmcConfig(BaseModel):
+    """Options of two-phase sampling: a cheap twin on many tapes, the stack itself on those that matter."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rollouts: int = Field(
+        default=10_000, ge=1, le=10**12,
+        description="cost of the estimate, pilot included, in rollouts of the stack itself",
+    )  # fmt: skip
+    pilot: float = Field(
+        default=0.05, gt=0.0, le=0.5,
+        description="share of the cost of the pilot, which counts in no estimate: it decides which tapes of "
+        "the twin are run again, or that plain Monte Carlo is no dearer",
+    )  # fmt: skip

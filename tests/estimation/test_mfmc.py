@@ -1,0 +1,191 @@
+"""``mfmc``: a cheap twin saves rollouts, and the estimate stays that of the stack itself."""
+
+import json
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.base.errors import UsageError
+from avrare.estimation import intervals, mfmc
+from avrare.estimation.two_phase import plan_design, scaled
+from avrare.rollout.twin import measure_cost
+from avrare.testing.faulty_systems import Killed, Mortal
+from avrare.testing.repeated_estimates import coverage_at_most, deviation
+
+pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
+
+
+class Turned:
+    """System that fails where a direction of its two normal numbers is long; ``angle`` 0 is the stack."""
+
+    noise_size = 2
+
+    def __init__(self, cosine=1.0, breaks=np.inf):
+        self.cosine, self.breaks = cosine, breaks
+
+    def initial(self, noise):
+        return {"u": noise}
+
+    def step(self, state, noise):
+        return {"u": state["u"] + 0.0}
+
+    def signals(self, state):
+        x = self.cosine * state["u"][:, 0] + np.sqrt(1.0 - self.cosine**2) * state["u"][:, 1]
+        return {"x": np.where(x > self.breaks, np.nan, x)}
+
+
+def problem(p, cosine, cost=0.01, *, stack=None, twin=None, chunk=None, levels=None):
+    below = {
+        f"below_{k}": avrare.stl(f"always (x < {NormalDist().inv_cdf(1.0 - one)})")
+        for k, one in enumerate(levels or [p])
+    }
+    own = avrare.Problem(stack or Turned(), below, steps=1, chunk=chunk)
+    return own.with_twin(avrare.Problem(twin or Turned(cosine), below, steps=1, chunk=chunk), cost)
+
+
+def plain(result):
+    content = json.loads(result.to_json())
+    del content["seconds"]
+    return content, result.failures.noise.tobytes(), result.failures.weights.tobytes()
+
+
+def test_equal_weights_give_the_exact_interval():
+    weights = np.full(7, 1 / 500)
+    exact = intervals.clopper_pearson(7, 500, 0.95)
+    assert intervals.weighted_counts(weights, 500, 1 / 500, 0.95) == pytest.approx(exact, rel=1e-9)
+    broken = intervals.weighted_counts(weights, 500, 1 / 500, 0.95, errors=np.full(3, 1 / 500))
+    assert broken == pytest.approx(intervals.clopper_pearson(7, 500, 0.95, errors=3), rel=1e-9)
+    nothing = intervals.weighted_counts(weights[:0], 500, 1 / 50, 0.95)
+    assert nothing[0] == 0.0
+    assert nothing[1] == pytest.approx(intervals.clopper_pearson(0, 50, 0.95)[1], rel=0.1)
+
+
+def test_a_design_reruns_what_the_twin_fails_and_little_of_the_rest():
+    rng = np.random.default_rng(1)
+    u = rng.standard_normal(4000)
+    robustness, violated = 2.0 - u, u > 2.0
+    same = plan_design(violated[:, None], robustness[:, None], violated[:, None], 0.01)
+    rates = same.bands[0].rates
+    assert same.pays
+    assert rates[0] == 1.0
+    assert (np.diff(rates) <= 0.0).all()
+    assert rates[-1] < 0.1
+    assert same.correlations[0] == pytest.approx(1.0)
+    other = rng.standard_normal(4000) > 2.0
+    assert not plan_design(violated[:, None], robustness[:, None], other[:, None], 0.01).pays
+    rows, factor = scaled(np.array([1.0, 0.1, 0.1]), 1.5)
+    assert rows.sum() == pytest.approx(1.5)
+    assert rows[0] == 1.0
+    assert factor == pytest.approx(2.5)
+
+
+def test_gain_at_the_cost_asked_for():
+    result = avrare.estimate(problem(1e-2, 0.9999), "mfmc", rollouts=3000, seed=1)
+    low, high = result.interval
+    assert low < 1e-2 < high
+    assert high - low < 0.6 * 2 * 1.96 * np.sqrt(1e-2 / 3000)
+    twin = result.diagnostics["twin"]
+    assert twin["tapes"] * 0.01 + twin["run_again"] == pytest.approx(2850, rel=0.04)
+    assert result.failures.weights.sum() == pytest.approx(result.probability)
+    assert "Monte Carlo would need" in result.diagnostics["note"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("p", "cosine", "cost", "rollouts", "gain"),
+    [(1e-2, 0.9965, 0.01, 5000, 3.0), (1e-3, 0.999975, 0.1, 30_000, 1.5), (1e-2, 0.0, 0.01, 3000, 0.7)],
+)
+def test_unbiased_and_covers(p, cosine, cost, rollouts, gain):
+    pair, seeds = problem(p, cosine, cost), 120
+    results = [avrare.estimate(pair, "mfmc", seed=seed, rollouts=rollouts) for seed in range(seeds)]
+    values = np.array([one.probability for one in results])
+    assert abs(deviation(values, p)) < 4.0
+    covered = sum(one.interval[0] <= p <= one.interval[1] for one in results)
+    assert coverage_at_most(covered, seeds) >= 0.95
+    assert p * (1.0 - p) / rollouts / np.mean((values - p) ** 2) > gain
+
+
+def test_same_bits_for_any_chunk():
+    once = plain(avrare.estimate(problem(2e-2, 0.999), "mfmc", rollouts=2000, seed=4))
+    assert plain(avrare.estimate(problem(2e-2, 0.999, chunk=97), "mfmc", rollouts=2000, seed=4)) == once
+
+
+@pytest.mark.slow
+def test_same_bits_for_any_number_of_workers():
+    once = plain(avrare.estimate(problem(2e-2, 0.999), "mfmc", rollouts=2000, seed=4))
+    assert plain(avrare.estimate(problem(2e-2, 0.999), "mfmc", rollouts=2000, seed=4, workers=2)) == once
+
+
+def test_resumes_with_the_cost_that_was_measured(tmp_path, monkeypatch):
+    costs, counted = iter([1 / 32, 1 / 2, 1 / 2, 1 / 2]), Mortal(Turned(0.999), np.inf)
+    pair = problem(2e-2, 0.999, 1 / 32, twin=counted, chunk=2000)
+    whole = avrare.estimate(pair, "mfmc", rollouts=4000, seed=4)
+    monkeypatch.setattr(mfmc, "measure_cost", lambda *_: next(costs))
+    deaths = 0
+    while True:
+        mortal = Mortal(Turned(0.999), counted.lived - 6)
+        pair = problem(2e-2, 0.999, None, twin=mortal, chunk=2000)
+        try:
+            result = avrare.estimate(pair, "mfmc", rollouts=4000, seed=4, checkpoint=tmp_path / "kept")
+            break
+        except Killed:
+            deaths += 1
+    assert deaths > 0
+    assert plain(result) == plain(whole)
+
+
+def test_a_useless_twin_leaves_plain_monte_carlo():
+    pair = problem(1e-2, -1.0)
+    result = avrare.estimate(pair, "mfmc", rollouts=3000, seed=2)
+    left = 3000 - int(0.05 * 3000 / 1.01) * 1.01
+    same = avrare.estimate(pair, "mc", rollouts=int(left), seed=2)
+    assert result.estimator == "mc"
+    assert (result.probability, result.interval) == (same.probability, same.interval)
+    assert result.rollouts == same.rollouts + 2 * int(0.05 * 3000 / 1.01)
+    assert "promises only" in result.diagnostics["note"]
+    assert "too few" in avrare.estimate(pair, "mfmc", rollouts=200).diagnostics["note"]
+
+
+def test_several_specifications_share_their_rollouts():
+    pair = problem(None, 0.999, levels=[2e-2, 5e-3])
+    found = avrare.estimate_all(pair, "mfmc", rollouts=6000, seed=3)
+    frequent, rare = found.values()
+    assert frequent.rollouts == rare.rollouts
+    for result, p in ((frequent, 2e-2), (rare, 5e-3)):
+        assert result.interval[0] < p < result.interval[1]
+
+
+def test_breakdowns_of_the_stack_widen_the_interval_and_those_of_the_twin_do_not():
+    whole = avrare.estimate(problem(2e-2, 0.999), "mfmc", rollouts=3000, seed=5)
+    broken = avrare.estimate(problem(2e-2, 0.999, stack=Turned(breaks=2.2)), "mfmc", rollouts=3000, seed=5)
+    assert broken.errors > 0
+    assert "errors" in broken.health
+    assert broken.probability < whole.probability
+    assert broken.interval[1] > 2e-2
+    other = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, 2.5)), "mfmc", rollouts=3000, seed=5)
+    assert other.errors == 0
+    assert other.interval[0] < 2e-2 < other.interval[1]
+
+
+def test_what_cannot_be_a_twin_is_said():
+    below = avrare.stl("always (x < 2)")
+    own = avrare.Problem(Turned(), below, steps=1)
+    with pytest.raises(UsageError, match="needs a cheap twin"):
+        avrare.estimate(own, "mfmc")
+    longer = avrare.Problem(Turned(), below, steps=2)
+    with pytest.raises(UsageError, match="2 steps instead of 1"):
+        own.with_twin(longer)
+    with pytest.raises(UsageError, match="no specification specification"):
+        own.with_twin(avrare.Problem(Turned(), {"other": below}, steps=1))
+    with pytest.raises(UsageError, match="between 0 and 1"):
+        own.with_twin(own, 1.0)
+    with pytest.raises(UsageError, match="clock"):
+        avrare.estimate(own.with_twin(own, 0.1), "mfmc", budget="seconds=1")
+
+
+def test_a_measured_cost_is_a_power_of_two():
+    own = avrare.Problem(Turned(), avrare.stl("always (x < 2)"), steps=1)
+    cost = measure_cost(own, own)
+    assert np.log2(cost) == int(np.log2(cost))
