@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 _Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Share = Annotated[float, Field(ge=0, le=1)]
+_Metres = Annotated[float, Field(allow_inf_nan=False)]
+MOST_GHOST_SLOTS = 20
 
 
 class Persistence(BaseModel):
@@ -20,12 +22,70 @@ class Persistence(BaseModel):
         default=0.0, description="time constant of detection [s]; misses come in bursts"
     )
     position: _Seconds = Field(default=0.0, description="time constant of both position errors [s]")
-    speed: _Seconds = Field(default=0.0, description="time constant of the speed error [s]")
+    speed: _Seconds = Field(default=0.0, description="time constant of the speed errors [s]")
+    heading: _Seconds = Field(default=0.0, description="time constant of the heading errors and flips [s]")
     detection_lasting: _Share = Field(
         default=0.0, description="share of detection's variance that stays for the whole rollout [-]"
     )
     position_lasting: _Share = Field(
         default=0.0, description="share of both position errors' variance that stays likewise [-]"
+    )
+
+
+class Ghosts(BaseModel):
+    """False detections, boxes that are of no vehicle; they need a tracker with `association: hungarian`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
+        description="false detections in a frame, in the mean [-]"
+    )
+    persistence: _Seconds = Field(
+        default=0.0, description="time that one lasts, in the mean [s]; 0: they are drawn anew at every step"
+    )
+    forward: tuple[_Metres, _Metres] = Field(
+        default=(0.0, 60.0), description="distance ahead of the ego where they appear, least and greatest [m]"
+    )
+    left: tuple[_Metres, _Metres] = Field(
+        default=(-8.0, 8.0), description="distance to the left of the ego, likewise [m]"
+    )
+    slots: Annotated[int, Field(ge=1, le=MOST_GHOST_SLOTS)] = Field(
+        default=3, description="most false detections in a frame [-]"
+    )
+    sd: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
+        default=0.2, description="standard deviation of the place of one that lasts, each step anew [m]"
+    )
+    motion: Literal["road", "ego"] = Field(
+        default="road", description="they stand on the road, or move with the ego"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.rate > 0.5 * self.slots:
+            raise ValueError(
+                f"rate: {self.rate:g} false detections in a frame need {2 * self.rate:g} slots or more"
+            )
+        for name in ("forward", "left"):
+            low, high = getattr(self, name)
+            if low >= high:
+                raise ValueError(f"{name}: {low:g} is not below {high:g}")
+        return self
+
+
+class HeadingErrors(BaseModel):
+    """Errors of the reported headings."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    flips: Annotated[float, Field(ge=0, lt=1)] = Field(
+        default=0.1, description="share of headings that are half a turn off [-]"
+    )
+    scale: _Scale = Field(
+        default=(0.03, 0.001),
+        description="Student-t scale of the rest of the error: at range 0 [rad], per metre of range",
+    )
+    dof: Annotated[float, Field(ge=1, le=30)] = Field(
+        default=3.0, description="degrees of freedom of the rest [-]"
     )
 
 
@@ -36,6 +96,16 @@ class _AnyPemConfig(BaseModel):
 
     persistence: Persistence = Field(
         Persistence(), description="time constants of the errors; your assumption, no data determines them"
+    )
+    ghosts: Ghosts | None = Field(None, description="false detections; null: none")
+    speed_y_sd: float | None = Field(
+        None,
+        ge=0,
+        allow_inf_nan=False,
+        description="standard deviation of the observed speed across the road [m/s]; null: not reported",
+    )
+    heading: HeadingErrors | None = Field(
+        None, description="errors of the reported headings; null: no heading is reported"
     )
 
 
@@ -69,6 +139,16 @@ class GpPemConfig(_PemConfig):
         "from its data (of the shipped ones, `measured` and `literal` have)",
     )
 
+    ghosts: Ghosts | Literal["measured"] | None = Field(  # type: ignore[assignment]
+        None,
+        description="false detections; or `measured`: those of the model's data, where its log had any (of "
+        "the shipped models none has); null: none",
+    )
+    heading: HeadingErrors | Literal["measured"] | None = Field(  # type: ignore[assignment]
+        None,
+        description="errors of the reported headings; or `measured`: those of the model's data; null: no "
+        "heading is reported",
+    )
     model: str = Field(
         "pointpillars",
         description="a shipped model (measured, best, paper, literal, pointpillars), or the path of an .npz",

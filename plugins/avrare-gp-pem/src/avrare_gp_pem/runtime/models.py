@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from avrare.protocols import Floats
 from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig, Persistence
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.features import box_of
+from avrare_gp_pem.runtime.ghosts import with_ghosts
+from avrare_gp_pem.runtime.motion_errors import with_motion_errors
 from avrare_gp_pem.runtime.observation_model import (
     NOISE_PER_VEHICLE,
     ObservationLaw,
@@ -22,7 +25,7 @@ from avrare_gp_pem.runtime.observation_model import (
     normal_log_density,
     perfect_noise,
 )
-from avrare_gp_pem.runtime.persistence import PersistentPem, with_persistence
+from avrare_gp_pem.runtime.persistence import with_persistence
 from avrare_gp_pem.runtime.scaled_law import scale_law, shift_noise
 from avrare_gp_pem.runtime.store import load, locate
 from avrare_gp_pem.runtime.variant import MAX_EXPONENT, FittedPem, Variant
@@ -95,19 +98,39 @@ class GpPem(LawPem):
         return scale_law(self.variant.law(box, self.config.speed_sd), self.config)
 
 
-def build_gp(config: GpPemConfig, scene: Scene) -> GpPem | PersistentPem:
+def build_gp(config: GpPemConfig, scene: Scene) -> Any:
     """Build the fitted model for a scene.
 
     Raises:
         UsageError: The model is unknown, its file cannot be read, or lacks what is asked of it: the artefact,
-            or the persistence of its data.
+            or the persistence, ghosts or headings of its data.
     """
     fitted = load(locate(config.model))
     variant = fitted.delivered if config.artefact else fitted.clean
     if variant is None:
         message = f"perception model {config.model!r} has no artefact of label matching"
         raise UsageError(message, "remove artefact: true")
-    return with_persistence(GpPem(config, scene, variant), _persistence(config, fitted), scene)
+    ghosts, heading = config.ghosts, config.heading
+    if ghosts == "measured" and fitted.ghosts is None:
+        message = f"perception model {config.model!r} has no measured ghosts"
+        raise UsageError(message, "fit it to data with rows of `ghost` 1, or give their rate and place")
+    if heading == "measured" and fitted.yaw is None:
+        message = f"perception model {config.model!r} has no measured errors of heading"
+        raise UsageError(message, "fit it to data with `error_yaw`, or give flips, scale and dof")
+    return _with_options(
+        GpPem(config, scene, variant),
+        config,
+        _persistence(config, fitted),
+        fitted.ghosts if ghosts == "measured" else ghosts,
+        fitted.yaw if heading == "measured" else heading,
+    )
+
+
+def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any, heading: Any) -> Any:
+    """Return a model with errors of motion, persistence and ghosts, as far as they are wanted."""
+    full = with_motion_errors(model, config.speed_y_sd, heading)
+    full = with_persistence(full, persistence, model.scene)
+    return with_ghosts(full, ghosts, model.scene, config.speed_sd)
 
 
 def _persistence(config: GpPemConfig, fitted: FittedPem) -> Persistence:
@@ -169,9 +192,10 @@ class ParametricPem(LawPem):
         return scale_law(law, config)
 
 
-def build_parametric(config: ParametricPemConfig, scene: Scene) -> ParametricPem | PersistentPem:
+def build_parametric(config: ParametricPemConfig, scene: Scene) -> Any:
     """Build the parametric model for a scene."""
-    return with_persistence(ParametricPem(config, scene), config.persistence, scene)
+    model = ParametricPem(config, scene)
+    return _with_options(model, config, config.persistence, config.ghosts, config.heading)
 
 
 @dataclass(frozen=True)
@@ -236,9 +260,9 @@ class NaivePem:
         return np.where(observation.detected, seen, missed).sum(axis=-1)  # type: ignore[no-any-return]
 
 
-def build_naive(config: NaivePemConfig, scene: Scene) -> NaivePem | PersistentPem:
+def build_naive(config: NaivePemConfig, scene: Scene) -> Any:
     """Build the naive model for a scene."""
-    return with_persistence(NaivePem(config, scene), config.persistence, scene)
+    return _with_options(NaivePem(config, scene), config, config.persistence, config.ghosts, config.heading)
 
 
 def _weather(world: World) -> Floats | None:

@@ -148,9 +148,14 @@ def with_persistence(model: Model, persistence: Persistence, scene: Scene) -> Mo
     """Return ``model`` with persistent errors; ``model`` itself where all of them are drawn anew."""
     channels = (persistence.detection, persistence.position, persistence.position, persistence.speed)
     shares = (persistence.detection_lasting, persistence.position_lasting, persistence.position_lasting, 0.0)
-    if not any((*channels, *shares)):
+    kinds = tuple(getattr(model, "kinds", ()))  # of a ``MotionErrorPem``
+    further = tuple(persistence.heading if "heading" in kind else persistence.speed for kind in kinds)
+    if not any((*channels, *shares, *further)):
         return model
-    seconds, lasting = (np.tile(np.array(part), len(scene.names)) for part in (channels, shares))
+    seconds, lasting = (
+        np.concatenate([np.tile(np.array(part), len(scene.names)) for part in parts])
+        for parts in ((channels, further), (shares, (0.0,) * len(kinds)))
+    )
     with np.errstate(divide="ignore"):  # a time constant of 0 gives a correlation of 0
         steps = scene.dt / seconds
     return PersistentPem(model, np.exp(-steps), np.sqrt(-np.expm1(-2.0 * steps)), lasting)

@@ -16,7 +16,13 @@ from avrare.protocols import Floats
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, NormalErrorGps, SparseGp
 from avrare_gp_pem.runtime.networks import Networks, networks
-from avrare_gp_pem.runtime.variant import FittedPem, MeasuredPersistence, Variant, YawErrors
+from avrare_gp_pem.runtime.variant import (
+    FittedPem,
+    MeasuredGhosts,
+    MeasuredPersistence,
+    Variant,
+    YawErrors,
+)
 
 Arrays = Mapping[str, NDArray[Any]]
 FORMAT = 3
@@ -86,6 +92,8 @@ def save(path: Path, model: FittedPem) -> None:
         arrays |= {f"yaw_{name}": getattr(model.yaw, name) for name in _YAW_ARRAYS}
     if model.persistence is not None:
         arrays |= {f"persistence_{name}": getattr(model.persistence, name) for name in _PERSISTENCE}
+    if model.ghosts is not None:
+        arrays |= {f"ghosts_{name}": np.asarray(value) for name, value in vars(model.ghosts).items()}
     arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
     arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
     write_arrays(path, arrays)
@@ -119,7 +127,17 @@ def _from_format_3(arrays: Arrays) -> FittedPem:
     lasting = None
     if "persistence_detection" in arrays:
         lasting = MeasuredPersistence(*(_pair(arrays[f"persistence_{name}"]) for name in _PERSISTENCE))
-    return FittedPem(parts["clean"], parts.get("delivered"), _provenance(arrays), yaw, lasting)
+    ghosts = _ghosts(arrays) if "ghosts_rate" in arrays else None
+    return FittedPem(parts["clean"], parts.get("delivered"), _provenance(arrays), yaw, lasting, ghosts)
+
+
+def _ghosts(arrays: Arrays) -> MeasuredGhosts:
+    rate, seconds, width = (float(arrays[f"ghosts_{name}"]) for name in ("rate", "persistence", "width"))
+    points = np.asarray(arrays["ghosts_points"], float).reshape(-1, 2)
+    numbers = np.append(points.reshape(-1), (rate, seconds, width))
+    if not len(points) or not np.isfinite(numbers).all() or rate <= 0 or min(seconds, width) < 0:
+        raise ValueError("its false detections have no rate, time and places")
+    return MeasuredGhosts(rate, seconds, points, width)
 
 
 def _pair(values: NDArray[Any]) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -9,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from avrare.protocols import Bools, Floats
+from avrare_gp_pem.config import MOST_GHOST_SLOTS
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.features import Box, features
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
@@ -182,6 +184,30 @@ class MeasuredPersistence:
 
 
 @dataclass(frozen=True)
+class MeasuredGhosts:
+    """False detections of the data.
+
+    Attributes:
+        rate: Mean number in a frame.
+        persistence: Mean time that one lasts [s]; 0 where the data had no tracks of them.
+        points: (P, 2) places ahead and to the left of the ego [m], equally likely; around each a normal law
+        width: of this standard deviation [m].
+    """
+
+    rate: float
+    persistence: float
+    points: Floats
+    width: float
+
+    @property
+    def slots(self) -> int:
+        """Slots that hold nearly all ghosts of a frame, if their number is Poisson."""
+        return min(
+            MOST_GHOST_SLOTS, max(3, math.ceil(2 * self.rate), math.ceil(self.rate + 3 * self.rate**0.5))
+        )
+
+
+@dataclass(frozen=True)
 class FittedPem:
     """Fitted perception error model, as stored in a file.
 
@@ -191,6 +217,7 @@ class FittedPem:
         provenance: Origin and licence, by keyword.
         yaw: Yaw errors; None where the data had none.
         persistence: None where the data had no tracks.
+        ghosts: None where the data had no false detections.
     """
 
     clean: Variant
@@ -198,3 +225,4 @@ class FittedPem:
     provenance: Mapping[str, str]
     yaw: YawErrors | None = None
     persistence: MeasuredPersistence | None = None
+    ghosts: MeasuredGhosts | None = None

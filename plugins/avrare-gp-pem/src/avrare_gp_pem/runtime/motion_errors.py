@@ -1,0 +1,150 @@
+"""Errors of what a detector reports beyond a place: speed across the road, and heading.
+
+A box has a front that the detector guesses: with some probability the reported heading is half a turn off.
+The rest of the error is Student-t up to a quarter turn (``variant.YawErrors``), as fitted or as given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.driving import Observation, World
+from avrare.driving.frames import world_in_plane
+from avrare.protocols import Floats
+from avrare_gp_pem.config import HeadingErrors
+from avrare_gp_pem.runtime import normal
+from avrare_gp_pem.runtime.observation_model import normal_log_density
+from avrare_gp_pem.runtime.student_t import student
+from avrare_gp_pem.runtime.variant import YawErrors
+from avrare_gp_pem.runtime.visibility import relative
+
+_QUARTER = np.pi / 2
+_NO_FLIP = 8.0
+_SPEED, _HEADING = ("speed error across",), ("flip of heading", "heading error")
+
+
+@dataclass(frozen=True)
+class MotionErrorPem:
+    """Model that also reports speeds across the road, or headings.
+
+    Attributes:
+        model: Model of detection, place and speed along the road, which draws its errors anew.
+        speed_y_sd: Standard deviation of the speed across the road [m/s]; None: not reported.
+        heading: Law of the heading's errors; None: not reported.
+    """
+
+    model: Any
+    speed_y_sd: float | None
+    heading: YawErrors | None
+
+    @property
+    def scene(self) -> Any:
+        """Sizes of the other vehicles."""
+        return self.model.scene
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of a vehicle's noise numbers, after those of the model."""
+        return (*(_SPEED if self.speed_y_sd is not None else ()), *(_HEADING if self.heading else ()))
+
+    @property
+    def noise_size(self) -> int:
+        """Standard normal numbers per particle and step."""
+        return int(self.model.noise_size) + len(self.kinds) * len(self.scene.names)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Name of each noise number."""
+        own = (f"{kind} of {name}" for name in self.scene.names for kind in self.kinds)
+        return (*self.model.noise_names, *own)
+
+    @property
+    def perfect_noise(self) -> tuple[float, ...]:
+        """Noise of an observation without misses and errors."""
+        own = tuple(_NO_FLIP if kind == _HEADING[0] else 0.0 for kind in self.kinds)
+        return (*self.model.perfect_noise, *(own * len(self.scene.names)))
+
+    def observe(self, world: World, noise: Floats) -> Observation:
+        """Return one observation of every other vehicle, from noise (N, noise_size)."""
+        seen: Observation = self.model.observe(world, noise[:, : self.model.noise_size])
+        parts = dict(zip(self.kinds, self._parts(noise), strict=True))
+        others, missing = world.others, np.where(seen.detected, 0.0, np.nan)
+        if self.speed_y_sd is not None:
+            across = others.speed * np.sin(others.heading) + self.speed_y_sd * parts[_SPEED[0]]
+            seen = replace(seen, speed_y=across + missing)
+        if self.heading is not None:
+            distance = self._range(world)
+            flipped = normal.cdf(parts[_HEADING[0]]) < self.heading.flip_probability(distance)
+            scale = self.heading.scale[0] + self.heading.scale[1] * distance
+            rest = scale * student(float(self.heading.dof)).truncated(parts[_HEADING[1]], _QUARTER / scale)
+            error = rest + np.where(flipped, np.pi, 0.0)
+            seen = replace(seen, heading=_wrapped(others.heading - error) + missing)
+        return seen
+
+    def log_prob(self, world: World, observation: Observation) -> Floats:
+        """Return the (N,) log density of ``observation``."""
+        total: Floats = self.model.log_prob(world, observation)
+        others, seen = world.others, observation.detected
+        if self.speed_y_sd is not None and observation.speed_y is not None:
+            error = observation.speed_y - others.speed * np.sin(others.heading)
+            density = normal_log_density(np.where(seen, error, 0.0), self.speed_y_sd)
+            total = total + np.where(seen, density, 0.0).sum(axis=1)
+        if self.heading is not None and observation.heading is not None:
+            error = _wrapped(np.where(seen, others.heading - observation.heading, 0.0))
+            density = self.heading.log_density(error, self._range(world))
+            total = total + np.where(seen, density, 0.0).sum(axis=1)
+        return total
+
+    def shift_noise(self, world: World, noise: Floats, other: MotionErrorPem) -> tuple[Floats, Floats]:
+        """Return how noise moves for ``other`` to observe the same, and log density ratios.
+
+        Raises:
+            UsageError: The laws of these errors differ.
+        """
+        if self.speed_y_sd != other.speed_y_sd or not _same(self.heading, other.heading):
+            raise UsageError(
+                "no density ratio is known for speed_y_sd and heading", "vary other options of the perception"
+            )
+        own = int(self.model.noise_size)
+        parts = self.model.shift_noise(world, noise[:, :own], other.model)
+        rest = ((0, 0), (0, self.noise_size - own))
+        return np.pad(parts[0], rest), np.pad(parts[1], rest)
+
+    def log_ratio(
+        self, world: World, noise: Floats, memory: None, other: MotionErrorPem, other_memory: None
+    ) -> tuple[Floats, None]:
+        """Return (N,) log density ratio of ``other`` for the observation that ``noise`` makes."""
+        return self.shift_noise(world, noise, other)[1].sum(axis=1), None
+
+    def _parts(self, noise: Floats) -> tuple[Floats, ...]:
+        own = noise[:, self.model.noise_size :].reshape(len(noise), len(self.scene.names), len(self.kinds))
+        return tuple(np.moveaxis(own, -1, 0))
+
+    def _range(self, world: World) -> Floats:
+        return relative(world_in_plane(self.scene.road, world)).range
+
+
+def with_motion_errors(
+    model: Any, speed_y_sd: float | None, heading: HeadingErrors | YawErrors | None
+) -> Any:
+    """Return ``model`` with reported speeds across the road and headings; itself where neither is wanted."""
+    if speed_y_sd is None and heading is None:
+        return model
+    if isinstance(heading, HeadingErrors):
+        odds = max(heading.flips, 1e-300) / (1.0 - heading.flips)
+        heading = YawErrors(np.array([np.log(odds), 0.0]), np.array(heading.scale), np.array(heading.dof))
+    return MotionErrorPem(model, speed_y_sd, heading)
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _same(one: YawErrors | None, other: YawErrors | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return all(np.array_equal(value, getattr(other, name)) for name, value in vars(one).items())
