@@ -192,9 +192,10 @@ def _gp_pair(arrays: Arrays) -> GpPair | NormalErrorGps:
         parameters = {name: np.asarray(arrays[f"{prefix}_{name}"], float) for name in _GP_ARRAYS}
         kind = DiagonalGp if parameters["factor"].ndim == 2 else SparseGp
         processes.append(kind(**parameters))
+    detection, error = processes
     if "log_noise" in arrays:
-        return NormalErrorGps(*processes, np.asarray(arrays["log_noise"], float).reshape(2))
-    return GpPair(*processes)
+        return NormalErrorGps(detection, error, np.asarray(arrays["log_noise"], float).reshape(2))
+    return GpPair(detection, error)
 
 
 def _provenance(arrays: Arrays) -> dict[str, str]:

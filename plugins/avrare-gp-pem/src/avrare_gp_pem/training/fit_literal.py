@@ -56,7 +56,8 @@ def fit_literal(sample: Sample, schedule: Schedule, report: Callable[[str], None
         log_noise = 0.5 * np.log(variance.detach().numpy())
     finally:
         torch.set_default_dtype(default)
-    return NormalErrorGps(*processes, log_noise.astype(np.float64))
+    detection, error = processes
+    return NormalErrorGps(detection, error, log_noise.astype(np.float64))
 
 
 class _ConstantPrior(torch.nn.Module):
@@ -85,7 +86,8 @@ class NormalErrors(Likelihood):
     def forward(self, f_loc: Tensor, f_var: Tensor, y: Tensor | None = None) -> Tensor:
         """Return the expected log likelihood of standardised errors ``y`` (2, n), given latents (2, n)."""
         assert y is not None  # it scores targets, it does not sample them
-        variance: Tensor = self.variance[:, None]  # type: ignore[index]  # PyroParam is a descriptor
+        variance: Tensor = self.variance  # type: ignore[assignment]  # PyroParam is a descriptor
+        variance = variance[:, None]
         square = (y - f_loc) ** 2 + f_var
         expected = -0.5 * (math.log(2 * math.pi) + variance.log() + square / variance)
         pyro.factor("errors", expected.sum())
