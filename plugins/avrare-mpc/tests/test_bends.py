@@ -5,7 +5,7 @@ import pytest
 
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.driving.reference_line import CurvedLine, Piece
-from avrare_mpc.bends import beside_ego, turn_of_road
+from avrare_mpc.bends import beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import MpcController
 
@@ -50,3 +50,11 @@ def test_a_plan_on_a_bend_is_that_of_the_straight_road_and_its_turn(backend):
     straight, bent = actions
     assert bent.acceleration[0] == pytest.approx(straight.acceleration[0], abs=1e-5)
     assert bent.yaw_rate[0] == pytest.approx(straight.yaw_rate[0] + 20.0 * 0.005 / 0.99, abs=1e-5)
+
+
+def test_the_slip_is_that_of_a_circle_about_the_road_s_centre():
+    # the rear axle drives on a radius of sqrt(r^2 - (L / 2)^2), r that of the middle
+    middle = (1.0 - 0.005 * ego().y[0]) / 0.005
+    rear = np.sqrt(middle**2 - 1.35**2)
+    assert slip_of_road(ARC, ego(), 2.7)[0] == pytest.approx(np.arctan2(1.35, rear), rel=1e-12)
+    assert slip_of_road(CurvedLine((Piece(400.0),)), ego(), 2.7)[0] == 0.0

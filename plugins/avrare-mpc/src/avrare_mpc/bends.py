@@ -22,6 +22,16 @@ def beside_ego(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
     return np.asarray(x - ego.y.reshape(shape) * turned)
 
 
+def slip_of_road(line: ReferenceLine, ego: Vehicles, wheelbase: float) -> Floats:
+    """Return the angle (N,) from the body to the course of its middle on a circle along the road [rad].
+
+    Half-way between the axles of a single-track vehicle sin(β) = L / 2R (Rajamani, Vehicle Dynamics and
+    Control, 2.2).
+    """
+    curvature = line.curvature(ego.x)
+    return np.asarray(np.arcsin(np.clip(0.5 * wheelbase * curvature / (1.0 - curvature * ego.y), -1.0, 1.0)))
+
+
 def turn_of_road(line: ReferenceLine, ego: Vehicles, dt: float) -> Floats:
     """Return the yaw rate (N,) that follows the road over the next step [rad/s]."""
     pace = ego.speed * np.cos(ego.heading) / (1.0 - line.curvature(ego.x) * ego.y)

@@ -109,6 +109,11 @@ class MpcConfig(PlannerConfig):
         description="What the dt^2 term of the lateral clearance multiplies with sin(heading): the "
         "acceleration, or the speed as in the reference experiment, where it looks like a slip.",
     )
+    wheelbase: Positive | None = Field(
+        default=None,
+        description="Distance of the ego's axles, from which its slip angle on a road that bends is known "
+        "[m]; without it the ego drives some centimetres aside there.",
+    )
     backend: Backend = Field(
         default_factory=installed_backend,
         description="What solves the programme: a structured interior-point method for all particles at "

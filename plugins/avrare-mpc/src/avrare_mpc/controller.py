@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Floats
-from avrare_mpc.bends import beside_ego, turn_of_road
+from avrare_mpc.bends import beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import Memory, Search, shift, start_of
 
@@ -67,11 +67,13 @@ class MpcController:
         Raises:
             UsageError: There is no prediction, or it is too short.
         """
-        start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
         others = self._predicted(prediction)
-        line = self._scene.road.line
+        line, wheelbase = self._scene.road.line, self._config.wheelbase
         if line is not None:
             others = beside_ego(line, ego, others[0]), others[1]
+        if line is not None and wheelbase is not None:
+            ego = replace(ego, heading=ego.heading + slip_of_road(line, ego, wheelbase))
+        start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
         old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
         result = self._search(memory.solved, start, old, others)
         found = result.found
