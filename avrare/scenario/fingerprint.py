@@ -6,10 +6,12 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from avrare.scenario.schema import Block, Scenario
+from avrare.scenario.schema import Scenario
 
 FILE_OPTION = "file"
 """Key in ``Field(..., json_schema_extra={"file": True})`` of an option whose value may be a file's path."""
@@ -40,11 +42,34 @@ def digests(scenario: Scenario) -> dict[str, str]:
     found = {
         f"{key}.{name}": hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for key, block in scenario.blocks.items()
-        for name, path in _files(block)
+        for name, path in named_files(block.config)
     }
     if scenario.cheap is not None:
         found |= {f"cheap.{key}": value for key, value in digests(scenario.cheap).items()}
     return found
+
+
+def named_files(config: Any) -> Iterator[tuple[str, Path]]:
+    """Yield (dotted path, file) of the options that name an existing file.
+
+    ``config.used_files``, if there is one, gives those that no mark can tell: of a block within the options,
+    or of what is handed to another program.
+    """
+    for name, field in type(config).model_fields.items():
+        value = getattr(config, name)
+        if is_marked(field, FILE_OPTION) and is_file(value):
+            yield name, Path(value)
+        elif isinstance(value, BaseModel):
+            yield from ((f"{name}.{inner}", path) for inner, path in named_files(value))
+    yield from getattr(config, "used_files", {}).items()
+
+
+def is_file(value: Any) -> bool:
+    """Return whether a value is the path of a file."""
+    try:
+        return isinstance(value, str | Path) and Path(value).is_file()
+    except (OSError, ValueError):  # too long, or a NUL in it
+        return False
 
 
 def changed_files(before: Mapping[str, str], after: Mapping[str, str], keys: tuple[str, ...]) -> list[str]:
@@ -57,10 +82,3 @@ def is_marked(field: FieldInfo, kind: str) -> bool:
     """Return whether an option is marked with ``json_schema_extra={kind: True}``."""
     extra = field.json_schema_extra
     return isinstance(extra, dict) and bool(extra.get(kind))
-
-
-def _files(block: Block) -> Iterator[tuple[str, Path]]:
-    for name, field in type(block.config).model_fields.items():
-        value = getattr(block.config, name)
-        if is_marked(field, FILE_OPTION) and isinstance(value, str | Path) and Path(value).is_file():
-            yield name, Path(value)

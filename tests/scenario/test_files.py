@@ -16,13 +16,23 @@ class Options(BaseModel):
     note: str = ""
 
 
+class Choosing(Options):
+    """Options with a model of their own, and with files that no mark can tell."""
+
+    inner: Options | None = None
+
+    @property
+    def used_files(self):
+        return {"other.map": Path("map.xml")}
+
+
 @pytest.fixture
 def scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
-    def make(**options):
+    def make(of=Options, **options):
         component = Component("simulator", "toy", "", "", "")
-        block = Block("toy", component, Options(**options))
+        block = Block("toy", component, of(**options))
         return Scenario("s.yaml", "s", 1, block, {}, Block("mc", component, Options(model="shipped")), ())
 
     return make
@@ -41,3 +51,17 @@ def test_the_content_of_named_files_counts(scenario):
     assert changed_files(before, after, ("simulator",)) == ["simulator.model: its file has changed"]
     assert changed_files(before, after, ("controller", "sim")) == []
     assert changed_files({}, after, ("simulator",)) == []
+
+
+def test_files_within_options_count(scenario):
+    Path("mine.npz").write_bytes(b"one")
+    Path("map.xml").write_text("a")
+    named = scenario(Choosing, model="shipped", inner=Options(model="mine.npz"))
+    assert list(digests(named)) == ["simulator.inner.model", "simulator.other.map"]
+    first = fingerprint(named)
+    Path("map.xml").write_text("b")
+    assert fingerprint(named) != first
+
+
+def test_what_is_no_path_names_no_file(scenario):
+    assert digests(scenario(model="x" * 5000, rules="a\0b")) == {}

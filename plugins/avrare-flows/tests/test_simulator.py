@@ -11,6 +11,8 @@ from scipy import stats
 
 import avrare
 from avrare.base.errors import AvrareError
+from avrare.scenario.fingerprint import digests, fingerprint
+from avrare.scenario.load import load
 from avrare_flows import marginals as m
 from avrare_flows.config import LawConfig, TransformedConfig
 from avrare_flows.flow import Flow
@@ -152,3 +154,33 @@ def test_listing_and_validating_import_nothing_heavy():
         "bad = {'scipy', 'torch', 'pyro'} & set(sys.modules); sys.exit(str(bad) if bad else 0)"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr == ""
+
+
+def test_the_files_and_the_plugin_of_the_other_simulator_belong_to_the_fingerprint(tmp_path):
+    pytest.importorskip("avrare_single_track")
+    (tmp_path / "scene.xml").write_text("one")
+    text = f"""
+name: recorded
+steps: 1
+simulator:
+  plugin: transformed
+  noise: {{law: exponential}}
+  simulator: {{plugin: commonroad, file: {tmp_path}/scene.xml}}
+specifications:
+  low: {{stl: "x < 10"}}
+estimator: {{plugin: ess}}
+"""
+    (tmp_path / "sum.yaml").write_text(text)
+    definition = load(tmp_path / "sum.yaml")
+    first = fingerprint(definition)
+    assert definition.versions["avrare-single-track"]
+    assert list(digests(definition)) == ["simulator.simulator.file"]
+    (tmp_path / "scene.xml").write_text("two")
+    assert fingerprint(definition) != first
+
+
+def test_another_simulator_that_cannot_be_built_is_told_when_it_is():
+    config = TransformedConfig(simulator={"plugin": "nothing"}, noise=({"law": "exponential"},))
+    assert config.used_versions == config.used_files == {}
+    with pytest.raises(AvrareError, match="nothing"):
+        build(config)

@@ -7,6 +7,8 @@ import pytest
 
 import avrare
 from avrare.cli.main import main
+from avrare.scenario.fingerprint import named_files
+from avrare_gymnasium.config import GymnasiumConfig
 
 FOLDER = Path(__file__).parents[3] / "scenarios"
 SPECIFICATION = {"cartpole": "upright", "pendulum": "upright", "lunar_lander": "upright"}
@@ -75,3 +77,10 @@ def test_mistakes_are_one_clear_sentence(change, code, message, capsys):
     error = capsys.readouterr().err
     assert message in error
     assert "Traceback" not in error
+
+
+def test_files_that_the_environment_is_given_belong_to_the_scenario(tmp_path):
+    body = tmp_path / "body.xml"
+    body.write_text("one")
+    config = GymnasiumConfig(env="Pendulum-v1", options={"xml_file": str(body), "mode": "fast", "gain": 2})
+    assert dict(named_files(config)) == {"options.xml_file": body}

@@ -106,6 +106,8 @@ def run(folder: Path, inputs: int, many_kills: int, only, seconds: float) -> Pro
     folder.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + seconds
     progress = Progress(folder / "progress.json", version())
+    if not any(progress.content["versions"][progress.version].values()):
+        shutil.rmtree(folder / "material", ignore_errors=True)  # results of an earlier version are no measure
     with material.inside(folder):
         for name in only or KINDS:  # so that no child has to import what all of them need
             if name in KINDS:
@@ -183,7 +185,7 @@ def _serve(theirs, folder, name, seeds):
 
 
 def _kills(progress, folder, most):
-    shutil.rmtree(folder, ignore_errors=True)  # results of an earlier version are no measure
+    shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     while progress.following("kills", "kills") < most:
         seed = progress.following("kills", "runs")

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from avrare.base.errors import AvrareError
+from avrare.plugin.registry import default_registry
+from avrare.scenario.fingerprint import named_files
+from avrare.scenario.validation import check_options
 
 
 def _tuples(value: Any) -> Any:
@@ -164,6 +171,24 @@ class TransformedConfig(_Model):
         if "plugin" not in self.simulator:
             raise ValueError("simulator needs {plugin: NAME, ...}")
         return self
+
+    @property
+    def used_versions(self) -> dict[str, str]:
+        """Version of the installed distribution that the other simulator comes from."""
+        with suppress(AvrareError):  # told when it is built
+            row = default_registry().find("simulator", str(self.simulator["plugin"]))
+            return {row.distribution: row.version} if row.distribution else {}
+        return {}
+
+    @property
+    def used_files(self) -> dict[str, Path]:
+        """Files that the options of the other simulator name, by dotted option."""
+        options = {key: value for key, value in self.simulator.items() if key != "plugin"}
+        with suppress(AvrareError):
+            component = default_registry().require("simulator", str(self.simulator["plugin"]))
+            config = check_options(component.load_config(), component.name, options, "simulator")
+            return {f"simulator.{name}": path for name, path in named_files(config)}
+        return {}
 
     @property
     def dt(self) -> float | None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from avrare.plugin import Drawable
+from avrare.scenario.fingerprint import is_file
 
 OUTCOMES = ("reward", "terminated", "truncated")
 """Signals in addition to the observation."""
@@ -129,6 +131,17 @@ class GymnasiumConfig(_Model):
     reuse: bool = Field(
         default=True, description="reset environments for the next rollout instead of creating new ones"
     )
+
+    @property
+    def used_files(self) -> dict[str, Path]:
+        """Files that the keyword arguments of the environment name, by dotted option."""
+        given = {"options": self.options, "reset": self.reset}
+        return {
+            f"{option}.{key}": Path(value)
+            for option, arguments in given.items()
+            for key, value in arguments.items()
+            if is_file(value)
+        }
 
     @field_validator("env")
     @classmethod
