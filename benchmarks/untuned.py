@@ -18,15 +18,13 @@ import argparse
 import json
 import multiprocessing
 import os
-import shutil
 import sys
 import warnings
-import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from studies import pages
+from studies import kept, pages
 from studies.untuned_problems import untuned_names, untuned_problem
 
 import avrare
@@ -79,7 +77,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--report-only", action="store_true")
     parser.add_argument("--keep", action="store_true", help=f"write the results into {KEPT.name}")
     args = parser.parse_args(argv)
-    unpack(args.results)
+    kept.unpack(KEPT, args.results)
     if not args.report_only:
         os.environ.setdefault("OMP_NUM_THREADS", "1")
         cells = [(name, args.results, args.seeds) for name in cell_names() if args.only in name]
@@ -87,23 +85,8 @@ def main(argv: list[str]) -> None:
             for done, line in enumerate(pool.imap_unordered(run_cell, cells), start=1):
                 print(f"{done}/{len(cells)}  {line}", flush=True)
     if args.keep:
-        pack(args.results)
+        kept.pack(KEPT, args.results)
     pages.put(REPORT, page(args.results), args.results)
-
-
-def unpack(results: Path) -> None:
-    """Make the results folder, with the kept results where it is new."""
-    if not results.exists() and KEPT.exists():
-        shutil.unpack_archive(KEPT, results)
-    results.mkdir(parents=True, exist_ok=True)
-
-
-def pack(results: Path) -> None:
-    """Keep the results."""
-    KEPT.parent.mkdir(parents=True, exist_ok=True)
-    with zipfile.ZipFile(KEPT, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for file in sorted(results.glob("*.jsonl")):
-            archive.writestr(zipfile.ZipInfo(file.name), file.read_bytes(), zipfile.ZIP_DEFLATED, 9)
 
 
 def cell_names() -> Iterator[str]:

@@ -1,0 +1,1 @@
+"""The calibration benchmark: tools that estimate rare failures, on problems with known answers."""

@@ -1,0 +1,74 @@
+"""Cells: one answer of one tool to one problem, each a line of the tool's file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+Key = tuple[str, str, str, int, int]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One answer.
+
+    Attributes:
+        tool: Name of the tool with its method.
+        version: Version of the tool.
+        setting: Name of the setting.
+        problem: Name of the problem.
+        budget: Evaluations that it was given.
+        seed: Its seed.
+        estimate: Probability; None where it has no answer.
+        low: Lower end of the interval; None where it states none.
+        high: Upper end.
+        warnings: What it warned of.
+        evaluations: Evaluations that the black box counted.
+        seconds: CPU time.
+        reason: Why there is no answer, else empty.
+    """
+
+    tool: str
+    version: str
+    setting: str
+    problem: str
+    budget: int
+    seed: int
+    estimate: float | None
+    low: float | None
+    high: float | None
+    warnings: tuple[str, ...]
+    evaluations: float
+    seconds: float
+    reason: str
+
+    @property
+    def key(self) -> Key:
+        """What tells it from the others."""
+        return self.tool, self.setting, self.problem, self.budget, self.seed
+
+
+def file_of(folder: Path, tool: str) -> Path:
+    """Return the file of a tool's cells."""
+    return folder / f"{tool.replace(' ', '-')}.jsonl"
+
+
+def add(folder: Path, cell: Cell) -> None:
+    """Append a cell to its file."""
+    with file_of(folder, cell.tool).open("a", encoding="utf-8") as file:
+        file.write(json.dumps(asdict(cell)) + "\n")
+
+
+def read(folder: Path) -> list[Cell]:
+    """Return all cells of a folder, the last of each key; a torn line is left out."""
+    found: dict[Key, Cell] = {}
+    for file in sorted(folder.glob("*.jsonl")):
+        for line in file.read_text(encoding="utf-8").splitlines():
+            try:
+                fields = json.loads(line)
+            except json.JSONDecodeError:
+                continue
+            cell = Cell(**{**fields, "warnings": tuple(fields["warnings"])})
+            found[cell.key] = cell
+    return list(found.values())

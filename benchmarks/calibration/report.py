@@ -1,0 +1,165 @@
+"""Report: the page, the table and the figures of the benchmark."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from benchmarks.calibration import cells, figures
+from benchmarks.calibration.problems import problems
+from benchmarks.calibration.summary import Row, best, rows_of, trusted
+from benchmarks.calibration.tools import TOOLS
+from benchmarks.calibration.words import FINDINGS, HEAD, NOTES
+from benchmarks.studies import pages
+
+DOCS = Path(__file__).parents[2] / "docs"
+KEPT = DOCS / "calibration" / "cells.zip"
+_COLUMNS = (
+    "tool", "version", "setting", "problem", "probability", "budget", "answers", "answered", "mean",
+    "mean_error", "evaluations", "cost", "covers", "confidently_wrong", "warned", "seconds",
+)  # fmt: skip
+
+
+def write(results: Path) -> None:
+    """Write docs/calibration.md, and its table and figures, unless rows of the page would be lost."""
+    rows = rows_of(cells.read(results))
+    rows = [row for row in rows if row.tool in TOOLS]
+    rows.sort(key=lambda row: (list(TOOLS).index(row.tool), row.setting, row.budget))
+    if not rows:
+        print(f"{results} has no cells, so no page is written")
+        return
+    if pages.put(DOCS / "calibration.md", page(rows), results):
+        folder = DOCS / "calibration"
+        folder.mkdir(exist_ok=True)
+        (folder / "table.csv").write_text(table(rows), encoding="utf-8")
+        figures.draw(main_rows(rows), folder)
+
+
+def main_rows(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of the recommended settings at the budget that most of them have."""
+    budget = Counter(row.budget for row in rows).most_common(1)[0][0]
+    return [row for row in rows if row.setting == "recommended" and row.budget == budget]
+
+
+def table(rows: Iterable[Row]) -> str:
+    """Return the machine-readable table."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for row in rows:
+        numbers = (
+            row.answered, row.mean, row.mean_error, row.evaluations, row.cost, row.covers, row.wrong_share,
+            row.warned, row.seconds,
+        )  # fmt: skip
+        version = next((cell.version for cell in row.cells if cell.version), "")
+        writer.writerow([
+            row.tool, version, row.setting, row.problem.name, f"{row.problem.probability:.9g}", row.budget,
+            len(row.cells), *("" if math.isnan(number) else f"{number:.4g}" for number in numbers),
+        ])  # fmt: skip
+    return text.getvalue()
+
+
+def page(rows: Sequence[Row]) -> str:
+    """Return the page."""
+    shown = main_rows(rows)
+    budget = shown[0].budget
+    seeds = [len(row.cells) for row in shown]
+    counts = {
+        "problems": len({row.problem.name for row in rows}), "cells": sum(len(row.cells) for row in rows),
+        "budget": f"{budget:,}", "least": min(seeds), "most": max(seeds),
+    }  # fmt: skip
+    return "\n".join([
+        HEAD.format(**counts), *_tool_table(rows), "", NOTES, *_first_table(shown), "", FINDINGS,
+        *_setting_table(), "", *_unable_lines(), "", "## Problems", "", *_problem_table(), "",
+    ])  # fmt: skip
+
+
+def _tool_table(rows: Sequence[Row]) -> list[str]:
+    lines = [
+        "| tool | setting | budget | problems | answers | stated an interval | covers | confidently wrong "
+        "| warned | trusted on | first on | evaluations | CPU s |",
+        f"|{'---|' * 13}",
+    ]
+    groups: dict[tuple[str, str, int], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.tool, row.setting, row.budget), []).append(row)
+    for (tool, setting, budget), own in groups.items():
+        peers = [row for row in rows if row.budget == budget]
+        total = sum(len(row.cells) for row in own)
+        stated = sum(len(row.stated) for row in own)
+        covered = sum(row.covers * len(row.stated) for row in own if row.stated)
+        first = sum(best([one for one in peers if one.problem is row.problem]) is row for row in own)
+        entries = (
+            tool, setting, f"{budget:,}", str(len(own)), str(total), _percent(stated, total),
+            _percent(covered, stated), _percent(sum(row.wrong for row in own), total),
+            _percent(sum(row.warned * len(row.cells) for row in own), total),
+            str(sum(map(trusted, own))), str(first),
+            _number(sum(row.evaluations for row in own if row.evaluations > 0) / len(own)),
+            f"{sum(row.seconds for row in own) / len(own):.1f}",
+        )  # fmt: skip
+        lines.append(f"| {' | '.join(entries)} |")
+    return lines
+
+
+def _first_table(rows: Sequence[Row]) -> list[str]:
+    """Return who is first on each problem, and how far the best of avrare is behind."""
+    lines = [
+        "| problem | p | d | first | its cost | best of avrare | its cost | behind | Monte Carlo's cost |",
+        f"|{'---|' * 9}",
+    ]
+    for problem in problems().values():
+        own = [row for row in rows if row.problem is problem]
+        winner = best(own)
+        ours = best([row for row in own if row.tool.startswith("avrare")])
+        if not own:
+            continue
+        behind = f"{ours.cost / winner.cost:.1f}" if ours and winner and ours is not winner else ""
+        p = problem.probability
+        entries = (
+            problem.name, f"{p:.2g}", str(problem.dimension), winner.tool if winner else "none",
+            _number(winner.cost) if winner else "", ours.tool.split(" ", 1)[1] if ours else "none",
+            _number(ours.cost) if ours else "", behind, _number((1.0 - p) / p),
+        )  # fmt: skip
+        lines.append(f"| {' | '.join(entries)} |")
+    return lines
+
+
+def _setting_table() -> list[str]:
+    lines = ["| tool | interval | size | settings |", "|---|---|---|---|"]
+    for tool in TOOLS.values():
+        settings = "; ".join(
+            f"{name}: {', '.join(f'{key} {value}' for key, value in options.items()) or 'defaults'}"
+            for name, options in tool.settings.items()
+        )
+        lines.append(f"| {tool.name} | {tool.interval} | {tool.sized} | {settings} |")
+    return lines
+
+
+def _unable_lines() -> list[str]:
+    """Return which tools cannot express which problems."""
+    lines = []
+    for tool in TOOLS.values():
+        reasons = Counter(filter(None, map(tool.unable, problems().values())))
+        lines += [f"- {tool.name}: {reason} ({count} problems)." for reason, count in reasons.items()]
+    return ["What a tool cannot express was not asked of it:", "", *lines] if lines else []
+
+
+def _problem_table() -> list[str]:
+    lines = ["| problem | d | p | traits | truth |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {one.name} | {one.dimension} | {one.probability:.6g} | {', '.join(one.traits)} | {one.source} |"
+        for one in problems().values()
+    ]
+    return lines
+
+
+def _percent(part: float, of: float) -> str:
+    return f"{100.0 * part / of:.1f}" if of else ""
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:,.0f}" if value >= 10 else f"{value:.2g}"

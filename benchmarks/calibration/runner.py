@@ -1,0 +1,99 @@
+"""Runner: makes cells one after the other, each in a worker of its tool's environment."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.calibration import cells
+from benchmarks.calibration.environments import interpreter
+from benchmarks.calibration.tools import TOOLS
+
+ROOT = Path(__file__).parents[2]
+_START = 60.0
+"""Seconds that a new worker may take to import its tool."""
+
+
+class Runner:
+    """Maker of cells, with a worker for each environment, started when it is needed.
+
+    Args:
+        folder: Of the cells.
+        limit: Seconds after which an answer is given up.
+    """
+
+    def __init__(self, folder: Path, limit: float) -> None:
+        self.folder, self.limit = folder, limit
+        self.workers: dict[str, subprocess.Popen[str]] = {}
+        self.versions: dict[str, str] = {}
+
+    def run(self, keys: Iterable[cells.Key], end: float) -> None:
+        """Make the cells of these keys until the monotonic clock shows ``end``."""
+        try:
+            for key in keys:
+                if time.monotonic() > end:
+                    break
+                cells.add(self.folder, self.cell(key))
+        finally:
+            for worker in self.workers.values():
+                _stop(worker)
+
+    def cell(self, key: cells.Key) -> cells.Cell:
+        """Return the cell of a key; a worker that dies or takes too long has no answer."""
+        environment = TOOLS[key[0]].environment
+        fresh = environment not in self.workers
+        worker = self.workers.get(environment) or self._start(environment)
+        task = dict(zip(("tool", "setting", "problem", "budget", "seed"), key, strict=True))
+        began = time.monotonic()
+        line = _ask(worker, json.dumps(task), self.limit + (_START if fresh else 0.0))
+        if line:
+            fields: dict[str, Any] = json.loads(line)
+            self.versions[environment] = fields["version"]
+            return cells.Cell(**{**fields, "warnings": tuple(fields["warnings"])})
+        late = time.monotonic() - began >= self.limit
+        _stop(self.workers.pop(environment))
+        reason = f"no answer within {self.limit:.0f} s" if late else "its process ended"
+        version = self.versions.get(environment, "")
+        return cells.Cell(
+            **task, version=version, estimate=None, low=None, high=None, warnings=(), evaluations=0.0,
+            seconds=round(time.monotonic() - began, 1), reason=reason,
+        )  # fmt: skip
+
+    def _start(self, environment: str) -> subprocess.Popen[str]:
+        # Only the environment of the benchmark itself sees avrare's paths.
+        inherited = os.environ.get("PYTHONPATH", "") if environment == "here" else ""
+        paths = os.pathsep.join(filter(None, (str(ROOT), inherited)))
+        worker = subprocess.Popen(
+            [str(interpreter(environment)), "-m", "benchmarks.calibration.worker"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+            env={**os.environ, "PYTHONPATH": paths},
+        )  # fmt: skip
+        self.workers[environment] = worker
+        return worker
+
+
+def _ask(worker: subprocess.Popen[str], task: str, limit: float) -> str:
+    """Return the worker's line, or "" where it died or the time is over."""
+    assert worker.stdin
+    assert worker.stdout
+    try:
+        print(task, file=worker.stdin, flush=True)
+    except BrokenPipeError:
+        return ""
+    with selectors.DefaultSelector() as selector:
+        selector.register(worker.stdout, selectors.EVENT_READ)
+        return worker.stdout.readline() if selector.select(limit) else ""
+
+
+def _stop(worker: subprocess.Popen[str]) -> None:
+    worker.kill()
+    worker.wait()
+    for stream in (worker.stdin, worker.stdout):
+        if stream:
+            stream.close()

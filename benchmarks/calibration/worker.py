@@ -1,0 +1,51 @@
+"""Worker: answers tasks from its standard input with lines of JSON; it runs in the environment of a tool.
+
+A task is a line of JSON with the fields of a ``Cell`` that make its key. The tool's own output goes nowhere.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import sys
+import time
+from dataclasses import asdict
+from typing import Any
+
+from benchmarks.calibration.answer import Counted, NoAnswerError
+from benchmarks.calibration.cells import Cell
+from benchmarks.calibration.problems import problems
+from benchmarks.calibration.tools import TOOLS
+
+
+def run(task: dict[str, Any]) -> Cell:
+    """Return the cell of a task."""
+    tool = TOOLS[task["tool"]]
+    adapter = importlib.import_module(tool.module)
+    counted = Counted(problems()[task["problem"]], task["budget"])
+    options = dict(tool.settings[task["setting"]])
+    began, answer, reason = time.process_time(), None, ""
+    try:
+        answer = adapter.estimate(tool.method, counted, task["budget"], task["seed"], options)
+    except NoAnswerError as error:
+        reason = str(error)
+    low, high = answer.interval if answer and answer.interval else (None, None)
+    return Cell(
+        **task, version=adapter.tool_version(), estimate=answer.probability if answer else None, low=low,
+        high=high, warnings=answer.warnings if answer else (), evaluations=round(counted.evaluations, 2),
+        seconds=round(time.process_time() - began, 3), reason=reason,
+    )  # fmt: skip
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)
+    for line in sys.stdin:
+        print(json.dumps(asdict(run(json.loads(line)))), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()
