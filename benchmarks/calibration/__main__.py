@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--budgets", default="", help="such as 1000,10000")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, help="end after so many, whatever is missing")
-    parser.add_argument("--seconds", type=float, help="of an answer, before the tool is stopped (120)")
+    parser.add_argument("--seconds", type=float, help="CPU seconds of an answer at most (120)")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--report-only", action="store_true")
     parser.add_argument("--keep", action="store_true", help=f"pack the cells into {report.KEPT.name}")

@@ -7,7 +7,7 @@ import sys
 import venv
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1] / "results" / "environments"
+ROOT = Path(__file__).parents[2] / ".venv-calibration"
 PACKAGES = {
     "openturns": ["openturns==1.27.post1"],
     "uqpy": ["UQpy==4.2.1"],

@@ -18,6 +18,8 @@ from benchmarks.calibration.tools import TOOLS
 ROOT = Path(__file__).parents[2]
 _START = 60.0
 """Seconds that a new worker may take to import its tool."""
+_CROWDED = 20.0
+"""Wall seconds for each CPU second after which an answer is given up all the same."""
 
 
 class Runner:
@@ -25,7 +27,7 @@ class Runner:
 
     Args:
         folder: Of the cells.
-        limit: Seconds after which an answer is given up.
+        limit: CPU seconds of the worker after which an answer is given up.
     """
 
     def __init__(self, folder: Path, limit: float) -> None:
@@ -56,9 +58,8 @@ class Runner:
             fields: dict[str, Any] = json.loads(line)
             self.versions[environment] = fields["version"]
             return cells.Cell(**{**fields, "warnings": tuple(fields["warnings"])})
-        late = time.monotonic() - began >= self.limit
         _stop(self.workers.pop(environment))
-        reason = f"no answer within {self.limit:.0f} s" if late else "its process ended"
+        reason = "its process ended" if line == "" else f"no answer within {self.limit:.0f} CPU seconds"
         version = self.versions.get(environment, "")
         return cells.Cell(
             **task, version=version, estimate=None, low=None, high=None, warnings=(), evaluations=0.0,
@@ -78,17 +79,30 @@ class Runner:
         return worker
 
 
-def _ask(worker: subprocess.Popen[str], task: str, limit: float) -> str:
-    """Return the worker's line, or "" where it died or the time is over."""
+def _ask(worker: subprocess.Popen[str], task: str, limit: float) -> str | None:
+    """Return the worker's line, "" where it died, None where the time is over."""
     assert worker.stdin
     assert worker.stdout
     try:
         print(task, file=worker.stdin, flush=True)
     except BrokenPipeError:
         return ""
+    spent, end = _cpu(worker.pid), time.monotonic() + _CROWDED * limit
     with selectors.DefaultSelector() as selector:
         selector.register(worker.stdout, selectors.EVENT_READ)
-        return worker.stdout.readline() if selector.select(limit) else ""
+        while not selector.select(min(limit, 1.0)):
+            if _cpu(worker.pid) - spent >= limit or time.monotonic() >= end:
+                return None
+        return worker.stdout.readline()
+
+
+def _cpu(pid: int) -> float:
+    """Return the CPU seconds of a process; where the system does not tell, the clock's."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()
+    except OSError:
+        return time.monotonic()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _stop(worker: subprocess.Popen[str]) -> None:

@@ -122,7 +122,7 @@ def test_a_worker_that_does_not_answer_is_a_cell_with_a_reason(tmp_path, monkeyp
     maker = runner.Runner(tmp_path, 0.0)
     found = maker.cell(("avrare mc", "recommended", "walk_2.5", 1000, 0))
     assert found.estimate is None
-    assert found.reason == "no answer within 0 s"
+    assert found.reason == "no answer within 0 CPU seconds"
     assert not maker.workers
 
 

@@ -48,23 +48,74 @@ def needs_steps(problem: Problem) -> str:
     return "" if problem.system else "a static problem has no path to split"
 
 
+def needs_expressions(problem: Problem) -> str:
+    """Say why SENTIL, whose models are expressions of its own, was not asked."""
+    if not problem.system:
+        return "a static problem has no path to split"
+    return (
+        ""
+        if type(problem.system).__name__ in ("Chain", "Lattice")
+        else "its model language was tried on chains and lattices only"
+    )
+
+
 def _avrare() -> tuple[Tool, ...]:
-    own = "avrare's own, at 95 %"
-    size = "`budget` of B rollouts' steps"
+    own, size = "its own", "`budget` of B rollouts' steps"
+    tuned = {"particles": 500, "discard": 50, "runs": 5}
     return (
         Tool("avrare mc", _HERE, _AVRARE, "Clopper-Pearson", {RECOMMENDED: {}}, "`rollouts` B"),
-        Tool("avrare ams", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size, needs_steps),
+        Tool("avrare ams", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: tuned}, size, needs_steps),
+        Tool("avrare ess", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"kernel": "shrink"}}, size),
+        Tool("avrare is", _HERE, _AVRARE, own, {RECOMMENDED: {}}, "`rollouts` B"),
+        Tool("avrare ce", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size),
+        Tool("avrare smc", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size, needs_steps),
+        Tool("avrare auto", _HERE, _AVRARE, own, {RECOMMENDED: {}}, "`rollouts` B"),
     )
 
 
 def _openturns() -> tuple[Tool, ...]:
     own = "its `getConfidenceLength(0.95)`, about the estimate"
-    level = "B / 5 evaluations a level"
-    five: dict[str, Any] = {"levels": 5}
+    level, line = "B / 5 a level", "B / 10 directions"
+
+    def tool(method: str, sized: str, tuned: Mapping[str, Any] | None = None, **options: Any) -> Tool:
+        settings = {RECOMMENDED: options} | ({TUNED: {**options, **tuned}} if tuned else {})
+        return Tool(f"openturns {method}", "openturns", _OT, own, settings, sized)
+
     return (
-        Tool("openturns monte carlo", "openturns", _OT, own, {RECOMMENDED: {}}, "B at most"),
-        Tool("openturns subset", "openturns", _OT, own, {RECOMMENDED: five}, level),
+        tool("monte carlo", "B at most"),
+        tool("subset", level, {"conditional_probability": 0.2}, levels=5),
+        tool("directional", line, {"safe": True}),
+        tool("form-is", "what FORM leaves of B"),
+        tool("cross-entropy", level, {"quantile": 0.1}, levels=5),
+        tool("nais", level, {"quantile": 0.1}, levels=5),
+        tool("line", "a tenth of what FORM leaves of B", {"safe": True}),
     )
 
 
-TOOLS: dict[str, Tool] = {tool.name: tool for tool in (*_avrare(), *_openturns())}
+def _others() -> tuple[Tool, ...]:
+    runs, room = "Student's t of ten runs: one run states none", "benchmarks.calibration.tools."
+    deviation = "log-normal, from the coefficient of variation that it states (dependent chains)"
+    plain: Mapping[str, Mapping[str, Any]] = {RECOMMENDED: {}}
+    return (
+        Tool("uqpy subset", "uqpy", f"{room}uqpy_tools", deviation, plain, "B / 5 a level"),
+        Tool(
+            "pytams tams", "pytams", f"{room}pytams_tools", runs, plain, "ten runs of B / 60 trajectories",
+            needs_steps,
+        ),
+        Tool(
+            "textbook gams", _HERE, f"{room}gams_tools", runs, plain, "ten runs of B / 50 particles",
+            needs_steps,
+        ),
+        Tool(
+            "sentil splitting", "sentil", f"{room}sentil_tools", runs, plain,
+            "ten runs of B / 500 particles; it counts its own simulations", needs_expressions,
+        ),
+        Tool(
+            "verifai cross-entropy", "verifai", f"{room}verifai_tools",
+            "Clopper-Pearson of the counterexamples, which its falsifier gives for any sampler", plain,
+            "`n_iters` B",
+        ),
+    )  # fmt: skip
+
+
+TOOLS: dict[str, Tool] = {tool.name: tool for tool in (*_avrare(), *_openturns(), *_others())}
