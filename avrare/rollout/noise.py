@@ -95,9 +95,14 @@ class NoiseSource:
         both = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
         return np.ascontiguousarray(both.reshape(*first.shape[:-1], 2 * count)[..., : self.noise_size])
 
-    def choices(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike) -> Floats:
-        """Return uniforms (*S,) in (0, 1), one for each address, for an estimator's own choices."""
-        return self._uniforms(run, stage, particle, _CHOICE_STEP, 1)[0][..., 0]
+    def choices(
+        self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, count: int | None = None
+    ) -> Floats:
+        """Return uniforms in (0, 1) for an estimator's own choices: one for each address, or (*S, count)."""
+        pairs = self._uniforms(run, stage, particle, _CHOICE_STEP, ((count or 1) + 1) // 2)
+        if count is None:
+            return pairs[0][..., 0]
+        return np.concatenate(pairs, axis=-1)[..., :count]
 
     def _uniforms(
         self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike, count: int

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from avrare.protocols import Floats
 
 Integers = NDArray[np.int64]
+CHOICES = 3
+"""Uniform numbers that decide what a proposal changes in a tape."""
 
 
 class TapeProposal(Protocol):
@@ -27,14 +29,14 @@ class TapeProposal(Protocol):
     @property
     def terms(self) -> int: ...  # noqa: D102
 
-    def choose(self, uniform: Floats, sums: Floats | None = None) -> Integers:
-        """Return what to change in rows (M, ...) with these uniform numbers (M,) in (0, 1).
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> NDArray[Any]:
+        """Return what to change in rows (M, ...) with these uniform numbers (M, CHOICES) in (0, 1).
 
         With ``sums`` (M, A) of the steps so far it is drawn given these steps: the rest of the tape then has
         the proposal's law given its beginning.
         """
 
-    def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
+    def transform(self, noise: Floats, chosen: NDArray[Any], first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
 
     def evidence(self, noise: Floats, step: int) -> tuple[Integers, Floats]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Integers, Request
-from avrare.rollout.tape_law import TapeLaw
+from avrare.rollout.tape_law import CHOICES, TapeLaw
 
 _BLOCK = 2**16
 """Upper bound on the noise numbers drawn at once."""
@@ -29,7 +29,7 @@ class TapeDrawer:
         self._block: Floats = np.zeros((0, 0, 0))
         law = request.tape_law
         self.sums = np.zeros((law.proposal.terms if law is not None else 0, request.rows))
-        self._chosen: Integers | None = None
+        self._chosen: NDArray[Any] | None = None
         if law is None:
             return
         if request.evidence is not None:
@@ -37,7 +37,7 @@ class TapeDrawer:
         elif (request.start != FROM_START).any():
             raise ValueError("rows that start later than at the beginning need the evidence of their steps")
         if not law.from_target and request.tape is None:
-            uniform = noise.choices(request.run, request.stage, request.particle)
+            uniform = noise.choices(request.run, request.stage, request.particle, CHOICES)
             self._chosen = law.proposal.choose(uniform, request.evidence)
 
     def __call__(self, rows: Integers, t: int) -> Floats:
@@ -90,13 +90,13 @@ def draw_lineage(
     if law is None or law.from_target:
         return tapes
     sums = np.zeros((len(tapes), law.proposal.terms))
-    chosen: Integers | None = None
+    chosen: NDArray[Any] | None = None
     for t in range(stage.shape[1]):
         begun = np.flatnonzero(stage[:, t] != stage[:, t - 1]) if t else np.arange(len(tapes))
         if len(begun):
-            uniform = noise.choices(run[begun, 0], stage[begun, t], particle[begun, t])
+            uniform = noise.choices(run[begun, 0], stage[begun, t], particle[begun, t], CHOICES)
             fresh = law.proposal.choose(uniform, sums[begun] if t else None)
-            chosen = np.zeros((len(tapes), *fresh.shape[1:]), np.int64) if chosen is None else chosen
+            chosen = np.zeros((len(tapes), *fresh.shape[1:]), fresh.dtype) if chosen is None else chosen
             chosen[begun] = fresh
         assert chosen is not None
         block = tapes[:, t : t + 1].copy()

@@ -17,8 +17,8 @@ from avrare_estimators.smc.defended_mixture import DefendedMixture
 
 STEPS, AT = 40, 12
 NOISE = NoiseSource(3, 1)
-SHIFT = {(0, 5, 30, 0.6, 1.0, 1.0): 0.5, (0, 5, 30, -0.6, 1.0, 1.0): 0.5}
-OUTLIER = {(0, t, t, 0.0, 1.0, 2.5): 0.25 for t in (3, 10, 20, 30)}
+SHIFT = {(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 0.5, (0, 5, 30, 1.0, 0.2, -3.0, 1.5): 0.5}
+OUTLIER = {(0, t, t, 1.0, 0.0, 0.0, 2.5): 0.25 for t in (3, 10, 20, 30)}
 MIXTURE = TapeMixture.frozen([(0.6, [SHIFT]), (0.4, [OUTLIER])], (STEPS + 1, 1))
 LAW = TapeLaw(DefendedMixture(MIXTURE, 0.25))
 
@@ -140,8 +140,10 @@ def test_a_request_of_one_row_is_not_changed():
 
 
 def test_a_row_that_is_surely_of_the_target_is_chosen_without_a_warning():
-    sums = np.full((3, MIXTURE.terms), -800.0)
+    single = TapeMixture.frozen([(1.0, [{(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 1.0}])], (STEPS + 1, 1))
+    law = DefendedMixture(single, 0.25)
+    sums = np.tile([-400.0, STEPS + 1.0], (3, 1))  # far on the other side
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        chosen = LAW.proposal.choose(np.array([0.0, 0.5, 1.0 - 2.0**-53]), sums)
-    assert (chosen == NONE).all()
+        chosen = law.choose(np.array([[u, 0.5, 0.5] for u in (0.0, 0.5, 1.0 - 2.0**-53)]), sums)
+    assert (chosen["atom"] == NONE).all()

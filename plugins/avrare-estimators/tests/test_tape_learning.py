@@ -5,17 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy.stats import beta, chi2, norm
+from scipy.stats import beta, multivariate_normal, norm
 
 import avrare
 from avrare.base.errors import Interrupted, UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.rollout.tape_law import TapeLaw
+from avrare.rollout.tape_law import CHOICES, TapeLaw
 from avrare.stack.noise_names import find_noise_names
 from avrare.testing.problems import reference_problem
 from avrare_estimators.config import IsConfig
-from avrare_estimators.importance.dictionary import entries_of_channel, fit, log_ratios
+from avrare_estimators.importance.dictionary import entries_of_channel, fit
 from avrare_estimators.importance.proposal_file import ProposalFile
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 
@@ -27,10 +27,12 @@ class Peaks:
     first: np.ndarray
     second: np.ndarray
     energy: np.ndarray
+    total: np.ndarray
+    drift: np.ndarray
 
 
 class Outliers:
-    """Remembers the largest noise of two of its three channels, and the sum of all squares."""
+    """Peaks of two of three channels, the sum of all squares, that of all noise, and an error that lasts."""
 
     noise_size = 3
     noise_names = ("gust", "glare", "rattle")
@@ -38,17 +40,20 @@ class Outliers:
 
     def initial(self, noise):
         zeros = np.zeros(len(noise))
-        return Peaks(zeros, zeros, zeros)
+        return Peaks(zeros, zeros, zeros, zeros, noise[:, 2])
 
     def step(self, state, noise):
         first, second = np.abs(noise[:, :2].T)
         energy = state.energy + (noise * noise).sum(axis=1)
-        return Peaks(np.maximum(state.first, first), np.maximum(state.second, second), energy)
+        total = state.total + noise.sum(axis=1)
+        drift = 0.8 * state.drift + 0.6 * noise[:, 2]  # of variance 1, from the start on
+        return Peaks(np.maximum(state.first, first), np.maximum(state.second, second), energy, total, drift)
 
     def signals(self, state):
         return {
             "first": state.first, "second": state.second, "energy": state.energy,
-            "both": np.minimum(state.first, state.second),
+            "both": np.minimum(state.first, state.second), "digits": 1000.0 * state.total % 1.0,
+            "drift": np.abs(state.drift),
         }  # fmt: skip
 
 
@@ -61,34 +66,41 @@ def outliers(formula, steps=STEPS, chunk=4096):
 
 
 def wide(channel, step, scale=2.5):
-    return (channel, step, step, 0.0, 1.0, scale)
+    return (channel, step, step, 1.0, 0.0, 0.0, scale)
 
 
 GROUP = {wide(1, t): 1.0 / 3.0 for t in (1, 2, 3)}
 PAIRED = TapeMixture.frozen(
     [
         (0.3, [{wide(0, 4): 1.0}]),
-        (0.2, [{(2, 1, 4, 0.8, 1.0, 1.0): 1.0}]),
-        (0.1, [{(2, 1, 5, -1.5, 0.5, 1.0): 1.0}]),
+        (0.2, [{(2, 1, 4, 1.0, 0.0, 1.6, 1.0): 1.0}]),
+        (0.1, [{(2, 1, 5, 0.5, 0.0, -1.5, 1.5): 0.6, (2, 2, 7, 0.8, 0.3, 0.0, 2.0): 0.4}]),
         (0.4, [{wide(0, 2): 0.25, wide(0, 6): 0.75}, GROUP]),
     ],
     (STEPS + 1, 3),
 )
 
 
+def direction(first, last, decay, start):
+    found = np.zeros(STEPS + 1)
+    found[int(first) : int(last) + 1] = decay ** np.arange(last - first, -1.0, -1.0)
+    found *= np.sqrt(1.0 - start) / np.linalg.norm(found)
+    found[0] += np.sqrt(start)
+    return found
+
+
 def written_out(mixture, tapes):
-    """The density ratio q/p, one normal law after the other."""
-    total = np.zeros(len(tapes))
+    """The density ratio q/p of the first steps, one normal law after the other."""
+    total, steps = np.zeros(len(tapes)), tapes.shape[1]
     for share, groups in mixture.components:
         factor = np.ones(len(tapes))
         for group in groups:
             inside = np.zeros(len(tapes))
-            for (channel, first, last, shift, decay, scale), part in group.items():
-                ratio = np.ones(len(tapes))
-                for t in range(int(first), int(last) + 1):
-                    x = tapes[:, t, int(channel)]
-                    ratio *= norm.pdf(x, shift * decay ** (last - t), scale) / norm.pdf(x)
-                inside += part / sum(group.values()) * ratio
+            for (channel, first, last, decay, start, shift, scale), part in group.items():
+                v = direction(first, last, decay, start)[:steps]
+                own = multivariate_normal(shift * v, np.eye(steps) + (scale**2 - 1.0) * np.outer(v, v))
+                x = tapes[:, :, int(channel)]
+                inside += part / sum(group.values()) * own.pdf(x) / norm.pdf(x).prod(axis=1)
             factor *= inside
         total += share / sum(one for one, _ in mixture.components) * factor
     return total
@@ -103,7 +115,7 @@ def drawn(mixture, rows, seed=0, chunk=None):
     size = chunk or rows
     parts = [problem.simulate(noise, request.slice(k, k + size)) for k in range(0, rows, size)]
     tapes = noise.normals(0, 0, index[:, None], np.arange(STEPS + 1))
-    mixture.transform(tapes, mixture.choose(noise.choices(0, 0, index)), 0)
+    mixture.transform(tapes, mixture.choose(noise.choices(0, 0, index, CHOICES)), 0)
     return tapes, np.concatenate([part.log_weight for part in parts]), parts
 
 
@@ -151,10 +163,9 @@ def test_frozen_mixtures_survive_their_file(tmp_path):
     read = ProposalFile.read(path).mixtures["specification"]
     assert read.digest == PAIRED.digest
     tapes = np.random.default_rng(0).standard_normal((20, STEPS + 1, 3))
-    sums = log_ratios(PAIRED.atoms, tapes)
-    assert np.array_equal(read.log_ratio(sums), PAIRED.log_ratio(sums))
+    assert np.array_equal(read.log_ratio_of(tapes), PAIRED.log_ratio_of(tapes))
     both = blend([PAIRED, read], [0.5, 0.5])
-    assert np.allclose(both.log_ratio(log_ratios(both.atoms, tapes)), PAIRED.log_ratio(sums), rtol=1e-4)
+    assert np.allclose(both.log_ratio_of(tapes), PAIRED.log_ratio_of(tapes), rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -265,15 +276,39 @@ def test_failures_replay(one_outlier):
 
 
 def test_no_structure_falls_back_to_monte_carlo():
-    level = chi2.isf(2e-3, 3 * STEPS)
-    result = estimate(outliers(f"always (energy < {level})"), stages=3)
+    exact = -np.expm1(STEPS * np.log1p(-2.5e-4))
+    result = estimate(outliers("always (digits < 0.99975)"), stages=3)
     assert "drawn from the target" in result.diagnostics["note"]
     assert result.artifacts == {}
     assert result.health == {}
-    assert result.interval[0] <= 2e-3 <= result.interval[1]
+    assert result.interval[0] <= exact <= result.interval[1]
     rows, failures = result.diagnostics["rows"][0], round(result.probability * result.diagnostics["rows"][0])
     assert failures > 0
     assert np.isclose(result.interval[0], beta.ppf(0.025, failures, rows - failures + 1))
+
+
+def test_an_error_that_lasts_is_drawn_along_its_own_direction():
+    tapes = np.random.default_rng(4).standard_normal((400, 31, 3))
+    v = np.r_[np.sqrt(0.3), np.sqrt(0.7 * 0.36) * 0.8 ** np.arange(19, -1, -1), np.zeros(10)]
+    v /= np.linalg.norm(v)
+    along = tapes[:, :, 1] @ v
+    tapes[:, :, 1] += (3.2 * np.where(along > 0, 1.0, -1.0) - 0.3 * along)[:, None] * v
+    mixture = fit(tapes[:200], np.ones(200), 0.25)
+    gained = np.log(0.25 + 0.75 * np.exp(-mixture.log_ratio_of(tapes[200:])))
+    single = TapeMixture.frozen([(1.0, [{wide(1, t): 1.0}]) for t in range(31)], (31, 3))
+    assert gained.mean() > 2.0  # of the 4.4 nats of drawing exactly these
+    assert gained.mean() > np.log(0.25 + 0.75 * np.exp(-single.log_ratio_of(tapes[200:]))).mean() + 1.5
+    shared = sum(
+        share for share, (group, *_) in mixture.components if all(row[0] == 1 and row[4] > 0 for row in group)
+    )
+    assert shared > 0.5
+
+
+@pytest.mark.slow
+def test_lasting_noise_pays():
+    result = estimate(outliers("always (drift < 4.0)"), rollouts=9000)
+    counted = result.diagnostics["rows"][0]
+    assert result.relative_error**2 * counted < 0.2 / result.probability
 
 
 def test_a_mode_that_the_file_lacks_is_noticed(tmp_path):

@@ -19,116 +19,145 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare_estimators.importance.tape_mixture import Atoms, Group, Row, TapeMixture
+from avrare_estimators.importance.atoms import Atoms, Group, Row, log_ratios
+from avrare_estimators.importance.tape_mixture import TapeMixture
 
-WIDE = 2.5
-"""Standard deviation of a widened coordinate: failures at 3 to 5 standard deviations become frequent."""
-_AMOUNTS = (2.0, 3.2, 4.5)
-"""Lengths of the mean of a shifted window, as a vector: 4.5 shifts its sum by 4.5 of its own deviations."""
-_DECAYS = (0.5, 0.75, 0.9)
+_LAWS = ((0.0, 2.5), (2.0, 1.0), (-2.0, 1.0), (3.2, 1.0), (-3.2, 1.0), (4.5, 1.0), (-4.5, 1.0))
+"""Mean and standard deviation along a direction: widened, which reaches both tails, or shifted."""
+_SHAPES = ((0.5, 0.0), (0.8, 0.0), (0.8, 0.35), (0.9, 0.0), (0.9, 0.35))
+"""Decay per step and share of step 0 of directions that fade."""
+_FADED = 0.02
 _SHORTEST = 4
 _OVERLAP = 4
 """Windows of w steps begin every w / 4 steps."""
-_ROUNDS = 30
+_ROUNDS = 10
+_LEAST_NATS = 0.3
+"""Gain in held-out likelihood from which pairs of channels are drawn."""
 _MOST_ITEMS, _MOST_GROUPS = 4000, 12
 _LEAST_SHARE = 1e-3
 _LEAST_SCORE = 2.5
 """Standard deviations above chance from which an entry is tried: of a thousand, six are by chance."""
 _LEAK = 0.2
 """Share of an atom that each of its neighbours in time gets: an elite does not know the step exactly."""
-_CHANCE_ROWS = 4000
+_MIRRORED = 0.25
+"""Share of a shift that the shift the other way gets: a mode that a small elite lacks must not be lost."""
+_FOLDS = 3
+_CHANCE_ROWS, _CHANCE_BLOCK = 4000, 500
 _LARGEST_LOG = 50.0
 
 
 @dataclass(frozen=True)
 class ChannelEntries:
-    """Entries of the dictionary for one channel, of A atoms and X groups of them.
+    """Entries of the dictionary for one channel: under each of L laws D directions and X groups of them.
 
     Attributes:
-        atoms: Atoms, of channel 0.
-        groups: (A, X) shares of the atoms in each group.
-        mean: (A + X,) mean of each entry's posterior on target rows.
-        deviation: (A + X,) its standard deviation there.
-        kind: (A + X,) number of the entry's kind: widening or shift, single or group.
+        shapes: Atoms of channel 0, one for each direction, under the first law.
+        vectors: (D, steps + 1) directions.
+        groups: (D, X) shares of the directions in each group.
+        mean: (L (D + X),) mean of each entry's posterior on target rows.
+        deviation: (L (D + X),) its standard deviation there.
+        kind: (L (D + X),) number of the entry's kind: widening or shift, single or group.
     """
 
-    atoms: Atoms
+    shapes: Atoms
+    vectors: Floats
     groups: Floats
     mean: Floats
     deviation: Floats
     kind: Floats
 
     def ratios(self, tapes: Floats, channel: int) -> Floats:
-        """Return g/p (E, A + X) of tapes (E, steps + 1, noise_size)."""
-        logs = log_ratios(replace(self.atoms, channel=np.full(self.atoms.size, channel)), tapes)
-        single = np.exp(np.minimum(logs, _LARGEST_LOG))
-        return np.concatenate([single, single @ self.groups], axis=1)
+        """Return g/p (E, L (D + X)) of tapes (E, steps + 1, noise_size)."""
+        along = tapes[:, :, channel] @ self.vectors.T
+        parts = []
+        for law in range(len(_LAWS)):
+            logs = self._under(law).logs(along, np.ones(1))
+            single = np.exp(np.minimum(logs, _LARGEST_LOG))
+            parts += [single, single @ self.groups]
+        return np.concatenate(parts, axis=1)
+
+    def _under(self, law: int) -> Atoms:
+        shift, scale = (np.full(self.shapes.size, value) for value in _LAWS[law])
+        return replace(self.shapes, shift=shift, scale=scale)
 
     def entry(self, index: int, channel: int) -> Group:
         """Return the atoms of an entry and their shares."""
-        if index < self.atoms.size:
-            return {(channel, *self.atoms.rows[index][1:]): 1.0}
-        shares = self.groups[:, index - self.atoms.size]
-        rows = self.atoms.rows
-        return {(channel, *rows[a][1:]): float(shares[a]) for a in np.flatnonzero(shares)}
+        directions, groups = self.groups.shape
+        law, place = divmod(index, directions + groups)
+        if place < directions:
+            inside, part = np.array([place]), 1.0
+        else:
+            inside = np.flatnonzero(self.groups[:, place - directions])
+            part = 1.0 / len(inside)
+        rows = self.shapes.rows
+        return {(channel, *rows[d][1:5], *_LAWS[law]): part for d in inside}
 
 
 @cache
 def entries_of_channel(steps: int) -> ChannelEntries:
     """Return the dictionary of a channel of a tape with ``steps`` steps after the start."""
-    rows, families = _atoms(steps)
-    atoms = Atoms.of(rows)
-    groups = np.zeros((len(rows), len(families)))
+    shapes, families = _directions(steps)
+    atoms = Atoms.of([(*row, *_LAWS[0]) for row in shapes])
+    # Directions in the order of ``shapes``: they are distinct.
+    vectors = np.empty((len(shapes), steps + 1))
+    vectors[atoms.directions[0]] = atoms.vectors(steps)
+    groups = np.zeros((len(shapes), len(families)))
     for x, family in enumerate(families):
         groups[family, x] = 1.0 / len(family)
-    single = (atoms.scale == 1.0) * 1.0
-    several = np.array([single[family[0]] + 2.0 for family in families])
-    kind = np.concatenate([single, several])
-    found = ChannelEntries(atoms, groups, kind, kind, kind)
+    kind = np.concatenate(
+        [np.repeat([2.0 * (scale == 1.0), 2.0 * (scale == 1.0) + 1.0], groups.shape) for _, scale in _LAWS]
+    )
+    found = ChannelEntries(atoms, vectors, groups, kind, kind, kind)
     # What an entry's posterior is by chance: the same tapes in every process and for every problem.
-    tapes = np.random.default_rng(0).standard_normal((_CHANCE_ROWS, steps + 1, 1))
-    posterior = _posterior(found.ratios(tapes, 0))
-    return replace(found, mean=posterior.mean(axis=0), deviation=posterior.std(axis=0) + 1e-12)
+    rng, count = np.random.default_rng(0), 0
+    total, squares = np.zeros(len(kind)), np.zeros(len(kind))
+    while count < _CHANCE_ROWS:
+        posterior = _posterior(found.ratios(rng.standard_normal((_CHANCE_BLOCK, steps + 1, 1)), 0))
+        total, squares, count = (
+            total + posterior.sum(axis=0),
+            squares + (posterior**2).sum(axis=0),
+            count + _CHANCE_BLOCK,
+        )
+    mean = total / count
+    return replace(found, mean=mean, deviation=np.sqrt(np.maximum(squares / count - mean**2, 0.0)) + 1e-12)
 
 
 def dictionary_bytes(steps: int) -> int:
     """Return the bytes that the dictionary of a channel takes to be made."""
-    rows, families = _atoms(steps)
-    return 8 * (3 * _CHANCE_ROWS + len(rows)) * (len(rows) + len(families))
+    shapes, families = _directions(steps)
+    entries = len(_LAWS) * (len(shapes) + len(families))
+    return 8 * (3 * _CHANCE_BLOCK * entries + len(shapes) * len(families))
 
 
-def _atoms(steps: int) -> tuple[list[Row], list[list[int]]]:
-    """Return the atoms of channel 0, and the groups of them that differ only in time."""
-    rows: list[Row] = [(0, t, t, 0.0, 1.0, WIDE) for t in range(steps + 1)]
+def _directions(steps: int) -> tuple[list[Row], list[list[int]]]:
+    """Return directions (channel 0, first, last, decay, start), and groups that differ only in time."""
+    found: list[Row] = []
     families: list[list[int]] = []
+    for shape in _shapes(steps):
+        own = list(range(len(found), len(found) + len(shape)))
+        found += shape
+        first = 1 if shape[0][1] == 0 else 0  # step 0 has its own law in many systems
+        width = _SHORTEST if shape[0][1] == shape[0][2] else 2 * _SHORTEST
+        while len(own) > 1 and width < 2 * len(own):
+            w = min(width, len(own) - first)
+            families += [own[k : k + w] for k in range(first, len(own) + 1 - w, max(1, w // 2))]
+            width *= 2
+    return found, families
+
+
+def _shapes(steps: int) -> list[list[Row]]:
+    """Return the directions of each shape, in the order of time."""
+    shapes: list[list[Row]] = [[(0, t, t, 1.0, 0.0) for t in range(steps + 1)]]
     width = _SHORTEST
     while width < 2 * steps:
         w = min(width, steps)
-        begins = range(1, steps + 2 - w, max(1, w // 2))
-        families += [list(range(t, t + w)) for t in begins]
+        shapes.append([(0, t, t + w - 1, 1.0, 0.0) for t in range(1, steps + 2 - w, _stride(w, 1.0))])
         width *= 2
-    for windows in _windows(steps):
-        for amount in _AMOUNTS:
-            for sign in (1.0, -1.0):
-                family = range(len(rows), len(rows) + len(windows))
-                rows += [(0, t0, t1, sign * amount / length, d, 1.0) for t0, t1, d, length in windows]
-                families += [list(family)] if len(family) > 1 else []
-    return rows, families
-
-
-def _windows(steps: int) -> list[list[tuple[int, int, float, float]]]:
-    """Return windows (first, last, decay, length of the unscaled mean), those of one shape together."""
-    shapes = [[(0, 0, 1.0)]]
-    width = _SHORTEST
-    while width < 2 * steps:
-        w = min(width, steps)
-        shapes.append([(t, t + w - 1, 1.0) for t in range(1, steps + 2 - w, _stride(w, 1.0))])
-        width *= 2
-    shapes += [[(1, t, d) for t in range(2, steps + 1, _stride(1, d))] for d in _DECAYS if steps > 1]
-    return [
-        [(a, b, d, math.sqrt(sum(d ** (2 * k) for k in range(b - a + 1)))) for a, b, d in windows]
-        for windows in shapes
-    ]
+    for decay, start in _SHAPES if steps > 1 else ():
+        reach = math.ceil(math.log(_FADED) / math.log(decay))
+        lasts = range(2, steps + 1, _stride(1, decay))
+        shapes.append([(0, max(1, t - reach), t, decay, start) for t in lasts])
+    return shapes
 
 
 def _stride(width: float, decay: float) -> int:
@@ -147,11 +176,13 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     weights = weights / weights.sum()
     shape = (tapes.shape[1], tapes.shape[2])
     # 1. Entries that the tapes speak for, and their shares.
-    entries, ratios, kind = _screened(tapes, weights)
+    table, found, ratios = _screened(tapes, weights)
+    kind = table.kind[[index for _, index in found]]
     share = _shares(ratios, weights, defensive, _even(kind))
     single: dict[tuple[tuple[Row, float], ...], float] = {}
     for k in np.flatnonzero(share > _LEAST_SHARE * share.max()):
-        for group, amount in _smoothed(entries[k], float(share[k]), shape[0]):
+        channel, index = found[k]
+        for group, amount in _smoothed(table.entry(index, channel), float(share[k]), shape[0]):
             key = tuple(group.items())
             single[key] = single.get(key, 0.0) + amount
     components: list[tuple[float, list[Group]]] = [(a, [dict(key)]) for key, a in single.items()]
@@ -162,33 +193,14 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
         start = np.array([amount for amount, _ in components] + [sum(share) / len(pairs)] * len(pairs))
         candidates = [own for _, own in components] + pairs
         ratios = np.exp(np.minimum(_component_logs(candidates, tapes), _LARGEST_LOG))
-        share = _shares(ratios, weights, defensive, start)
-        components = [(float(a), own) for a, own in zip(share, candidates, strict=True)]
+        if _held_out_gain(ratios, weights, defensive, start, len(components)) > _LEAST_NATS:
+            share = _shares(ratios, weights, defensive, start)
+            components = [(float(a), own) for a, own in zip(share, candidates, strict=True)]
     return TapeMixture.frozen(components, shape)
 
 
-def log_ratios(atoms: Atoms, tapes: Floats) -> Floats:
-    """Return log g/p (E, A) of complete tapes under each atom; for learning, not for weights."""
-    found = np.empty((len(tapes), atoms.size))
-    steps = np.arange(tapes.shape[1])
-    for channel in np.unique(atoms.channel):
-        own = np.flatnonzero(atoms.channel == channel)
-        part = atoms.take(own)
-        inside = (steps >= part.first[:, None]) & (steps <= part.last[:, None])
-        ages = np.maximum(part.last[:, None] - steps, 0)
-        mean = np.where(inside, part.shift[:, None] * part.decay[:, None] ** ages, 0.0)
-        precision = part.scale**-2
-        x = tapes[:, :, channel]
-        values = x @ (mean * precision[:, None]).T
-        wide = part.scale != 1.0
-        values[:, wide] += (x * x) @ (0.5 * (1.0 - precision[wide, None]) * inside[wide]).T
-        constant = 0.5 * (mean**2).sum(axis=1) * precision + np.log(part.scale) * inside.sum(axis=1)
-        found[:, own] = values - constant
-    return found
-
-
-def _screened(tapes: Floats, weights: Floats) -> tuple[list[Group], Floats, Floats]:
-    """Return the entries that the tapes speak for, their g/p (E, J), and their kinds (J,).
+def _screened(tapes: Floats, weights: Floats) -> tuple[ChannelEntries, list[tuple[int, int]], Floats]:
+    """Return the dictionary, channel and index of its entries that the tapes speak for, their g/p (E, J).
 
     Each entry is judged by its posterior where it had half of the weight, r / (1 + r) with r = g / p, which
     no single row can dominate, against that of target rows.
@@ -205,8 +217,8 @@ def _screened(tapes: Floats, weights: Floats) -> tuple[list[Group], Floats, Floa
         found += [(-float(score[k]), channel, int(k)) for k in best]
         columns.append(ratios[:, best])
     order = sorted(range(len(found)), key=found.__getitem__)[:_MOST_ITEMS]
-    entries = [table.entry(found[i][2], found[i][1]) for i in order]
-    return entries, np.concatenate(columns, axis=1)[:, order], table.kind[[found[i][2] for i in order]]
+    places = [found[i][1:] for i in order]
+    return table, places, np.concatenate(columns, axis=1)[:, order]
 
 
 def _posterior(ratios: Floats) -> Floats:
@@ -233,21 +245,40 @@ def _shares(ratios: Floats, weights: Floats, defensive: float, start: Floats) ->
     return share
 
 
+def _held_out_gain(ratios: Floats, weights: Floats, defensive: float, start: Floats, count: int) -> float:
+    """Return what entries from ``count`` on add to the mean log q/p of rows left out, less its error."""
+    gains = np.zeros(len(weights))
+    for fold in range(_FOLDS):
+        out = np.arange(len(weights)) % _FOLDS == fold
+        found = []
+        for own in (ratios[:, :count], ratios):
+            share = _shares(own[~out], weights[~out] / weights[~out].sum(), defensive, start[: own.shape[1]])
+            found.append(np.log(defensive + own[out] @ share))
+        gains[out] = found[1] - found[0]
+    mean = float(weights @ gains)
+    return mean - math.sqrt(float(weights**2 @ (gains - mean) ** 2))
+
+
 def _smoothed(group: Group, share: float, length: int) -> list[tuple[Group, float]]:
-    """Return a single atom and its neighbours in time, each with a part of the share; a group as it is."""
-    if len(group) > 1:
-        return [(group, share)]
-    row = next(iter(group))
-    parts = ((-1, _LEAK), (0, 1.0 - 2.0 * _LEAK), (1, _LEAK))
-    return [({_moved(row, delay, length): 1.0}, part * share) for delay, part in parts]
+    """Return an entry and what gets a part of its share: its neighbours in time, its mirror image."""
+    parts = [(group, share)]
+    if len(group) == 1:
+        row = next(iter(group))
+        leaks = ((-1, _LEAK), (0, 1.0 - 2.0 * _LEAK), (1, _LEAK))
+        parts = [({_moved(row, delay, length): 1.0}, leak * share) for delay, leak in leaks]
+    if not next(iter(group))[5]:
+        return parts
+    mirrored = [
+        ({(*row[:5], -row[5], row[6]): w for row, w in own.items()}, _MIRRORED * a) for own, a in parts
+    ]
+    return [(own, (1.0 - _MIRRORED) * a) for own, a in parts] + mirrored
 
 
 def _moved(row: Row, delay: int, length: int) -> Row:
     """Return an atom one stride of its own later or earlier, as far as the tape goes."""
-    channel, first, last, shift, decay, scale = row
-    by = delay * (1 if scale != 1.0 else _stride(last - first + 1, decay))
-    begin, end = (first if decay < 1.0 else first + by), last + by
-    return (channel, begin, end, shift, decay, scale) if 1 <= begin <= end < length else row
+    channel, first, last, decay, *rest = row
+    by = delay * (1 if first == last else _stride(last - first + 1, decay))
+    return (channel, first + by, last + by, decay, *rest) if first + by >= 1 and last + by < length else row
 
 
 def _strongest(components: Sequence[tuple[float, list[Group]]]) -> list[Group]:
@@ -255,7 +286,7 @@ def _strongest(components: Sequence[tuple[float, list[Group]]]) -> list[Group]:
     found: dict[Any, Group] = {}
     for amount, (group,) in components:
         for row, part in group.items():
-            own = found.setdefault((row[0], float(np.sign(row[3]))), {})
+            own = found.setdefault((row[0], float(np.sign(row[5]))), {})
             own[row] = own.get(row, 0.0) + amount * part
     return sorted(found.values(), key=lambda group: -sum(group.values()))[:_MOST_GROUPS]
 

@@ -92,7 +92,8 @@ class LearnedSampling(WeightedSampler):
         if not mixtures:
             told["note"] = f"{_WORTHLESS}: the rollouts that count are drawn from the target"
         else:
-            frozen = blend(mixtures, [1.0 / len(mixtures)] * len(mixtures))
+            several = len(mixtures) > 1
+            frozen = blend(mixtures, [1.0 / len(mixtures)] * len(mixtures)) if several else mixtures[0]
             told["proposal"] = frozen.digest
             artifacts = {FILE: described(frozen, self.names)}
         interval_at = result.interval_at

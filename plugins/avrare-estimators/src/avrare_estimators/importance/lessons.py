@@ -16,14 +16,14 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.importance.dictionary import fit, log_ratios
+from avrare_estimators.importance.dictionary import fit
 from avrare_estimators.importance.sampling import Sample
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 from avrare_estimators.weights import effective_size, resample
 
 LEAST_ELITE = 80.0
 """Effective number of rows to learn from."""
-_MOST_ELITE = 1000
+_MOST_ELITE = 500
 _BLOCK = 2**21
 """Noise numbers that are drawn again at once."""
 _STALLED = 0.8
@@ -197,5 +197,5 @@ def ratios_of(sample: Sample, mixture: TapeMixture) -> Floats:
     size = max(1, _BLOCK // math.prod(mixture.shape))
     for begin in range(0, rows, size):
         tapes = sample.tapes(np.arange(begin, min(begin + size, rows)))
-        found.append(mixture.log_ratio(log_ratios(mixture.atoms, tapes)))
+        found.append(mixture.log_ratio_of(tapes))
     return np.concatenate(found)

@@ -20,7 +20,7 @@ from avrare.base.memory import allowance
 from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
-from avrare.rollout.tape_law import TapeLaw
+from avrare.rollout.tape_law import CHOICES, TapeLaw
 from avrare.stack.closed_loop import SamplingLaw
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.proposals import NoiseProposal
@@ -148,7 +148,7 @@ class TapeSource:
         tapes = stratum.normals(index)
         if self.mixture is not None and not stratum.from_target:
             particle = stratum.first + index
-            uniform = stratum.plan.noise.choices(stratum.run, stratum.stage, particle)
+            uniform = stratum.plan.noise.choices(stratum.run, stratum.stage, particle, CHOICES)
             self.mixture.transform(tapes, self.mixture.choose(uniform), 0)
         return tapes
 

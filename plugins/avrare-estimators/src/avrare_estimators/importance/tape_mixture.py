@@ -1,8 +1,6 @@
 """Mixtures on the noise tape: each component changes one or two small parts of the tape and leaves the rest.
 
-What changes a part is an *atom*: one coordinate at one step that is widened (a normal law of a larger
-standard deviation, which reaches both tails), or a channel whose mean is shifted over a window of steps,
-evenly or growing geometrically towards its end. Its density ratio to the target is a sum over its own steps.
+What changes a part is an atom (``atoms``). The density needs one sum over the steps for each direction.
 """
 
 from __future__ import annotations
@@ -19,62 +17,14 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
+from avrare_estimators.importance.atoms import Atoms, Group, Row, log_ratios
 
 _DIGITS = 6
 """Decimals of a frozen number: rounding of the fit must not reach the rollouts."""
 _LEAST_SHARE = 1e-3
 """Least share of a component, over the largest."""
 NONE = -1
-Row = tuple[float, ...]
-"""Channel, first, last, shift, decay, scale of an atom."""
-Group = dict[Row, float]
-"""Atoms and their shares."""
-
-
-@dataclass(frozen=True)
-class Atoms:
-    """A atoms; each makes z of a channel and step t normal with mean shift * decay^(last - t) and its scale.
-
-    Attributes:
-        channel: (A,).
-        first: (A,) first step.
-        last: (A,) last step.
-        shift: (A,) mean at the last step.
-        decay: (A,) factor of the mean per step before it.
-        scale: (A,) standard deviation.
-    """
-
-    channel: Integers
-    first: Integers
-    last: Integers
-    shift: Floats
-    decay: Floats
-    scale: Floats
-
-    @staticmethod
-    def of(rows: Sequence[Row]) -> Atoms:
-        """Return atoms from rows (channel, first, last, shift, decay, scale)."""
-        table = np.array(rows, dtype=np.float64).reshape(len(rows), 6)
-        whole = table[:, :3].astype(np.int64)
-        return Atoms(*whole.T.copy(), *table[:, 3:].T.copy())
-
-    @cached_property
-    def rows(self) -> list[Row]:
-        """Rows (channel, first, last, shift, decay, scale)."""
-        return list(zip(*(getattr(self, field.name).tolist() for field in fields(self)), strict=True))
-
-    @property
-    def size(self) -> int:
-        """A."""
-        return len(self.channel)
-
-    def take(self, index: Any) -> Atoms:
-        """Return some of the atoms."""
-        return Atoms(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    def mean(self, step: Any) -> Floats:
-        """Return the means at a step (or steps that broadcast) inside the atoms."""
-        return np.asarray(self.shift * self.decay ** (self.last - step))
+_CHOSEN = np.dtype([("atom", np.int64), ("amount", np.float64)])
 
 
 @dataclass(frozen=True)
@@ -134,22 +84,28 @@ class TapeMixture:
 
     @property
     def terms(self) -> int:
-        """A, the number of sums that the density needs."""
-        return self.atoms.size
+        """Number of sums that the density needs: x of each of D directions, and the number of steps."""
+        return len(self.atoms.directions[0]) + 1
 
     @cached_property
-    def _densities(self) -> list[tuple[Any, ...]]:
-        """Log g/p at each step: atoms there, channels, linear and constant terms, wide atoms, squares."""
+    def _vectors(self) -> Floats:
+        """Directions (steps + 1, D)."""
+        return np.ascontiguousarray(self.atoms.vectors(self.shape[0] - 1).T)
+
+    @cached_property
+    def _lengths(self) -> Floats:
+        """Squared lengths (steps + 2, D) of the directions over so many steps."""
+        squares = np.cumsum(self._vectors**2, axis=0)
+        return np.concatenate([np.zeros_like(squares[:1]), squares])
+
+    @cached_property
+    def _active(self) -> list[tuple[Integers, Integers, Floats]]:
+        """Sums that a step changes, and of the directions among them channels and numbers (k, 1)."""
+        channel, count = self.atoms.channel[self.atoms.directions[0]], self._vectors.shape[1]
         found = []
-        for step in range(self.shape[0]):
-            active = np.flatnonzero((self.atoms.first <= step) & (self.atoms.last >= step))
-            atoms = self.atoms.take(active)
-            mean, precision = atoms.mean(step), atoms.scale**-2
-            wide = np.flatnonzero(atoms.scale != 1.0)
-            constant = 0.5 * mean * mean * precision + np.log(atoms.scale)
-            columns = (mean * precision)[:, None], constant[:, None]
-            square = 0.5 * (1.0 - precision[wide, None])
-            found.append((active, atoms.channel, *columns, wide, square))
+        for vector in self._vectors:
+            own = np.flatnonzero(vector)
+            found.append((np.append(own, count), channel[own], vector[own, None]))
         return found
 
     @cached_property
@@ -158,58 +114,85 @@ class TapeMixture:
         text = json.dumps(self.to_dict(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def choose(self, uniform: Floats, sums: Floats | None = None) -> Integers:
-        """Return the atoms (M, 2) of rows with these uniform numbers; ``NONE`` where there is no second.
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> Any:
+        """Return atoms and amounts, a record array (M, 2), of rows with these uniform numbers (M, 3).
 
-        With ``sums`` (M, A) they are drawn given the steps so far.
+        The atom is ``NONE`` where there is no second. With ``sums`` (M, D + 1) all is drawn given the steps
+        so far.
         """
-        component, rest = _pick(self.share, uniform) if sums is None else self._pick_given(sums, uniform)
-        chosen = np.full((len(uniform), 2), NONE)
+        logs = None if sums is None else self.atom_logs(sums)
+        picks = uniform[:, 0]
+        if logs is None:
+            component, rest = _pick(self.share, picks)
+        else:
+            component, rest = _pick_by_row(self.component_logs(logs), picks)
+        chosen = np.zeros((len(uniform), 2), _CHOSEN)
+        chosen["atom"] = NONE
         for column in (0, 1):
             group = self.parts[component, column]
             for g in np.unique(group[group != NONE]):
                 own = np.flatnonzero(group == g)
                 index, weights = self.groups[g]
-                if sums is None:
+                if logs is None:
                     place, rest[own] = _pick(weights, rest[own])
                 else:
-                    place, rest[own] = _pick_by_row(sums[np.ix_(own, index)] + np.log(weights), rest[own])
-                chosen[own, column] = index[place]
+                    place, rest[own] = _pick_by_row(logs[np.ix_(own, index)] + np.log(weights), rest[own])
+                chosen["atom"][own, column] = index[place]
+        chosen["amount"] = self._amounts(chosen["atom"], uniform, sums)
         return chosen
 
-    def _pick_given(self, sums: Floats, uniform: Floats) -> tuple[Integers, Floats]:
-        return _pick_by_row(self.component_logs(sums), uniform)
+    def _amounts(self, atom: Integers, uniform: Floats, sums: Floats | None) -> Floats:
+        """Return the amounts (M, 2) along the directions of atoms, given the steps so far."""
+        radius, angle = np.sqrt(-2.0 * np.log(uniform[:, 1])), 2.0 * np.pi * uniform[:, 2]
+        normal = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+        own = self.atoms.take(atom)  # of NONE, too: never used
+        spread = own.scale**2 - 1.0
+        if sums is None:
+            return np.asarray(own.shift + np.sqrt(spread) * normal)
+        direction = self.atoms.directions[1][atom]
+        along = np.take_along_axis(sums, direction, axis=1)
+        grown = 1.0 + spread * self._lengths[_steps_of(sums)[:, None], direction]
+        return np.asarray((own.shift + spread * along) / grown + np.sqrt(spread / grown) * normal)
 
-    def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
+    def transform(self, noise: Floats, chosen: Any, first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
-        starts, ends = np.append(self.atoms.first, 1), np.append(self.atoms.last, 0)  # NONE is the last
-        for atom in chosen.T:
+        for column in range(chosen.shape[1]):
+            atom, amount = chosen["atom"][:, column], chosen["amount"][:, column]
+            direction = self.atoms.directions[1][atom]
             for k in range(noise.shape[1]):
-                t = first + k
-                rows = np.flatnonzero((starts[atom] <= t) & (ends[atom] >= t))
-                own = self.atoms.take(atom[rows])
-                noise[rows, k, own.channel] = own.mean(t) + own.scale * noise[rows, k, own.channel]
+                number = np.where(atom == NONE, 0.0, self._vectors[first + k, direction])
+                rows = np.flatnonzero(number)
+                noise[rows, k, self.atoms.channel[atom[rows]]] += amount[rows] * number[rows]
 
     def evidence(self, noise: Floats, step: int) -> tuple[Integers, Floats]:
-        """Return the atoms at a step and log g/p (k, M) of its noise (M, noise_size) under each."""
-        active, channel, linear, constant, wide, square = self._densities[step]
-        x = noise.T[channel]
-        values = x * linear - constant
-        values[wide] += square * x[wide] ** 2
+        """Return the sums that a step changes, and by how much (k, M), with noise (M, noise_size)."""
+        active, channel, number = self._active[step]
+        values = np.ones((len(active), len(noise)))
+        np.multiply(noise.T[channel], number, out=values[:-1])
         return active, values
 
-    def component_logs(self, sums: Floats) -> Floats:
-        """Return the log of share times g/p (M, J) of each component, from the sums (M, A)."""
-        padded = np.zeros((len(sums), len(self.groups) + 1))  # NONE is the last
+    def atom_logs(self, sums: Floats) -> Floats:
+        """Return log g/p (M, A) under each atom of the steps over which the sums (M, D + 1) were taken."""
+        direction = self.atoms.directions[1]
+        length = self._lengths[_steps_of(sums)]
+        return self.atoms.logs(sums[:, direction], length[:, direction])
+
+    def component_logs(self, atom_logs: Floats) -> Floats:
+        """Return the log of share times g/p (M, J) of each component, from those (M, A) of the atoms."""
+        padded = np.zeros((len(atom_logs), len(self.groups) + 1))  # NONE is the last
         for g, (index, weights) in enumerate(self.groups):
-            logs = sums[:, index] + np.log(weights / weights.sum())
+            logs = atom_logs[:, index] + np.log(weights / weights.sum())
             padded[:, g] = logs[:, 0] if len(index) == 1 else _log_sum(logs)
         logs = padded[:, self.parts[:, 0]] + padded[:, self.parts[:, 1]]
         return np.asarray(logs + np.log(self.share / self.share.sum()))
 
     def log_ratio(self, sums: Floats) -> Floats:
-        """Return log p/q (M,) from the sums (M, A) over the steps."""
-        return -_log_sum(self.component_logs(sums))
+        """Return log p/q (M,) from the sums (M, D + 1) over the steps."""
+        return -_log_sum(self.component_logs(self.atom_logs(sums)))
+
+    def log_ratio_of(self, tapes: Floats) -> Floats:
+        """Return log p/q (M,) of complete tapes; for learning, not for weights."""
+        return -_log_sum(self.component_logs(log_ratios(self.atoms, tapes)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the mixture as JSON data."""
@@ -253,8 +236,9 @@ class TapeMixture:
     def _check(self) -> None:
         a, (rows, channels) = self.atoms, self.shape
         inside = (a.first >= 0) & (a.first <= a.last) & (a.last < rows)
-        inside &= (a.channel >= 0) & (a.channel < channels) & (a.scale > 0) & (a.decay > 0)
-        numbers = bool(np.isfinite([a.shift, a.decay, a.scale]).all())
+        inside &= (a.channel >= 0) & (a.channel < channels) & (a.scale >= 1.0) & (a.decay > 0)
+        inside &= (a.start >= 0) & ((a.start == 0) | (a.first > 0) & (a.start < 1.0))
+        numbers = bool(np.isfinite([a.shift, a.decay, a.start, a.scale]).all())
         known = all((i >= 0).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups)
         known &= bool((self.parts[:, 0] >= 0).all() and (self.parts[:, 1] >= NONE).all())
         known &= bool((self.parts < len(self.groups)).all() and all((w > 0).all() for _, w in self.groups))
@@ -278,6 +262,11 @@ def blend(mixtures: Sequence[TapeMixture], shares: Sequence[float]) -> TapeMixtu
     return TapeMixture.frozen(
         [(share, [dict(group) for group in key]) for key, share in total.items()], mixtures[0].shape
     )
+
+
+def _steps_of(sums: Floats) -> Integers:
+    """Return the number of steps (M,) over which sums were taken."""
+    return sums[:, -1].astype(np.int64)
 
 
 def _rounded(row: Row) -> Row:

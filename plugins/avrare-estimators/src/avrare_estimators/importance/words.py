@@ -15,9 +15,9 @@ import numpy as np
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.stack.noise_names import find_noise_names, find_time_step
-from avrare_estimators.importance.dictionary import log_ratios
+from avrare_estimators.importance.atoms import Atoms, Group, Row, log_ratios
 from avrare_estimators.importance.sampling import Sample, TapeSource
-from avrare_estimators.importance.tape_mixture import Atoms, Group, Row, TapeMixture
+from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.weights import resample
 
 _MOST_FAILURES = 500
@@ -91,7 +91,7 @@ def _responsibilities(mixture: TapeMixture, tapes: Floats, target: float) -> tup
 
 
 def _causes(mixture: TapeMixture, tapes: Floats, shares: Floats, names: NoiseNames) -> list[dict[str, Any]]:
-    """Return causes: components of the same channels and directions, close to each other in time."""
+    """Return causes: components of the same channels, close to each other in time."""
     own = mixture.components
     order = sorted(range(len(own)), key=lambda j: (_signature(own[j][1]), _place(own[j][1])))
     bundles: list[list[int]] = []
@@ -104,15 +104,14 @@ def _causes(mixture: TapeMixture, tapes: Floats, shares: Floats, names: NoiseNam
     return [_tell([own[j][1] for j in bundle], shares[:, bundle], tapes, names) for bundle in bundles]
 
 
-def _signature(groups: Sequence[Group]) -> list[tuple[float, float]]:
-    """Return channel and direction (0: both) of each group."""
-    return [(row[0], float(np.sign(row[3]))) for row in (next(iter(group)) for group in groups)]
+def _signature(groups: Sequence[Group]) -> list[int]:
+    """Return the channel of each group."""
+    return [int(next(iter(group))[0]) for group in groups]
 
 
 def _place(groups: Sequence[Group]) -> float:
-    """Return the step by which to part causes in time; those of a window or of two noises belong together."""
-    row = next(iter(groups[0]))
-    return row[2] if len(groups) == 1 and row[3] == 0.0 else 0.0
+    """Return the step by which to part causes in time; those of two noises belong together."""
+    return next(iter(groups[0]))[2] if len(groups) == 1 else 0.0
 
 
 def _tell(
@@ -120,7 +119,8 @@ def _tell(
 ) -> dict[str, Any]:  # fmt: skip
     share = float(shares.sum() / len(tapes))
     parts, spans = [], []
-    for k, (channel, direction) in enumerate(_signature(bundle[0])):
+    channels = _signature(bundle[0])
+    for k, channel in enumerate(channels):
         rows: dict[Row, float] = {}
         sizes, weights = [], []
         for groups, weight in zip(bundle, shares.T, strict=True):
@@ -134,20 +134,19 @@ def _tell(
                 sizes.append(_size(row, tapes[mine]))
                 weights.append(weight[mine])
         first, last = _span(rows)
-        size = _how(direction, np.concatenate(sizes), np.concatenate(weights))
-        parts.append(f"{names.noise[int(channel)]} {size} {names.span(first, last)}")
+        size = _how(np.concatenate(sizes), np.concatenate(weights))
+        parts.append(f"{names.noise[channel]} {size} {names.span(first, last)}")
         spans.append((first, last))
     return {
-        "noise": [names.noise[int(channel)] for channel, _ in _signature(bundle[0])],
+        "noise": [names.noise[channel] for channel in channels],
         "from": [first for first, _ in spans], "to": [last for _, last in spans],
         "share": round(share, 4), "text": f"{' and '.join(parts)}, in {share:.0%} of the failures",
     }  # fmt: skip
 
 
 def _size(row: Row, tapes: Floats) -> Floats:
-    """Return the noise (F,) of an atom: its value, or the mean over its window."""
-    channel, first, last = (int(value) for value in row[:3])
-    return np.asarray(tapes[:, first : last + 1, channel].mean(axis=1))
+    """Return the noise (F,) of an atom along its direction."""
+    return np.asarray(tapes[:, :, int(row[0])] @ Atoms.of([row]).vectors(tapes.shape[1] - 1)[0])
 
 
 def _span(rows: dict[Row, float]) -> tuple[int, int]:
@@ -157,12 +156,9 @@ def _span(rows: dict[Row, float]) -> tuple[int, int]:
     return int(_quantile(first, weight, 0.1)), int(_quantile(last, weight, 0.9))
 
 
-def _how(direction: float, sizes: Floats, weights: Floats) -> str:
-    if direction:
-        typical = abs(_quantile(sizes, weights, 0.5))
-        return f"{'raised' if direction > 0 else 'lowered'} by {typical:.1f} sigma"
+def _how(sizes: Floats, weights: Floats) -> str:
     typical = np.floor(2.0 * _quantile(np.abs(sizes), weights, 0.25)) / 2.0
-    above = float(weights[sizes > 0].sum() / weights.sum())
+    above = float(weights[sizes > 0].sum() / max(weights.sum(), 1e-300))
     if above > _ONE_SIDED:
         return f"above {typical:g} sigma"
     return f"below -{typical:g} sigma" if above < 1.0 - _ONE_SIDED else f"beyond {typical:g} sigma"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -32,28 +33,29 @@ class DefendedMixture:
 
     @property
     def terms(self) -> int:
-        """A, the number of sums that the density needs."""
+        """Number of sums that the density needs."""
         return self.mixture.terms
 
-    def choose(self, uniform: Floats, sums: Floats | None = None) -> Integers:
-        """Return the atoms (M, 2) of rows; none for rows of the target."""
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> Any:
+        """Return atoms and amounts (M, 2) of rows; none for rows of the target."""
         target: Floats | float = self.share
         if sums is not None:  # Bayes: a p / (a p + (1 - a) q) of the steps so far
             target = np.exp(math.log(self.share) + self.log_ratio(sums))
         other = np.maximum(1.0 - target, 2.0**-53)  # 0 where all but the target is impossible by now
-        rest = np.clip((uniform - target) / other, 0.0, 1.0 - 2.0**-53)
+        rest = uniform.copy()
+        rest[:, 0] = np.clip((uniform[:, 0] - target) / other, 0.0, 1.0 - 2.0**-53)
         chosen = self.mixture.choose(rest, sums)
-        chosen[uniform < target] = NONE
+        chosen["atom"][uniform[:, 0] < target] = NONE
         return chosen
 
-    def transform(self, noise: Floats, chosen: Integers, first: int) -> None:
+    def transform(self, noise: Floats, chosen: Any, first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
         self.mixture.transform(noise, chosen, first)
 
     def evidence(self, noise: Floats, step: int) -> tuple[Integers, Floats]:
-        """Return the atoms at a step and log g/p (k, M) of its noise under each."""
+        """Return the sums that a step changes, and by how much (k, M)."""
         return self.mixture.evidence(noise, step)
 
     def log_ratio(self, sums: Floats) -> Floats:
-        """Return log p over this law (M,) from the sums (M, A)."""
+        """Return log p over this law (M,) from the sums over the steps."""
         return mixture_log_weights(self.mixture.log_ratio(sums), self.share)
