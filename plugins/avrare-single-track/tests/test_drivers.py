@@ -244,3 +244,14 @@ def test_a_vehicle_has_one_mind():
 def test_reversed_and_negative_ranges_are_refused(options, words):
     with pytest.raises(ValidationError, match=words):
         simulator(car("a", 0.0, **options))
+
+
+def test_drivers_in_a_bend_drive_their_speed_at_their_own_offset():
+    road = {"lane_centres": [-4.0, 0.0, 4.0], "line": [{"length": 1000.0, "curvature": 0.01}]}
+    cars = [car("inside", 0.0, 4.0, desired=20.0), car("outside", 0.0, -4.0, desired=20.0)]
+    sim = build(SingleTrackConfig.model_validate({"road": road, "ego": {**EGO, "y": 0.0}, "vehicles": cars}))
+    worlds = drive(sim, 50)
+    way = worlds[-1].others.x[0]
+    speeds = np.stack([world.others.speed[0] for world in worlds])
+    driven = 0.05 * (speeds[1:] + speeds[:-1]).sum(axis=0)
+    np.testing.assert_allclose(way * (1.0 - 0.01 * np.array([4.0, -4.0])), driven, rtol=1e-9)

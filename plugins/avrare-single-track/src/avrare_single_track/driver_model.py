@@ -125,6 +125,31 @@ def _incentive(
     return True, after - current + p[6] * (imposed + gained)
 
 
+@inlined
+def _chosen(
+    x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, drivers: Any, own: Any, p: Any,
+    i: int, here: int, first: int, last: int, wanted: int, looking: bool, end: float,
+) -> int:  # fmt: skip
+    # Lane beside to change to, -1 for none: the one wanted as soon as it is safe, or the one that pays most.
+    best, chosen = p[7], -1
+    merging = wanted >= 0 and wanted != here
+    for side in (-1, 1):
+        to = here + side
+        chooses = looking and first <= to <= last
+        if chooses or (merging and (wanted - here) * side > 0):
+            safe, gain = _incentive(x, v, lengths, order, rank, lanes, i, here, to, p, drivers, own, end)
+            if safe and (merging or gain > best):
+                best, chosen = gain, to
+    return chosen
+
+
+@inlined
+def _curve(across: float, share: float, time: float) -> tuple[float, float]:
+    # Way to the side so far, and its rate, on a polynomial of fifth degree.
+    way = across * share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
+    return way, across * 30.0 * share**2 * (1.0 - share) ** 2 / time
+
+
 @entry
 def advance(
     x: Floats, y: Floats, v: Floats, lengths: Floats, widths: Floats, drivers: Any, places: Any,
@@ -165,55 +190,52 @@ def advance(
     for n in range(len(x)):
         _sort(x[n], y[n], widths, centres, half, order, rank, lanes)
         own = table[n] if len(table) > 1 else table[0]
+        at, speeds = x[n], v[n]
         for r in range(len(places)):
             i, p, here = places[r], own[r], lane[n, r]
             end = math.inf
             if here == forced[r, 2] and ends[r] < math.inf:
-                end = ends[r] - x[n, i] - 0.5 * lengths[i]
+                end = ends[r] - at[i] - 0.5 * lengths[i]
             if clock[n, r] < 0.0:
                 pause[n, r] -= dt
-                best, chosen = p[7], -1
                 wanted = forced[r, 0] if step[n] >= forced[r, 1] else -1
-                merging = wanted >= 0 and wanted != here
                 looking = wanted < 0 and pause[n, r] <= 0.0
                 if looking:
                     pause[n, r] = look
-                for side in (-1, 1):
-                    to = here + side
-                    chooses = looking and limits[r, 0] <= to <= limits[r, 1]
-                    if chooses or (merging and (wanted - here) * side > 0):
-                        safe, gain = _incentive(
-                            x[n], v[n], lengths, order, rank, lanes, i, here, to, p, drivers, own, end
-                        )
-                        if safe and (merging or gain > best):
-                            best, chosen = gain, to
+                chosen = -1
+                if looking or (wanted >= 0 and wanted != here):
+                    chosen = _chosen(
+                        at, speeds, lengths, order, rank, lanes, drivers, own, p, i, here, limits[r, 0],
+                        limits[r, 1], wanted, looking, end,
+                    )  # fmt: skip
                 if chosen >= 0:
                     lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]
-            ahead, gap = _ahead(x[n], lengths, order, rank, lanes, i, lane[n, r])
-            a = _follow(v[n], i, ahead, gap, p)
-            if clock[n, r] >= 0.0:  # still between the lanes: the old one counts as well
+            changing = clock[n, r] >= 0.0
+            # The model's acceleration; as a kernel of its own it would take half as long again.
+            ahead, gap = _ahead(at, lengths, order, rank, lanes, i, lane[n, r])
+            a = _follow(speeds, i, ahead, gap, p)
+            if changing:  # still between the lanes: the old one counts as well
                 for c in range(len(centres)):
                     if lanes[i] >> c & 1:
-                        ahead, gap = _ahead(x[n], lengths, order, rank, lanes, i, c)
-                        a = min(a, _follow(v[n], i, ahead, gap, p))
+                        ahead, gap = _ahead(at, lengths, order, rank, lanes, i, c)
+                        a = min(a, _follow(speeds, i, ahead, gap, p))
             elif end < math.inf:
-                a = min(a, idm(v[n, i], 0.0, end, p))
+                a = min(a, idm(speeds[i], 0.0, end, p))
             a += mood[n, r]
             for k in range(len(brake)):
                 if brake[k, 0] == r and brake[k, 1] <= step[n] <= brake[k, 2]:
                     a = min(a, brake[k, 3])
             a = min(max(a, -p[5]), p[3])
-            speed = max(v[n, i] + a * dt, 0.0)
-            out[0, n, r] = x[n, i] + 0.5 * dt * (v[n, i] + speed)
+            speed = max(speeds[i] + a * dt, 0.0)
+            out[0, n, r] = at[i] + 0.5 * dt * (speeds[i] + speed)
             out[1, n, r], out[2, n, r] = y[n, i], 0.0
-            out[3, n, r], out[4, n, r] = speed, (speed - v[n, i]) / dt
-            if clock[n, r] >= 0.0:
+            out[3, n, r], out[4, n, r] = speed, (speed - speeds[i]) / dt
+            if changing:
                 if speed > _CRAWL:
                     clock[n, r] += dt
                 share = min(clock[n, r] / p[9], 1.0)
-                across = centres[lane[n, r]] - base[n, r]
-                out[1, n, r] = base[n, r] + across * share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
-                rate = across * 30.0 * share**2 * (1.0 - share) ** 2 / p[9]
+                way, rate = _curve(centres[lane[n, r]] - base[n, r], share, p[9])
+                out[1, n, r] = base[n, r] + way
                 out[2, n, r] = math.atan2(rate, speed) if speed > _CRAWL else 0.0
                 if share >= 1.0:
                     clock[n, r], pause[n, r], base[n, r] = -1.0, pause_after, out[1, n, r]

@@ -127,6 +127,11 @@ class ReactiveTraffic:
                 self._forced, self._brake, self._centres, float(self.scene.road.lane_width), self.dt, step,
                 memory.mood, _PAUSE, _LOOK, lane, base, clock, pause, out,
             )  # fmt: skip
+        line = self.scene.road.line
+        if line is not None:  # the way driven, as a difference of stations
+            before = others.x[:, self.places]
+            aside = 0.5 * (others.y[:, self.places] + out[1])
+            out[0] = line.advance(before, aside, out[0] - before)
         mood = self._decay * memory.mood + self._spread * np.sqrt(1.0 - self._decay**2) * noise
         return replace(memory, lane=lane, base=base, clock=clock, pause=pause, mood=mood), out
 
