@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, find_ability
+from avrare.protocols import Bools, Floats, find_ability
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 
 _ARRAYS = "controller.arrays."
@@ -25,59 +25,61 @@ class HasArrays(Protocol):
 
 @dataclass(frozen=True)
 class ScenarioNumbers:
-    """P numbers of a scenario.
+    """P numbers of a scenario. Zeros of a list or matrix that has other numbers are its structure, and stay.
 
     Attributes:
         scenario: The scenario.
         paths: Dotted paths, each of a number, a list or a matrix.
-        shapes: Their shapes; () for a number.
-        start: (P,) values in the scenario.
+        arrays: Their values in the scenario.
     """
 
     scenario: ParametricScenario
     paths: tuple[str, ...]
-    shapes: tuple[tuple[int, ...], ...]
-    start: Floats
+    arrays: tuple[Floats, ...]
 
     @staticmethod
     def of(scenario: ParametricScenario, paths: Sequence[str]) -> ScenarioNumbers:
         """Find the numbers; UsageError where a path has none."""
-        values = [_find(scenario, path) for path in dict.fromkeys(paths)]
-        flat = np.concatenate([value.reshape(-1) for value in values])
-        return ScenarioNumbers(
-            scenario, tuple(dict.fromkeys(paths)), tuple(value.shape for value in values), flat
-        )
+        distinct = tuple(dict.fromkeys(paths))
+        return ScenarioNumbers(scenario, distinct, tuple(_find(scenario, path) for path in distinct))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Dotted path of each number (P,)."""
-        return tuple(name for path, shape in zip(self.paths, self.shapes, strict=True)
-                     for name in _entry_names(path, shape))  # fmt: skip
+        pairs = zip(self.paths, self.arrays, strict=True)
+        return tuple(
+            ".".join((path, *map(str, index)))
+            for path, array in pairs
+            for index in np.argwhere(_moves(array))
+        )
+
+    @property
+    def start(self) -> Floats:
+        """(P,) values in the scenario."""
+        return np.concatenate([array[_moves(array)] for array in self.arrays])
 
     @property
     def scale(self) -> Floats:
-        """(P,) the unit in which each number moves: its size; of a 0 that of its array, or else 1."""
-        sizes = []
-        for part in self._parts(self.start):
-            whole = float(np.sqrt(np.mean(part**2))) or 1.0
-            sizes.append(np.where(part == 0.0, whole, np.abs(part)).reshape(-1))
-        return np.concatenate(sizes)
+        """(P,) the unit in which each number moves: its size, or 1 where it is 0."""
+        return np.where(self.start == 0.0, 1.0, np.abs(self.start))
 
     def settings(self, values: Floats) -> tuple[str, ...]:
         """Return the overrides that set the numbers to ``values`` (P,)."""
-        parts = zip(self.paths, self._parts(values), strict=True)
-        return tuple(f"{path}={json.dumps(_rounded(part.tolist()))}" for path, part in parts)
+        found, at = [], 0
+        for path, array in zip(self.paths, self.arrays, strict=True):
+            changed, moves = array.copy(), _moves(array)
+            changed[moves] = values[at : at + int(moves.sum())]
+            at += int(moves.sum())
+            found.append(f"{path}={json.dumps(_rounded(changed.tolist()))}")
+        return tuple(found)
 
     def at(self, values: Floats) -> LoadedScenario:
         """Return the scenario with other values (P,)."""
         return load(self.scenario.path, (*self.scenario.overrides, *self.settings(values)))
 
-    def _parts(self, values: Floats) -> Iterator[Floats]:
-        at = 0
-        for shape in self.shapes:
-            size = int(np.prod(shape))
-            yield np.asarray(values[at : at + size]).reshape(shape)
-            at += size
+
+def _moves(array: Floats) -> Bools:
+    return np.asarray((array != 0.0) | (not array.any()))
 
 
 def _find(scenario: ParametricScenario, path: str) -> Floats:
@@ -110,10 +112,6 @@ def _network_array(scenario: ParametricScenario, path: str) -> Any:
         known = ", ".join(f"{_ARRAYS}{one}" for one in holder.arrays)
         raise UsageError(f"{scenario.path}: the controller has no array {name!r}", f"it has {known}")
     return float(scenario.value(path))  # says what is wrong
-
-
-def _entry_names(path: str, shape: tuple[int, ...]) -> list[str]:
-    return [".".join((path, *map(str, index))) for index in np.ndindex(*shape)]
 
 
 def _rounded(value: Any) -> Any:

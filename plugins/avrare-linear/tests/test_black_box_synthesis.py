@@ -78,6 +78,16 @@ def test_numbers_have_names_sizes_and_settings(path):
     assert moved["dt"] == pytest.approx(numbers.start[4] + 0.05)
 
 
+def test_zeros_of_a_matrix_stay(path):
+    numbers = numbers_of(path, "simulator.process_noise", "simulator.initial.mean")
+    assert numbers.names[:2] == ("simulator.process_noise.0.0.0", "simulator.process_noise.0.1.1")
+    assert numbers.names[2:] == ("simulator.initial.mean.0", "simulator.initial.mean.1"), (
+        "zeros alone may move"
+    )
+    moved = numbers.at(numbers.start + 0.01).definition.resolved["simulator"]
+    np.testing.assert_allclose(moved["process_noise"], [[[0.03, 0.0], [0.0, 0.05]]])
+
+
 @pytest.mark.parametrize(
     ("parameter", "text"),
     [

@@ -1,0 +1,47 @@
+"""Option ``arrays``: weights and biases in place of those of the file."""
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare_policy.config import PolicyConfig
+from avrare_policy.controller import build
+from avrare_policy.network import Network, save
+
+
+@pytest.fixture
+def path(tmp_path):
+    weights = (np.ones((2, 3), np.float32), np.ones((3, 1), np.float32))
+    biases = (np.zeros(3, np.float32), np.zeros(1, np.float32))
+    low, high = np.array([-9.0]), np.array([9.0])
+    network = Network(weights, biases, "relu", np.zeros(2), np.ones(2), low, high, {})
+    save(tmp_path / "small.npz", network)
+    return tmp_path / "small.npz"
+
+
+def act(path, **arrays):
+    controller = build(PolicyConfig(model=str(path), arrays=arrays or None))
+    return controller, controller.act(None, np.array([[1.0, 0.5]]), None)[0].item()
+
+
+def test_arrays_replace_those_of_the_file(path):
+    assert act(path)[1] == 4.5
+    controller, action = act(path, b1=[0.25], W1=[[1.0], [0.0], [0.0]])
+    assert action == 1.75
+    assert controller.arrays["W1"].tolist() == [[1.0], [0.0], [0.0]]
+    assert controller.arrays["W0"].tolist() == np.ones((2, 3)).tolist()
+    assert sorted(controller.arrays) == ["W0", "W1", "b0", "b1"]
+
+
+@pytest.mark.parametrize(
+    ("arrays", "text"),
+    [
+        ({"b2": [1.0]}, "has no array 'b2'"),
+        ({"b1": [1.0, 2.0]}, r"b1 needs numbers of shape \(1,\), not \(2,\)"),
+        ({"b1": ["much"]}, r"b1 needs numbers of shape \(1,\)"),
+        ({"b1": [float("nan")]}, "finite"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(path, arrays, text):
+    with pytest.raises(avrare.UsageError, match=text):
+        act(path, **arrays)
