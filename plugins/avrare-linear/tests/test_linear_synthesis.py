@@ -8,7 +8,12 @@ import pytest
 
 import avrare
 from avrare_linear.gaussian import TrajectoryGaussian
-from avrare_linear.gradient import apply_chain_rule, compute_sensitivity, estimate_log_gradient
+from avrare_linear.gradient import (
+    apply_chain_rule,
+    compute_sensitivity,
+    estimate_log_gradient,
+    estimate_log_hessian,
+)
 from avrare_linear.synthesis import (
     DescentStep,
     Effort,
@@ -186,3 +191,41 @@ def test_descent_stops_at_its_target():
     assert len(descend(bowl, start, rate=0.25, iterations=50, tolerance=0.1)) == 4
     with pytest.raises(avrare.UsageError, match="positive, finite rate"):
         descend(bowl, start, rate=0.0, iterations=5)
+
+
+def hessian_of(system, parameter, many):
+    """The estimate, the standard errors of its entries, and a function to systems with other values."""
+    law = TrajectoryGaussian.of(system, T, ("x",))
+    value = getattr(system, parameter)
+
+    def build(entries):
+        return replace(system, **{parameter: entries.reshape(value.shape)})
+
+    derivatives = compute_sensitivity(build, value.ravel(), T, ("x",))
+    moves = derivatives.mean.reshape(value.size, -1) @ np.linalg.pinv(law.map[:, 0]).T
+    size = moves @ moves.T
+    error = np.sqrt((np.outer(np.diag(size), np.diag(size)) + size**2) / many)
+    return estimate_log_hessian(law, exact_failures(law, many), derivatives), error, build
+
+
+@pytest.mark.parametrize(
+    ("system", "parameter"), [(plane((1.0, 1.0)), "mean"), (observed(), "mean"), (observed(), "feedforward")]
+)
+def test_the_hessian_is_that_of_finite_differences(system, parameter):
+    found, error, build = hessian_of(system, parameter, 60_000)
+    start, step, unit = getattr(system, parameter).ravel(), 1e-3, np.eye(len(found))
+
+    def log_p(*moves):
+        return np.log(reaches_limit(build(start + step * sum(moves))))
+
+    exact = [[log_p(a, b) - log_p(a, -b) - log_p(-a, b) + log_p(-a, -b) for b in unit] for a in unit]
+    exact = np.array(exact) / (4.0 * step**2)
+    assert (np.abs(found - exact) <= 4.0 * error + 1e-4).all(), (found, exact, error)
+    if len(unit) == 2 and system.gain.size == 0:
+        assert error[0, 0] < 0.06 * abs(exact[0, 0]), "sharp enough to tell the centred moment"
+        assert found[1, 1] == 0.0, "y decides nothing"
+
+
+def test_the_hessian_of_a_gain_is_refused():
+    with pytest.raises(avrare.UsageError, match="move the mean alone"):
+        hessian_of(observed(), "gain", 10)

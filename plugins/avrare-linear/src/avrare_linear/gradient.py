@@ -69,6 +69,36 @@ def estimate_log_gradient(
     )
 
 
+def estimate_log_hessian(
+    gaussian: TrajectoryGaussian, tapes: Floats, derivatives: Sensitivity, weights: Floats | None = None
+) -> Floats:
+    """Estimate the Hessian (P, P) of log p in a parameter that moves the mean of the trajectory, linearly.
+
+    With s = inv(Sigma) (x - mean), a second derivative of the log-density gives (stl-ess, Section V, note a):
+    the covariance of J s over the failing tapes, less J inv(Sigma) J'.
+
+    Args:
+        gaussian: Distribution of the signals that the formula reads.
+        tapes: (F, T + 1, noise_size) failing tapes, a sample of the noise given failure.
+        derivatives: Derivatives J of the mean in the parameter; those of the map must be 0.
+        weights: (F,) weights that add up to 1; None: equal weights.
+
+    Raises:
+        UsageError: The parameter changes the map, or moves the mean in a direction without noise.
+    """
+    factor = gaussian.map.reshape(-1, gaussian.map.shape[2])
+    jacobian = derivatives.mean.reshape(len(derivatives.mean), -1)
+    _refuse_without_noise(factor, jacobian, derivatives.map.reshape(len(jacobian), *factor.shape))
+    if np.abs(derivatives.map).max(initial=0.0) > 0.0:
+        text = "the Hessian is known for parameters that move the mean alone"
+        raise UsageError(text, "such as mean, reference and feedforward")
+    along = jacobian @ np.linalg.pinv(factor).T
+    scores = tapes.reshape(len(tapes), -1) @ along.T
+    share = np.full(len(tapes), 1.0 / len(tapes)) if weights is None else weights
+    centred = scores - share @ scores
+    return np.asarray(centred.T @ (share[:, None] * centred) - along @ along.T)
+
+
 def compute_sensitivity(
     build: Callable[[Any], System], parameter: Floats, steps: int, names: Sequence[str]
 ) -> Sensitivity:
@@ -100,6 +130,12 @@ def apply_chain_rule(gaussian: TrajectoryGaussian, gradient: Gradient, derivativ
     factor = gaussian.map.reshape(-1, gaussian.map.shape[2])
     mean = derivatives.mean.reshape(len(derivatives.mean), -1)
     spread = derivatives.map.reshape(len(mean), *factor.shape)
+    _refuse_without_noise(factor, mean, spread)
+    along = (gradient.mean * derivatives.mean).reshape(len(mean), -1).sum(axis=1)
+    return np.asarray(along + (gradient.map * derivatives.map).reshape(len(mean), -1).sum(axis=1))
+
+
+def _refuse_without_noise(factor: Floats, mean: Floats, spread: Floats) -> None:
     noisy = factor @ np.linalg.pinv(factor)
     lost = np.concatenate([mean - mean @ noisy.T, (spread - noisy @ spread).reshape(len(mean), -1)], axis=1)
     scale = max(np.abs(mean).max(initial=0.0), np.abs(spread).max(initial=0.0))
@@ -108,5 +144,3 @@ def apply_chain_rule(gaussian: TrajectoryGaussian, gradient: Gradient, derivativ
             "the parameter changes signals in a direction without noise: samples do not give the gradient",
             "give initial covariance and process noise to all states",
         )
-    along = (gradient.mean * derivatives.mean).reshape(len(mean), -1).sum(axis=1)
-    return np.asarray(along + (gradient.map * derivatives.map).reshape(len(mean), -1).sum(axis=1))
