@@ -7,6 +7,9 @@ from collections.abc import Callable
 from functools import lru_cache
 from statistics import NormalDist
 
+import numpy as np
+from numpy.typing import NDArray
+
 _TINY = 1e-300
 
 
@@ -74,3 +77,20 @@ def normal_factor(confidence: float) -> float:
 def uniform_from_normal(normal: float) -> float:
     """Return the number in [0, 1] at which the standard normal distribution function stands at ``normal``."""
     return 0.5 * math.erfc(-normal / math.sqrt(2.0))
+
+
+def chi_square_quantiles(count: int, freedom: int) -> NDArray[np.float64]:
+    """Return the (count,) quantiles (j + 1/2) / count of the chi-square law, by its series and bisection."""
+    targets, half = (np.arange(count) + 0.5) / count, freedom / 2.0
+    low, high = np.zeros(count), np.full(count, freedom + 40.0 * math.sqrt(2.0 * freedom))
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        x = middle / 2.0
+        term = np.exp(half * np.log(x) - x - math.lgamma(half + 1.0))
+        total = term.copy()
+        for n in range(1, 400):
+            term = term * x / (half + n)
+            total += term
+        below = total < targets
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return 0.5 * (low + high)

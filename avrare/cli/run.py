@@ -32,6 +32,7 @@ from avrare.report.terminal.result_table import (
     check_lines,
     choice_lines,
     learnt_lines,
+    model_lines,
     note_lines,
     result_table,
     verdict_lines,
@@ -254,6 +255,7 @@ def _show(
     print_lines(console, note_lines(results), "yellow")
     print_lines(console, choice_lines(results))
     print_lines(console, learnt_lines(results))
+    print_lines(console, model_lines(results))
     print_lines(console, blind_lines(results))
     print_lines(console, check_lines(results))
     command = shlex.join(["avrare", "report", str(folder), "--open"])

@@ -13,12 +13,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
 from avrare.base.late_import import late_import
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.cross_check import cross_checked, parse_cross_check, shared_by, without_check
+from avrare.estimation.ensemble import include_model
 from avrare.estimation.loop import Progress, Settings, check_system, planned, run
 from avrare.estimation.memory import Forecast, forecast
 from avrare.estimation.plan import Estimator, Journal
@@ -185,6 +188,7 @@ def _told(results: list[Result]) -> list[Result]:
     return results
 
 
+_MEMBER_KEY = 0xE25E
 _CHECK = "+check"
 """End of the name of a cross-check's journal; no specification has a "+" in its name."""
 _ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint", "cross_check", "progress")
@@ -289,4 +293,29 @@ def estimate_specifications(
                 parts = shared_by(result, len(group))
                 result = cross_checked(alone, result, check, settings, execute, parts=parts)
             results.append(result)
-    return results
+    if not definition.members:
+        return results
+    return include_model(
+        scenario,
+        results,
+        _member_runner(scenario, budget, start_executor, watch, settings.seed, journal, stop),
+    )
+
+
+def _member_runner(
+    scenario: LoadedScenario, budget: Budget | None, start_executor: Callable[[], Executor], watch: Watch,
+    seed: int, journal: Callable[[str], Journal] | None, stop: Callable[[], bool] | None,
+) -> Callable[[int, str], Result]:  # fmt: skip
+    """Return what estimates a specification under a draw of the model; the draws share the budget again."""
+    members = scenario.definition.members
+    paid = None if budget is None else dataclasses.replace(budget, amount=budget.amount / len(members))
+
+    def run_member(number: int, name: str) -> Result:
+        own = np.random.SeedSequence(seed, spawn_key=(_MEMBER_KEY, number)).generate_state(1, np.uint64)[0]
+        saved = None if journal is None else lambda first: journal(f"{first}+model{number}")
+        return estimate_specifications(
+            LoadedScenario(members[number]), [name], paid, start_executor, watch, seed=int(own),
+            note=f"  model {number + 1} of {len(members)}", journal=saved, stop=stop,
+        )[0]  # fmt: skip
+
+    return run_member

@@ -46,6 +46,8 @@ def digests(scenario: Scenario) -> dict[str, str]:
     }
     if scenario.cheap is not None:
         found |= {f"cheap.{key}": value for key, value in digests(scenario.cheap).items()}
+    for number, member in enumerate(scenario.members):
+        found |= {f"ensemble.{number}.{key}": value for key, value in digests(member).items()}
     return found
 
 

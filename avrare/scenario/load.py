@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 
@@ -23,7 +24,8 @@ from avrare.scenario.value_positions import Mark, Node, Path
 _CORE_KEYS = {"estimator": ("plugin", "specifications"), "simulator": ("plugin", KEY)}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
 _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications", "cheap"))
-_NOT_OF_TWIN = ("cheap", "thresholds", "regression", "cross_check")
+_NOT_OF_TWIN = ("cheap", "ensemble", "thresholds", "regression", "cross_check")
+_FEWEST_MEMBERS = 3
 
 
 def load(
@@ -83,10 +85,11 @@ def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
         mistakes += _check_other_family(tree, document, block.plugin)
     if mistakes or document is None:
         raise scenario_error(mistakes)
-    cheap = _resolve_twin(tree, path, registry)
+    cheap, members = _resolve_twin(tree, path, registry), _resolve_members(tree, document, path, registry)
     return Scenario(
         path=path,
         cheap=cheap,
+        members=members,
         cheap_cost=document.cheap.cost if document.cheap is not None else None,
         specifications=specifications,
         estimated=tuple(name for name in specifications if name in estimated),
@@ -104,6 +107,30 @@ def _resolve_twin(tree: Node, path: str, registry: Registry) -> Scenario | None:
     parts = {key: node for key, node in given.items() if key in TWIN_PARTS}
     own = {key: node for key, node in tree.entries.items() if key not in _NOT_OF_TWIN}
     return _resolve(merge(Node(own, tree.mark, tree.key), Node(parts, tree.mark)), path, registry)
+
+
+def _resolve_members(tree: Node, document: Document, path: str, registry: Registry) -> tuple[Scenario, ...]:
+    """Return the scenario with the values of each draw of ``ensemble``."""
+    if not document.ensemble:
+        return ()
+    node = tree.entries["ensemble"]
+    sizes = {len(values) for values in document.ensemble.values()}
+    if len(sizes) > 1 or min(sizes) < _FEWEST_MEMBERS:
+        hint = f"each path has a value for every draw, at least {_FEWEST_MEMBERS} of them"
+        raise scenario_error(
+            [Mistake(node.name_mark, ("ensemble",), "its lists differ in length or are short", hint)]
+        )
+    own = Node(
+        {key: one for key, one in tree.entries.items() if key not in _NOT_OF_TWIN}, tree.mark, tree.key
+    )
+    return tuple(
+        _resolve(
+            override(own, [f"{key}={json.dumps(values[k])}" for key, values in document.ensemble.items()]),
+            path,
+            registry,
+        )
+        for k in range(min(sizes))
+    )
 
 
 def _without_options(tree: Node) -> Node:

@@ -210,6 +210,11 @@ class Document(_Model):
     cheap: Cheap | None = Field(
         None, description="cheap twin of the stack, which estimator mfmc runs on many tapes"
     )
+    ensemble: dict[str, tuple[Any, ...]] = Field(
+        {},
+        description="draws of what is not known of the model: parameter path -> its value in each draw, such "
+        "as perception.member: [1, 2, 3]; the interval then includes the model",
+    )
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
     exposure: Exposure | None = Field(None, description="how often this scene is met: gives rates in reports")
     regression: Regression | None = Field(None, description="how `avrare check` compares with a baseline")
@@ -266,6 +271,8 @@ class Scenario:
             ``specifications``; all of them by default).
         cheap: The cheap twin, as a scenario of its own; None where there is none.
         cheap_cost: Cost of its rollouts, in rollouts of this one; None: measured.
+        ensemble: Values of parameters in each draw of the model.
+        members: The scenario with the values of each draw.
         warnings: (message, hint) on specifications that are valid but may not mean what was intended.
     """
 
@@ -291,6 +298,8 @@ class Scenario:
     cross_check: CrossCheck | None = None
     cheap: Scenario | None = None
     cheap_cost: float | None = None
+    ensemble: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    members: tuple[Scenario, ...] = ()
     warnings: tuple[tuple[str, str | None], ...] = field(default=(), compare=False)
 
     @property
@@ -335,4 +344,6 @@ class Scenario:
             other = self.cheap.resolved
             differing = {key: other.get(key) for key in TWIN_PARTS if other.get(key) != plain.get(key)}
             plain["cheap"] = {"cost": self.cheap_cost, **differing}
+        if self.ensemble:
+            plain["ensemble"] = {path: list(values) for path, values in self.ensemble.items()}
         return plain

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from avrare.analysis.causes.failure_sample import FailureSample, normal_interval
-from avrare.analysis.causes.score_function import HasLogRatio, log_ratios
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
@@ -23,6 +22,7 @@ from avrare.base.records import Records
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Failures
 from avrare.protocols import find_ability
+from avrare.rollout.observation_ratios import HasLogRatio, log_ratios
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
 

@@ -116,6 +116,8 @@ def _render_facts(entry: StoredEstimate) -> Markup:
     diagnostics = entry.diagnostics or {}
     notes += [diagnostics["choice"]["text"]] if "choice" in diagnostics else []
     notes += [cause["text"] for cause in diagnostics.get("learnt", ())]
+    notes += [diagnostics["model"]["text"]] if "model" in diagnostics else []
+    notes += [diagnostics["note"]] if "twin" in diagnostics else []
     shown = [tag("p", f"{note[0].upper()}{note[1:]}.", class_="muted") for note in notes]
     return tag("div", tag("dl", rows, class_="facts"), shown)
 

@@ -85,6 +85,15 @@ def choice_lines(results: Sequence[Result]) -> list[str]:
     return _name_specifications(lines, results)
 
 
+def model_lines(results: Sequence[Result]) -> list[str]:
+    """Return how much of the uncertainty is the model's, where an ensemble was given; each line once."""
+    lines: dict[str, list[str]] = {}
+    for result in results:
+        if model := result.diagnostics.get("model"):
+            lines.setdefault(model["text"], []).append(result.specification)
+    return _name_specifications(lines, results)
+
+
 def learnt_lines(results: Sequence[Result]) -> list[str]:
     """Return what the estimator has learnt of the failures; each line once."""
     lines: dict[str, list[str]] = {}

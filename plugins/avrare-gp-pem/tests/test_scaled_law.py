@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.score_function import log_ratios
+from avrare.rollout.observation_ratios import log_ratios
 from avrare.analysis.causes.tape_runs import draw_tapes
 
 SCENARIO = "scenarios/lane_change.yaml"

@@ -1,0 +1,162 @@
+"""Estimates over an ensemble: the interval of a probability includes what is not known of its model.
+
+The rollouts of the scenario's own model are reweighed for each member by the density ratio of what the
+perception error model observes, where enough effective failures are left; other members are run anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrare.estimation import health
+from avrare.estimation.intervals import Interval
+from avrare.estimation.model_share import ModelShare
+from avrare.estimation.result import Result
+from avrare.protocols import Floats, find_ability
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.observation_ratios import HasLogRatio, log_ratios
+from avrare.rollout.problem import Problem
+from avrare.stack.closed_loop import ClosedLoop
+
+RunMember = Callable[[int, str], Result]
+"""Estimates a specification under a member, by number and name, with rollouts of its own."""
+
+_LEAST = 20.0
+"""Effective failures that reweighing must leave,"""
+_SHARE = 0.3
+"""and this share of those that there are: with fewer, the weights may not have met their largest values."""
+
+
+@dataclass(frozen=True)
+class Reweighed:
+    """Estimates under K models from the failures of one.
+
+    Attributes:
+        probabilities: (K,) estimates; NaN where too few effective failures are left.
+        contributions: (F, K) part of each estimate that each failure stands for.
+    """
+
+    probabilities: Floats
+    contributions: Floats
+
+
+def reweigh(result: Result, log_ratio: Floats) -> Reweighed:
+    """Reweigh the kept failures of a Monte Carlo estimate for K models.
+
+    Args:
+        result: Estimate under the scenario's own model.
+        log_ratio: (F, K) log density ratios of the models for what was observed in the failures.
+    """
+    count = max(len(log_ratio), 1)
+    parts = np.exp(log_ratio) * (result.probability / count)
+    total = parts.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        effective = total**2 / (parts**2).sum(axis=0)
+    good = np.isfinite(effective) & (effective >= max(_LEAST, _SHARE * count))
+    return Reweighed(np.where(good, total, np.nan), parts)
+
+
+def include_model(scenario: LoadedScenario, results: Sequence[Result], run: RunMember) -> list[Result]:
+    """Return the results with an interval that includes the uncertainty of the model.
+
+    Args:
+        scenario: Scenario with an ensemble.
+        results: Estimates under its own model.
+        run: Runs a member whose rollouts cannot be reweighed.
+    """
+    members = [LoadedScenario(one) for one in scenario.definition.members]
+    found = []
+    for result in results:
+        problem = scenario.problem(result.specification)
+        others = _perceptions(problem, members) if _reweighable(scenario, result) else None
+        known = None
+        if others is not None:
+            known = reweigh(result, log_ratios(problem, others, result.failures.noise))
+        fresh = {
+            k: run(k, result.specification)
+            for k in range(len(members))
+            if known is None or math.isnan(known.probabilities[k])
+        }
+        found.append(combine(result, len(members), known, fresh))
+    return found
+
+
+def _reweighable(scenario: LoadedScenario, result: Result) -> bool:
+    only_perception = all(path.startswith("perception.") for path in scenario.definition.ensemble)
+    plain = result.estimator == "mc" and "used_rollouts" not in result.diagnostics
+    return only_perception and plain and len(result.failures.noise) >= _LEAST
+
+
+def _perceptions(problem: Problem, members: Sequence[LoadedScenario]) -> list[object] | None:
+    loop = problem.system
+    if not isinstance(loop, ClosedLoop) or find_ability(loop.perception, HasLogRatio) is None:
+        return None
+    return [member.stack.loop.perception for member in members]
+
+
+def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> Result:
+    """Return a result over K models.
+
+    Args:
+        result: Estimate under the scenario's own model.
+        size: K.
+        known: Estimates by reweighing, if any.
+        fresh: Results of the models that were run anew, by number.
+    """
+    share = _share(result, size, known, fresh)
+    errors = max([result.errors / max(result.rollouts, 1), *(_error_share(one) for one in fresh.values())])
+
+    def interval_at(confidence: float) -> Interval:
+        low, high = share.interval(confidence)
+        return low, min(1.0, high + errors)
+
+    runs = list(fresh.values())
+    mean = float(share.probabilities.mean())
+    variance = (share.model * (1.0 + 1.0 / size)) + share.sampling
+    warnings = {name: text for one in runs for name, text in one.health.items()} | result.health
+    if min([result.failures.count, *(one.failures.count for one in runs)]) == 0:
+        warnings |= health.warn("model_unknown")
+    return replace(
+        result,
+        probability=mean,
+        run_probabilities=share.probabilities,
+        interval_at=interval_at,
+        relative_error=math.sqrt(math.expm1(min(variance, 50.0))) if mean else math.nan,
+        rollouts=result.rollouts + sum(one.rollouts for one in runs),
+        simulated_steps=result.simulated_steps + sum(one.simulated_steps for one in runs),
+        errors=result.errors + sum(one.errors for one in runs),
+        seconds=result.seconds + sum(one.seconds for one in runs),
+        health=warnings,
+        diagnostics={**result.diagnostics, "model": share.to_dict()},
+    )
+
+
+def _error_share(result: Result) -> float:
+    return result.errors / max(result.rollouts, 1)
+
+
+def _share(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> ModelShare:
+    values, covariance = np.zeros(size), np.zeros((size, size))
+    logs = np.zeros(size)
+    kept = [k for k in range(size) if k not in fresh]
+    if known is not None and kept:
+        values[kept] = known.probabilities[kept]
+        logs[kept] = np.log(values[kept])
+        parts = known.contributions[:, kept] / values[kept]
+        # Of independent rollouts: the sum of squares, less the square of the mean.
+        covariance[np.ix_(kept, kept)] = parts.T @ parts - 1.0 / result.rollouts
+    for k, one in fresh.items():
+        values[k] = one.probability
+        logs[k], covariance[k, k] = _log_of(one)
+    return ModelShare(values, logs, covariance, len(kept) if known is not None else 0, result.probability)
+
+
+def _log_of(result: Result) -> tuple[float, float]:
+    """Return the logarithm of an estimate and its variance; without failures, of half a failure."""
+    if result.probability > 0.0:
+        return math.log(result.probability), math.log1p(result.relative_error**2)
+    return math.log(0.5 / max(result.rollouts, 1)), 2.0
