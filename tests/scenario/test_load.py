@@ -73,6 +73,18 @@ def test_mistakes_in_a_cheap_twin_have_their_place(fails, good):
     assert any(line.startswith("s.yaml:15:13: tracker.dellay: unknown key") for line in lines)
 
 
+def test_an_ensemble_has_a_scenario_for_each_draw(read, fails, good):
+    scenario = read(good + "ensemble: {tracker.delay: [1, 2, 3], simulator.gap: [19, 20, 21.5]}\n")
+    assert [one.tracker.config.delay for one in scenario.members] == [1, 2, 3]
+    assert [one.simulator.config.gap for one in scenario.members] == [19.0, 20.0, 21.5]
+    assert all(not one.members and not one.thresholds for one in scenario.members)
+    assert read(dump(scenario.resolved)) == scenario
+    lines, _ = fails(good + "ensemble: {tracker.delay: [1, 2]}\n")
+    assert any("s.yaml:14:1: ensemble: its lists differ in length or are short" in line for line in lines)
+    lines, _ = fails(good + "ensemble: {tracker.dellay: [1, 2, 3]}\n")
+    assert any("tracker.dellay: unknown key" in line for line in lines)
+
+
 def test_a_scenario_can_be_sent_to_a_worker(read, good):
     scenario = read(good)
     assert pickle.loads(pickle.dumps(scenario)) == scenario

@@ -182,8 +182,10 @@ class FailureSample:
 
 
 def _is_binomial(estimator: str, failures: Failures, diagnostics: Mapping[str, Any]) -> bool:
-    # Monte Carlo that stops by a rule is not: its number of rollouts depends on the failures.
-    return estimator == "mc" and failures.weights is None and "used_rollouts" not in diagnostics
+    # Monte Carlo that stops by a rule is not: its number of rollouts depends on the failures. Nor is the mean
+    # over an ensemble of models.
+    plain = "used_rollouts" not in diagnostics and "model" not in diagnostics
+    return estimator == "mc" and failures.weights is None and plain
 
 
 def normal_interval(value: float, error: float, confidence: float) -> Interval:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.rollout.observation_ratios import log_ratios
 from avrare.analysis.causes.tape_runs import draw_tapes
+from avrare.rollout.observation_ratios import log_ratios
 
 SCENARIO = "scenarios/lane_change.yaml"
 MODELS = {

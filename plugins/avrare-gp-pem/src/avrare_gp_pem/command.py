@@ -21,6 +21,7 @@ _DATA = (
 _MODELS = ("gp", "mlp", "student", "logistic", "literal")
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
 _MAX_DIGITS = 9
+_MOST_MEMBERS = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     fit.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
     fit.add_argument("--name", default="model", help="name of the model's files")
+    fit.add_argument(
+        "--ensemble",
+        type=_members,
+        default=0,
+        metavar="K",
+        help="keep K refits to bootstrap samples of the data in the file, for intervals with the model",
+    )
     fit.add_argument("--seed", type=_seed, default=0, help="same seed, same machine: same bytes")
     for option, text in (
         ("--licence", "licence of the data, for the model card"),
@@ -63,6 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _seed(text: str) -> int:
     if not text.isdecimal() or len(text) > _MAX_DIGITS:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 0 to 999999999")
+    return int(text)
+
+
+def _members(text: str) -> int:
+    if not text.isdecimal() or not (text == "0" or 3 <= int(text) <= _MOST_MEMBERS):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 3 to {_MOST_MEMBERS}")
     return int(text)
 
 
@@ -109,6 +123,7 @@ def _fit(args: argparse.Namespace) -> None:
     _require_modules("torch", "scipy", "matplotlib", *(["pyro"] if args.model in ("gp", "literal") else []))
     if Path(args.name).name != args.name or args.name in ("", ".."):
         raise UsageError(f"--name: {args.name!r} is not a file name", "the folder goes into --out")
+    from avrare_gp_pem.training.bootstrap import fit_ensemble
     from avrare_gp_pem.training.pipeline import FitPlan, fit_model
     from avrare_gp_pem.training.report import provenance, write_report
 
@@ -117,6 +132,7 @@ def _fit(args: argparse.Namespace) -> None:
     plan = FitPlan(args.model, args.seed)
     stated = {"data": args.source, "detector": args.detector, "licence": args.licence}
     model = fit_model(data, plan, provenance(plan, data, stated), _log)
+    model = fit_ensemble(model, data, plan, args.ensemble, _log)
     for line in write_report(args.out, args.name, model, data):
         print(line)
 

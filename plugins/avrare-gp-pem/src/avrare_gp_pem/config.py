@@ -154,6 +154,12 @@ class GpPemConfig(_PemConfig):
         description="a shipped model (measured, best, paper, literal, pointpillars), or the path of an .npz",
         json_schema_extra={"file": True},
     )
+    member: int = Field(
+        0,
+        ge=0,
+        description="bootstrap refit to use, of those that `avrare pem fit --ensemble` has kept in the file; "
+        "0: the model itself",
+    )
     artefact: bool = Field(
         False, description="imitate the matching of the training labels, too; only for scoring on such labels"
     )

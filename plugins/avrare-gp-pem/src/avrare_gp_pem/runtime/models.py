@@ -102,10 +102,10 @@ def build_gp(config: GpPemConfig, scene: Scene) -> Any:
     """Build the fitted model for a scene.
 
     Raises:
-        UsageError: The model is unknown, its file cannot be read, or lacks what is asked of it: the artefact,
-            or the persistence, ghosts or headings of its data.
+        UsageError: The model is unknown, its file cannot be read, or lacks what is asked of it: the member,
+            the artefact, or the persistence, ghosts or headings of its data.
     """
-    fitted = load(locate(config.model))
+    fitted = _member(load(locate(config.model)), config)
     variant = fitted.delivered if config.artefact else fitted.clean
     if variant is None:
         message = f"perception model {config.model!r} has no artefact of label matching"
@@ -131,6 +131,14 @@ def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any
     full = with_motion_errors(model, config.speed_y_sd, heading)
     full = with_persistence(full, persistence, model.scene)
     return with_ghosts(full, ghosts, model.scene, config.speed_sd)
+
+
+def _member(fitted: FittedPem, config: GpPemConfig) -> FittedPem:
+    if config.member > len(fitted.ensemble):
+        kept = f"it has {len(fitted.ensemble)}" if fitted.ensemble else "it has none"
+        message = f"perception model {config.model!r} has no member {config.member}: {kept}"
+        raise UsageError(message, "fit it with `avrare pem fit --ensemble K`, or leave member out")
+    return fitted.ensemble[config.member - 1] if config.member else fitted
 
 
 def _persistence(config: GpPemConfig, fitted: FittedPem) -> Persistence:

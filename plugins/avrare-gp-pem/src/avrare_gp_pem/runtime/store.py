@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ _NUMBERS = ("input_mean", "input_sd", "base_scale", "dof", "limit")
 _CALIBRATION = ("bounds", "line", "stretch")
 _TAILS = ("near", "tail")  # since format 3
 _YAW_ARRAYS = ("flip", "scale", "dof")
+_MEMBER = "member_"
+"""Begin of the names of a bootstrap refit's arrays; versions that know no ensembles leave them out."""
 _PERSISTENCE = ("detection", "position")
 _CAR = Box(*(np.array([[value]]) for value in (2.0, 20.0, 1.5, 4.5, 1.8, 1.6, 4.0)))
 _UNREADABLE = (
@@ -84,7 +87,16 @@ def load(path: Path) -> FittedPem:
 
 def save(path: Path, model: FittedPem) -> None:
     """Write a fitted model; the same model gives the same bytes."""
-    arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT)}
+    arrays = {"format": np.array(FORMAT)} | _model_arrays(model)
+    for number, member in enumerate(model.ensemble, start=1):
+        arrays |= {f"{_MEMBER}{number}_{key}": value for key, value in _model_arrays(member).items()}
+    arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
+    arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
+    write_arrays(path, arrays)
+
+
+def _model_arrays(model: FittedPem) -> dict[str, NDArray[Any]]:
+    arrays: dict[str, NDArray[Any]] = {}
     for name, variant in (("clean", model.clean), ("delivered", model.delivered)):
         if variant is not None:
             arrays |= {f"{name}_{key}": value for key, value in _variant_arrays(variant).items()}
@@ -94,9 +106,7 @@ def save(path: Path, model: FittedPem) -> None:
         arrays |= {f"persistence_{name}": getattr(model.persistence, name) for name in _PERSISTENCE}
     if model.ghosts is not None:
         arrays |= {f"ghosts_{name}": np.asarray(value) for name, value in vars(model.ghosts).items()}
-    arrays["provenance_keys"] = np.array(list(model.provenance), dtype=np.str_)
-    arrays["provenance_values"] = np.array(list(model.provenance.values()), dtype=np.str_)
-    write_arrays(path, arrays)
+    return arrays
 
 
 def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
@@ -118,6 +128,15 @@ def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
 
 
 def _from_format_3(arrays: Arrays) -> FittedPem:
+    model, members = _model(arrays, _provenance(arrays)), []
+    while f"{_MEMBER}{len(members) + 1}_clean_link" in arrays:
+        prefix = f"{_MEMBER}{len(members) + 1}_"
+        own = {key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)}
+        members.append(_model(own, model.provenance))
+    return replace(model, ensemble=tuple(members))
+
+
+def _model(arrays: Arrays, provenance: Mapping[str, str]) -> FittedPem:
     parts: dict[str, Variant] = {}
     for name in ("clean", "delivered"):
         own = {key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")}
@@ -128,7 +147,7 @@ def _from_format_3(arrays: Arrays) -> FittedPem:
     if "persistence_detection" in arrays:
         lasting = MeasuredPersistence(*(_pair(arrays[f"persistence_{name}"]) for name in _PERSISTENCE))
     ghosts = _ghosts(arrays) if "ghosts_rate" in arrays else None
-    return FittedPem(parts["clean"], parts.get("delivered"), _provenance(arrays), yaw, lasting, ghosts)
+    return FittedPem(parts["clean"], parts.get("delivered"), provenance, yaw, lasting, ghosts)
 
 
 def _ghosts(arrays: Arrays) -> MeasuredGhosts:

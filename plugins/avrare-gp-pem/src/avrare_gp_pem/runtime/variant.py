@@ -218,6 +218,7 @@ class FittedPem:
         yaw: Yaw errors; None where the data had none.
         persistence: None where the data had no tracks.
         ghosts: None where the data had no false detections.
+        ensemble: Refits to bootstrap samples of the data; empty where there are none.
     """
 
     clean: Variant
@@ -226,3 +227,4 @@ class FittedPem:
     yaw: YawErrors | None = None
     persistence: MeasuredPersistence | None = None
     ghosts: MeasuredGhosts | None = None
+    ensemble: tuple[FittedPem, ...] = ()

@@ -54,7 +54,14 @@ class FitPlan:
     schedule: Schedule | None = None
 
 
-def fit_model(data: CleanedData, plan: FitPlan, provenance: Mapping[str, str], report: Report) -> FittedPem:
+def fit_model(
+    data: CleanedData,
+    plan: FitPlan,
+    provenance: Mapping[str, str],
+    report: Report,
+    *,
+    persistence: bool = True,
+) -> FittedPem:
     """Fit the detector, and where the labels have an artefact, the labels as delivered too.
 
     Args:
@@ -62,6 +69,7 @@ def fit_model(data: CleanedData, plan: FitPlan, provenance: Mapping[str, str], r
         plan: Model to fit; the same plan gives the same bits on the same machine.
         provenance: Stored with the model.
         report: Called with lines of progress.
+        persistence: Fit how long errors last, too.
     """
     oblique = data.train.take(data.oblique)
     fit = _fit_literal_variant if plan.model == "literal" else _fit_variant
@@ -69,8 +77,10 @@ def fit_model(data: CleanedData, plan: FitPlan, provenance: Mapping[str, str], r
     delivered = None
     if data.has_artefact:
         delivered = fit(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
-    lasting = fit_persistence(clean, oblique)
-    report(describe_persistence(lasting))
+    lasting = None
+    if persistence:
+        lasting = fit_persistence(clean, oblique)
+        report(describe_persistence(lasting))
     return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting)
 
 

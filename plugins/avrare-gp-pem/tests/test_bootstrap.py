@@ -1,0 +1,63 @@
+"""Ensembles of refits: kept in the file, used by number, and as different as the data leave them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from avrare.base.errors import UsageError
+from avrare_gp_pem.config import GpPemConfig
+from avrare_gp_pem.runtime.models import build_gp
+from avrare_gp_pem.runtime.store import load, locate, save
+
+
+def test_members_are_kept_in_the_file(tmp_path, make, pointpillars):
+    other = load(locate("measured"))
+    path = tmp_path / "model.npz"
+    save(path, replace(pointpillars, ensemble=(other, pointpillars)))
+    again = load(path)
+    assert len(again.ensemble) == 2
+    scene, world = make.scene(2), make.random(4, 2)
+    for number, truth in ((0, pointpillars), (1, other), (2, pointpillars)):
+        built = build_gp(GpPemConfig(model=str(path), member=number), scene)
+        named = "measured" if truth is other else "pointpillars"
+        same = build_gp(GpPemConfig(model=named), scene)
+        assert np.array_equal(built.law(world).detect, same.law(world).detect)
+    with pytest.raises(UsageError, match="no member 3: it has 2"):
+        build_gp(GpPemConfig(model=str(path), member=3), scene)
+    with pytest.raises(UsageError, match="no member 1: it has none"):
+        build_gp(GpPemConfig(model="measured", member=1), scene)
+    save(tmp_path / "alone.npz", pointpillars)
+    assert load(tmp_path / "alone.npz").ensemble == ()
+
+
+def test_blocks_are_drawn_with_replacement():
+    pytest.importorskip("torch")
+    from avrare_gp_pem.training.bootstrap import draw_blocks
+
+    rows = draw_blocks(1003, np.random.default_rng(0))
+    assert len(rows) == pytest.approx(1003, abs=50)
+    assert 0.5 < len(np.unique(rows)) / 1003 < 0.75
+    assert len(np.unique(draw_blocks(7, np.random.default_rng(0)))) < 7
+
+
+@pytest.mark.slow
+def test_refits_scatter_as_the_data_leave_them(drive):
+    pytest.importorskip("torch")
+    from avrare_gp_pem.training.bootstrap import fit_ensemble
+    from avrare_gp_pem.training.cleaning import clean
+    from avrare_gp_pem.training.pipeline import RECIPES, FitPlan, fit_model
+
+    recipe = replace(RECIPES["logistic"][0], members=3, epochs=8, least_steps=250, least_gain=np.inf)
+    spreads = []
+    for rows in (800, 8000):
+        data, plan = clean(drive(rows)), FitPlan("logistic", recipe=recipe)
+        model = fit_ensemble(fit_model(data, plan, {}, lambda line: None), data, plan, 6, lambda line: None)
+        assert len(model.ensemble) == 6
+        scales = np.array(
+            [np.log(one.clean.base_scale[:, 0] + 30 * one.clean.base_scale[:, 1]) for one in model.ensemble]
+        )
+        own = np.log(model.clean.base_scale[:, 0] + 30 * model.clean.base_scale[:, 1])
+        assert np.abs(scales.mean(axis=0) - own).max() < 4 * scales.std(axis=0).max()
+        spreads.append(scales.std(axis=0).mean())
+    assert 1.5 < spreads[0] / spreads[1] < 7.0
