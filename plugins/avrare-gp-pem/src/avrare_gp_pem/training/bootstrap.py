@@ -31,7 +31,7 @@ def fit_ensemble(
         sample = resample(data, rng)
         own = replace(plan, seed=plan.seed + number + 1)
         refit = fit_model(sample, own, {}, lambda line: None, persistence=False)
-        found.append(replace(refit, persistence=model.persistence))
+        found.append(replace(refit, persistence=model.persistence, ghosts=model.ghosts))
         report(f"bootstrap: refit {number + 1} of {members}")
     return replace(model, ensemble=tuple(found))
 
