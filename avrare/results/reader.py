@@ -180,7 +180,9 @@ class RunFolder:
     def require_scenario(self) -> LoadedScenario:
         """Return the scenario with its stack built; a ``UsageError`` says why it cannot be."""
         if self.scenario is None:
-            raise UsageError(f"{self.path}: its scenario cannot be built: {self.load_errors[0]}", RUN_AGAIN)
+            reason, *further = self.load_errors
+            hint = next((line.removeprefix("hint: ") for line in further if line.startswith("hint: ")), None)
+            raise UsageError(f"{self.path}: its scenario cannot be built: {reason}", hint or RUN_AGAIN)
         return self.scenario
 
     @property

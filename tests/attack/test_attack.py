@@ -15,7 +15,7 @@ MANY = {
     "scenarios": 400, "scenarios that run": 250, "formulas": 300, "rules files": 60,
     "recorded drives (CSV)": 600, "recorded drives (CommonRoad)": 120, "run folders": 200, "checkpoints": 60,
     "baselines": 100, "stored failures": 250, "failures as text": 200, "history databases": 300,
-    "models, policies and flows": 150, "command lines": 250,
+    "models, policies and flows": 150, "catalogues, searches and what was learned": 120, "command lines": 250,
 }  # fmt: skip
 
 

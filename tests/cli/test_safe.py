@@ -25,6 +25,13 @@ specifications:
 """
 SAID = "safe mode: '/etc/passwd' is a file outside the scenario's folder"
 HONEST = HOSTILE.replace("/etc/passwd", "rgb_array")
+CATALOGUE = """\
+name: seas
+scenes:
+  - {name: calm, scenario: s.yaml, exposure: {count: 3, hours: 10.0}}
+pilot: 30
+budget: {rollouts: 100}
+"""
 COMMANDS = {
     "run": "run s.yaml --out out",
     "check": "check s.yaml",
@@ -40,6 +47,12 @@ COMMANDS = {
     "monitor run": "monitor run",
     "synthesize": "synthesize s.yaml --parameter feedforward",
     "resume": "run --resume interrupted",
+    "kinds": "kinds run",
+    "attribution": "attribution run",
+    "sensitivity": "sensitivity s.yaml --parameter simulator.dt",
+    "sensitivity of a run": "sensitivity honest.yaml --parameter simulator.dt --run run",
+    "require": "require s.yaml --parameter simulator.dt --probability <0.1 --out o",
+    "rate": "rate catalogue.yaml --out o",
 }
 
 
@@ -49,6 +62,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("s.yaml").write_text(HOSTILE)
     Path("honest.yaml").write_text(HONEST)
+    Path("catalogue.yaml").write_text(CATALOGUE)
     Path("drive.csv").write_text("time,o0\n0,0\n1,0\n")
     estimate = {
         "specification": "near", "estimator": "mc", "probability": 0.5, "interval": [0.1, 0.9],
@@ -76,6 +90,40 @@ def test_every_command_refuses(folder, capsys, command):
     err = capsys.readouterr().err
     assert SAID in err
     assert "hint: without --safe this is allowed" in err
+
+
+def test_a_catalogue_names_no_scenario_elsewhere_and_changes_none(folder, capsys):
+    outside = CATALOGUE.replace("s.yaml", "../honest.yaml")
+    changed = CATALOGUE.replace("s.yaml,", "honest.yaml, set: ['simulator.env=Evil-v0'],")
+    for text, said in ((outside, "leads out of"), (changed, "safe mode: scene 'calm' overrides options")):
+        Path("catalogue.yaml").write_text(text)
+        assert main(["rate", "catalogue.yaml", "--safe", "--out", "o"]) == 4
+        assert said in capsys.readouterr().err
+    assert not Path("o").exists()
+
+
+@pytest.mark.parametrize("name", ["pilot", "pilot/calm"])
+def test_no_rate_is_resumed_through_a_link(folder, capsys, name):
+    mine = folder / "mine"
+    mine.mkdir()
+    (mine / "scenario.yaml").write_text("precious")
+    (folder / "s.yaml").write_text(HONEST)
+    link = folder / "theirs" / name
+    link.parent.mkdir(parents=True)
+    link.symlink_to(mine)
+    assert main(["rate", "catalogue.yaml", "--resume", "theirs"]) == 4
+    assert "is a link" in capsys.readouterr().err
+    assert [path.name for path in mine.iterdir()] == ["scenario.yaml"]
+
+
+def test_no_search_goes_on_through_a_link(folder, capsys):
+    (folder / "precious").write_text("mine")
+    (folder / "theirs").mkdir()
+    (folder / "theirs" / "trials.json").symlink_to(folder / "precious")
+    words = ["require", "honest.yaml", "--parameter", "simulator.dt", "--probability", "<0.1"]
+    assert main([*words, "--out", "theirs"]) == 4
+    assert "theirs/trials.json: " in capsys.readouterr().err
+    assert (folder / "precious").read_text() == "mine"
 
 
 def test_the_report_of_a_run_is_written_without_its_scenario(folder, capsys):

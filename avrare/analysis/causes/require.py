@@ -16,7 +16,7 @@ from avrare.analysis.causes.requirement import Evaluate, Requirement, Trial, fin
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import read_json
+from avrare.base.stored_files import check_seal, read_json, seal
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Progress, Settings, run
 from avrare.rollout.executors.work import build_executor
@@ -110,9 +110,11 @@ class _KeptTrials:
         if path is None or not path.is_file():
             return _KeptTrials(path, task, [])
         content = read_json(path, "choose another --out")
+        check_seal(path, content, "choose another --out, or remove it")
         if content.get("task") != task:
             raise UsageError(f"{path}: holds another search", "choose another --out, or remove it")
-        return _KeptTrials(path, task, [_read_trial(path, one) for one in content.get("trials", [])])
+        trials = content.get("trials")
+        return _KeptTrials(path, task, [_read_trial(path, one) for one in _as_list(path, trials)])
 
     def find(self, number: int, value: float) -> Trial | None:
         if number >= len(self.trials):
@@ -127,9 +129,15 @@ class _KeptTrials:
         if self.path is not None:
             with explain_file_errors(f"{self.path}: cannot write", "choose another --out"):
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                content = {"task": self.task, "trials": [asdict(one) for one in self.trials]}
+                content = seal({"task": self.task, "trials": [asdict(one) for one in self.trials]})
                 write_text(self.path, json.dumps(content, indent=1) + "\n")
         return trial
+
+
+def _as_list(path: Path, value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise UsageError(f"{path}: cannot be read", "choose another --out, or remove it")
+    return value
 
 
 def _read_trial(path: Path, entry: Any) -> Trial:

@@ -9,6 +9,7 @@ import avrare
 from avrare.analysis.causes.requirement import SHARES, Trial, find_requirement
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import bisect
+from avrare.base.stored_files import seal
 from avrare.cli.main import main
 from avrare.estimation.intervals import clopper_pearson
 from noisy_loop import exact
@@ -120,10 +121,15 @@ def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
     out = tmp_path / "out"
     avrare.require(*arguments, **keywords, out=out)
     kept = json.loads((out / "trials.json").read_text())
-    (out / "trials.json").write_text(json.dumps(kept | {"trials": kept["trials"][:3]}))
+    kept["trials"] = kept["trials"][:3]
+    (out / "trials.json").write_text(json.dumps(seal(kept)))
     assert avrare.require(*arguments, **keywords, out=out) == whole
     with pytest.raises(UsageError, match="holds another search"):
         avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
+    kept["trials"][0]["probability"] *= 0.5  # would steer the search without a word
+    (out / "trials.json").write_text(json.dumps(kept))
+    with pytest.raises(UsageError, match="it was changed after it was written"):
+        avrare.require(*arguments, **keywords, out=out)
 
 
 def test_the_range_of_a_small_whole_number_begins_at_one(plane):

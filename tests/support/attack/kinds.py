@@ -1,9 +1,6 @@
 """Kinds of inputs: how one of each is damaged, and the command that reads it."""
 
 import contextlib
-import copy
-import functools
-import json
 import re
 import shutil
 from collections.abc import Callable, Sequence
@@ -11,15 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 import damage
-from attack import command_lines, formulas
+from attack import command_lines, formulas, studies
 from attack.attempts import BITS, OUTPUT, Outcome, call, trouble
-from attack.material import ESTIMATORS, MODELS, ROOT, RULES_DRIVE, copy_material, material, result
-from attack.mutation import WORDS, mutate_table, mutate_text, mutate_tree, pick, places
-from avrare.scenario import yaml as scenario_yaml
-from avrare.scenario.extends import read
+from attack.material import ESTIMATORS, MODELS, RULES_DRIVE, copy_material, material, result
+from attack.mutation import WORDS, mutate_table, mutate_text, mutate_tree, pick
+from attack.texts import as_text, as_tree, reduce_sizes, scenarios
 
 Words = list[str]
 
@@ -39,38 +34,11 @@ class Kind:
     examine: Callable[[Outcome], str | None] = lambda outcome: None
 
 
-@functools.cache
-def scenarios() -> dict[str, dict]:
-    """Return the scenarios of this project as plain data, by name."""
-    return {path.stem: read(str(path)).plain() for path in sorted((ROOT / "scenarios").glob("*.yaml"))}
-
-
-class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):
-    yaml_implicit_resolvers = scenario_yaml._Dumper.yaml_implicit_resolvers
-
-
-@functools.cache
-def _loaded(text):
-    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-
-
-def _load(text):
-    return copy.deepcopy(_loaded(text))
-
-
-def _text(tree) -> bytes:
-    try:  # as the product writes it, ten times as fast
-        text = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
-        return text.encode("utf-8", "surrogatepass")
-    except Exception:  # what this writer does not write is JSON, which is YAML
-        return json.dumps(tree).encode()
-
-
 def _scenario(random, name) -> bytes:
     tree = scenarios()[name]
     if random.random() < 0.7:
-        return _text(mutate_tree(tree, random, [pick(random, list(scenarios().values()))]))
-    text = mutate_text(_text(tree).decode(), random).encode("utf-8", "surrogatepass")
+        return as_text(mutate_tree(tree, random, [pick(random, list(scenarios().values()))]))
+    text = mutate_text(as_text(tree).decode(), random).encode("utf-8", "surrogatepass")
     return damage.damage_bytes(text, random) if random.random() < 0.2 else text
 
 
@@ -81,14 +49,14 @@ def _strike_scenario(random) -> Words:
         Path("s.yaml").write_bytes(_scenario(random, name))
         return ["validate", "s.yaml"]
     if what < 0.9:
-        Path("s.yaml").write_bytes(_text(scenarios()[name]))
+        Path("s.yaml").write_bytes(as_text(scenarios()[name]))
         return [
             "validate",
             "s.yaml",
             *[f"--set={_setting(random, name)}" for _ in range(random.integers(1, 4))],
         ]
     Path("base.yaml").write_bytes(_scenario(random, name))
-    Path("s.yaml").write_bytes(_text({"extends": "base.yaml", **mutate_tree(scenarios()[name], random)}))
+    Path("s.yaml").write_bytes(as_text({"extends": "base.yaml", **mutate_tree(scenarios()[name], random)}))
     return ["validate", "s.yaml"]
 
 
@@ -110,24 +78,14 @@ def _paths(tree, prefix=""):
 
 
 _CHEAP = ("cartpole", "pendulum", "glider", "glider_actuator", "constrained_gaussian", "four_squares", "walk")
-_MOST = {"steps": 30, "rollouts": 40, "particles": 20, "chains": 10, "runs": 3, "chunk": 1000}
-
-
-def _small(tree):
-    """What a machine can honestly compute in a second: sizes are item 5's concern, not an attack's."""
-    for parent, key in places(tree):
-        most = _MOST.get(key) if isinstance(parent, dict) else None
-        if most is not None and type(parent[key]) in (int, float) and parent[key] > most:
-            parent[key] = most
-    return tree
 
 
 def _strike_run(random) -> Words:
     name = pick(random, _CHEAP)
-    tree = dict(_load(Path("walk.yaml").read_text()) if name == "walk" else scenarios()[name])
-    tree["estimator"] = _load(ESTIMATORS[pick(random, list(ESTIMATORS))])
-    tree = _small(mutate_tree(_small(tree), random, list(scenarios().values())[:3]))
-    Path("s.yaml").write_bytes(_text(tree))
+    tree = dict(as_tree(Path("walk.yaml").read_text()) if name == "walk" else scenarios()[name])
+    tree["estimator"] = as_tree(ESTIMATORS[pick(random, list(ESTIMATORS))])
+    tree = reduce_sizes(mutate_tree(reduce_sizes(tree), random, list(scenarios().values())[:3]))
+    Path("s.yaml").write_bytes(as_text(tree))
     if random.random() < 0.3:
         return ["validate", "--build", "s.yaml"]
     return [
@@ -149,7 +107,7 @@ def _strike_formula(random) -> Words:
 
 def _strike_rules(random) -> Words:
     text = Path("rules.yaml").read_text()
-    tree = _load(text)
+    tree = as_tree(text)
     names = list(tree["rules"])
     if random.random() < 0.7:
         changed = mutate_tree(tree, random)
@@ -158,7 +116,7 @@ def _strike_rules(random) -> Words:
             rule = part[pick(random, list(part))]
             if isinstance(rule, dict) and "formula" in rule:
                 rule["formula"] = formulas.damage_formula(str(rule["formula"]), random)
-        content = _text(changed)
+        content = as_text(changed)
     else:
         content = mutate_text(text, random).encode("utf-8", "surrogatepass")
     Path("rules.yaml").write_bytes(
@@ -229,7 +187,7 @@ def _strike_commonroad(random) -> Words:
 _RUN_FILES = {
     "result.json": damage.damage_json, "provenance.json": damage.damage_json,
     "failures.npz": damage.damage_arrays, "rollouts.npz": damage.damage_arrays,
-    "scenario.yaml": lambda content, random: _text(mutate_tree(_load(content), random)),
+    "scenario.yaml": lambda content, random: as_text(mutate_tree(as_tree(content), random)),
 }  # fmt: skip
 _RUN_COMMANDS = [
     "report run", "history add run --store new.sqlite", "run --resume run", "run --resume run --json",
@@ -269,7 +227,7 @@ def _strike_checkpoint(random) -> Words:
         path.write_bytes(damage.damage_json(path.read_bytes(), random))
     elif what == 1:
         path = next(folder.rglob("scenario.yaml"))
-        path.write_bytes(_text(mutate_tree(_load(path.read_bytes()), random)))
+        path.write_bytes(as_text(mutate_tree(as_tree(path.read_bytes()), random)))
     elif what == 2:
         path.write_bytes(pick(random, chunks).read_bytes())
     elif what == 3:
@@ -373,6 +331,11 @@ KINDS = {
     "models, policies and flows": Kind(
         _strike_model,
         ["policy.npz", "flow.npz", "spline.npz", "pem.npz", "policy.yaml", "flow.yaml", "pem.yaml"],
+    ),
+    "catalogues, searches and what was learned": Kind(
+        studies.strike,
+        ["walk.yaml", "catalogue.yaml", "search", "rates", "learned_is.json", "learned_smc.json"],
+        studies.same_answer,
     ),
     "command lines": Kind(
         command_lines.words,

@@ -101,12 +101,28 @@ estimator: {plugin: mc, rollouts: 2}
 _PARTS = {
     "scenarios": {"walk.yaml", "catalogue.yaml", "linear.yaml", *(f"{name}.yaml" for name in ESTIMATORS)},
     "results": {"run", "failures", "history.sqlite", "baselines"},
+    "studies": {"search", "rates", "learned_is.json", "learned_smc.json"},
     "checkpoints": {f"{state}_{name}" for state in ("torn", "whole") for name in ESTIMATORS},
     "drives": {"drive.csv", "signals.csv", "drive.xml", "rules.yaml", "drives"},
     "models": {"samples.npy"}
     | {f"{name}.{kind}" for name in ("policy", "flow", "pem", "spline") for kind in ("yaml", "npz")},
 }
 """Part of the material -> its names; each part is made by a function of its own."""
+SEARCH = [
+    "require",
+    "walk.yaml",
+    "--parameter",
+    "simulator.scale",
+    "--specification",
+    "near",
+    "--probability",
+    "< 0.1",
+    "--budget",
+    "rollouts=400",
+    "--out",
+    "search",
+]
+LEARNING = ["--set", "estimator.rollouts=3000", "--set", "estimator.pilot=3000", "--set", "chunk=1000"]
 RULES_DRIVE = ["drive.csv", "--lanes", "-1.75,1.75,5.25", "--access-ramp", "0"]
 
 
@@ -192,6 +208,19 @@ def _make_results():
     quietly("history", "add", "run", "--store", "history.sqlite")
     quietly("check", "walk.yaml", "--baseline", "baselines", "--save", codes=(0, 1, 3))
     quietly("check", "walk.yaml", "--baseline", "baselines", "--save", "--set", "seed=1", codes=(0, 1, 3))
+
+
+def _make_studies():
+    home = Path("..").resolve()
+    for name in ("walk.yaml", "catalogue.yaml", "smc.yaml"):
+        material(home, name)
+    quietly(*SEARCH, codes=(0, 3))
+    quietly("rate", "catalogue.yaml", "--quiet", "--out", "rates", codes=(0, 3))
+    quietly("run", "smc.yaml", "--out", "learning", "--no-pictures")
+    shutil.move("learning/learned.json", "learned_smc.json")
+    shutil.rmtree("learning")
+    quietly("run", "walk.yaml", "--estimator", "is", *LEARNING, "--out", "learning", "--no-pictures")
+    shutil.move("learning/learned.json", "learned_is.json")
 
 
 def _make_checkpoints():
