@@ -22,7 +22,10 @@ def execute(args: argparse.Namespace) -> int:
     """Attribute the failures of each specification, print the tables and write them."""
     folder = read_run_folder(Path(args.folder))
     print_warnings((line, None) for line in folder.changes)
-    variants = {name: load(folder.path / SCENARIO, [setting]) for name, setting in _split(args.variant)}
+    settings: dict[str, list[str]] = {}
+    for name, setting in _split(args.variant):
+        settings.setdefault(name, []).append(setting)
+    variants = {name: load(folder.path / SCENARIO, several) for name, several in settings.items()}
     names = select_specifications(folder, args.specification)
     few = [name for name in names if len(folder.failures[name].robustness) < 2]
     print_warnings((f"{name}: one failure is too few to attribute", None) for name in few)

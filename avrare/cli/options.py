@@ -215,7 +215,7 @@ OPTIONS: dict[str, Options] = {
         ),
         "--channels": "give each noise channel a row of its own",
         "--variant NAME:KEY=VALUE": (
-            "another version of the scenario, run on the same tapes; may be repeated",
+            "another version of the scenario, run on the same tapes; may be repeated, for one NAME too",
             _REPEATABLE,
         ),
         "--seed N": ("seed of the fresh noise (default 0)", {**_NATURAL, "default": 0}),

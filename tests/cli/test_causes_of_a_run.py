@@ -84,3 +84,21 @@ def test_a_variant_that_always_breaks_down_is_a_clear_error(run, capsys):
     variant = "huge:simulator.A=[[1e300, 1e300], [1e300, 1e300]]"
     assert main(["attribution", str(run), "--fresh", "5", "--variant", variant]) == 4
     assert "rollouts with huge broke down" in capsys.readouterr().err
+
+
+def test_settings_of_one_variant_act_together(run, tmp_path):
+    quiet = "simulator.process_noise=[0.0, 1e-9]", "simulator.initial.covariance=[1e-9, 1e-9]"
+    words = ["attribution", str(run), "--out", str(tmp_path), "--fresh", "0"]
+    words += [
+        "--variant",
+        f"both:{quiet[0]}",
+        "--variant",
+        f"both:{quiet[1]}",
+        "--variant",
+        f"one:{quiet[0]}",
+    ]
+    assert main(words) == 0
+    rows = json.loads((tmp_path / "attribution.json").read_text())["attribution"]["left"]["perfect"]
+    vanish = {row["perfect"]: row["vanish"] for row in rows}
+    assert vanish["both"] == 1.0
+    assert vanish["one"] < 1.0

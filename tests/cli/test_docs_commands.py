@@ -49,10 +49,11 @@ NOT_RUN = {
     r"avrare synthesize .*": "a descent of minutes; avrare-linear's tests synthesise",
     r"avrare (kinds|attribution) .*": "needs a large run; tests/cli/test_kinds.py and tests/analysis",
     r"avrare (sensitivity|require) .*": "needs perception; tests/analysis/causes",
+    r"avrare compare .* against.tracker.*": "needs a tracker; tests/analysis/compare",
     r"avrare rate .*": "needs drawn options; tests/analysis/rates/test_rates.py",
     r"avrare replay .* --failure 122715dc": "a failure of the page's own run; tests/analysis/failures",
     r"avrare replay .* --blob @failure.txt .*": "a failure of the page's own run; tests/analysis/failures",
-    r"avrare replay --run runs/night .* --shrink": "a failure of the page's own run; tests/analysis/failures",
+    r"avrare replay --run runs/night .* --(shrink|lost)": "of the page's own run; tests/analysis/failures",
     r"avrare failures cluster .*": "needs the failures of a long run; tests/analysis/failures",
     r"avrare run drive.yaml --learned .*": "a file of the page's own run; avrare-estimators' tests",
 }
