@@ -9,6 +9,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Action
 from avrare.results.recordings.commonroad import open_commonroad
 from avrare_single_track.config import RecordedConfig
+from avrare_single_track.driver_model import idm
 from avrare_single_track.recorded import RecordedScene
 from lanelet_scenes import KINDS
 
@@ -79,3 +80,52 @@ def test_a_start_that_is_not_exact_is_refused(write):
         path.write_text(f"{head}<planningProblem{changed}", encoding="utf-8")
         with pytest.raises(UsageError, match="planning problem 9999 has no exact position"):
             RecordedScene(RecordedConfig(file=path))
+
+
+def roll(sim, steps, noise=None):
+    noise = np.zeros((steps + 1, 1, sim.noise_size)) if noise is None else noise
+    n = noise.shape[1]
+    world = sim.reset(noise[0])
+    for row in noise[1:]:
+        world = sim.step(world, Action(np.zeros(n), np.zeros(n)), row)
+    return world
+
+
+def test_cars_that_were_handed_over_react_from_where_they_were(write):
+    path = write("bend", 0.0)
+    head, problem = path.read_text(encoding="utf-8").split("<planningProblem", 1)
+    problem = re.sub(r"<x>.*?</x>", "<x>59.0</x>", problem, count=1)  # 2.5 m ahead of car 2
+    path.write_text(f"{head}<planningProblem{problem}", encoding="utf-8")
+    replayed = RecordedScene(RecordedConfig(file=path, without=(1,)))
+    handed = RecordedScene(RecordedConfig(file=path, without=(1,), drivers={"vehicles": (2,)}))
+    assert handed.noise_names == ("acceleration of v2",)
+    noise = np.zeros((1, 1))
+    for name in ("x", "y", "speed"):
+        one, other = (
+            getattr(sim.reset(noise[:, : sim.noise_size]).others, name) for sim in (replayed, handed)
+        )
+        np.testing.assert_array_equal(one, other)
+    before, after = roll(replayed, 10), roll(handed, 10)
+    assert before.others.speed[0, 0] == pytest.approx(25.0)
+    gap = 7.0 - 0.5 * (handed.scene.ego_length + handed.scene.lengths[0])
+    table = np.array([25.0, 1.5, 2.0, 1.5, 2.0, 8.0])
+    first = roll(handed, 1).others.acceleration[0, 0]
+    assert first == pytest.approx(idm(25.0, 25.0, gap, table), rel=1e-3)
+    assert after.others.x[0, 0] < before.others.x[0, 0] - 1.0
+    np.testing.assert_array_equal(before.others.x[:, 1], after.others.x[:, 1])  # not handed over
+
+
+def test_drivers_of_recorded_cars_take_noise_from_the_tape(write):
+    sim = RecordedScene(RecordedConfig(file=write("bend"), without=(1,), drivers={"acceleration_sd": 0.5}))
+    noise = np.random.default_rng(0).standard_normal((6, 3, sim.noise_size))
+    together = roll(sim, 5, noise).others.speed
+    assert len(np.unique(together)) == together.size
+    np.testing.assert_array_equal(roll(sim, 5, noise[:, 1:2]).others.speed, together[1:2])
+
+
+def test_cars_that_cannot_be_handed_over(write):
+    with pytest.raises(UsageError, match="lanes of constant widths"):
+        RecordedScene(RecordedConfig(file=write("widening"), drivers={}))
+    with pytest.raises(UsageError, match="obstacle 3 is not there at the start") as caught:
+        RecordedScene(RecordedConfig(file=write("opposing"), without=(1,), drivers={"vehicles": (3,)}))
+    assert caught.value.hint == "drivers.vehicles may name: 2"

@@ -234,6 +234,27 @@ class SingleTrackConfig(_Options):
         return self
 
 
+class HandedConfig(_Options):
+    """Recorded vehicles that a driver model takes over, from their state at the start.
+
+    Each desires the highest speed that it was recorded with.
+    """
+
+    vehicles: tuple[int, ...] = Field(
+        default=(), description="obstacles to take over; default: all that move and are there at the start"
+    )
+    time_gap: float = Field(default=1.5, ge=0.0, description="time gap to the vehicle ahead [s]")
+    standstill_gap: float = Field(default=2.0, gt=0.0, description="gap to it at rest, bumper to bumper [m]")
+    acceleration: float = Field(default=1.5, gt=0.0, description="acceleration on a free road [m/s^2]")
+    deceleration: float = Field(default=2.0, gt=0.0, description="comfortable deceleration [m/s^2]")
+    braking_max: float = Field(default=8.0, gt=0.0, description="bound of the deceleration [m/s^2]")
+    lane_changes: bool = Field(default=False, description="change lanes where it pays (MOBIL)")
+    acceleration_sd: float = Field(
+        default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
+    )
+    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of that noise [s]")
+
+
 class RecordedConfig(BaseModel):
     """Options of the simulator ``commonroad``."""
 
@@ -249,6 +270,9 @@ class RecordedConfig(BaseModel):
     ego: dict[str, float] = Field(
         default_factory=dict,
         description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
+    )
+    drivers: HandedConfig | None = Field(
+        default=None, description="recorded vehicles that react; default: all repeat what was recorded"
     )
 
 

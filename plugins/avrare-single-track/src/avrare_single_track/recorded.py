@@ -10,11 +10,24 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.driving import Scene, Vehicles, World
+from avrare.driving import Road, Scene, Vehicles, World
 from avrare.protocols import Bools, Floats
 from avrare.results.recordings.commonroad import open_problem
-from avrare_single_track.config import EgoConfig, RecordedConfig, SingleTrackConfig
+from avrare.results.recordings.recording import VehicleTrack
+from avrare_single_track.config import (
+    DriverConfig,
+    EgoConfig,
+    HandedConfig,
+    RecordedConfig,
+    SingleTrackConfig,
+    VehicleConfig,
+)
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack
+
+_STEADY = 0.3
+"""Most that a border of a lane may move aside where drivers keep to it [m]."""
+_REACH = 1.0
+"""Most that a lane may lack at either end of the road [m]."""
 
 
 def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
@@ -64,10 +77,56 @@ class RecordedScene(SingleTrack):
             np.array([track.width for track in others]),
             np.array([bool(np.nanmax(np.abs(track.states[3])) > 0.01) for track in others], dtype=bool),
         )
+        if config.drivers is not None:
+            self._hand_over(path, config.drivers, others)
+
+    def _hand_over(self, path: str, drivers: HandedConfig, tracks: list[VehicleTrack]) -> None:
+        if not has_constant_lanes(self.scene.road):
+            raise UsageError(
+                f"{path}: drivers need lanes of constant widths and offsets", "leave out `drivers`"
+            )
+        able = [
+            track.name
+            for track, moving in zip(tracks, self.scene.moving, strict=True)
+            if moving and track.present[0] and np.cos(track.states[2, 0]) > 0.0
+        ]
+        chosen = [str(one) for one in drivers.vehicles] or able
+        if wrong := [name for name in chosen if name not in able]:
+            why = "is not there at the start, does not move, or comes towards the ego"
+            text = f"{path}: obstacle {wrong[0]} {why}"
+            raise UsageError(text, f"drivers.vehicles may name: {', '.join(able) or 'none'}")
+        options = drivers.model_dump(exclude={"vehicles"})
+        vehicles = []
+        for track in tracks:
+            x, y, _, speed = track.states[:4, 0].tolist() if track.present[0] else (0.0,) * 4
+            driver = {**options, "desired_speed": max(float(np.nanmax(track.states[3])), 1.0)}
+            vehicles.append(
+                VehicleConfig(
+                    name=f"v{track.name}",
+                    x=x,
+                    y=y,
+                    speed=max(speed, 0.0),
+                    length=track.length,
+                    width=track.width,
+                    driver=DriverConfig(**driver) if track.name in chosen else None,
+                )
+            )
+        self.react(tuple(vehicles))
 
     def faults(self, world: World) -> Bools:
         """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""
         return super().faults(world) | (world.step > self.last)
+
+
+def has_constant_lanes(road: Road) -> bool:
+    """Return whether no lane begins or ends within the road, or moves aside by more than 0.3 m."""
+    return all(
+        np.ptp(border) < _STEADY
+        and lane.stations[0] <= road.begin + _REACH
+        and lane.stations[-1] >= road.end - _REACH
+        for lane in road.lanes
+        for border in (lane.right, lane.left)
+    )
 
 
 def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:

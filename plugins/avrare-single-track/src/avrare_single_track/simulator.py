@@ -75,6 +75,10 @@ class SingleTrack:
         )
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
         self.drawn_traffic: DrawnTraffic | None = None
+        self.react(vehicles)
+
+    def react(self, vehicles: tuple[VehicleConfig, ...]) -> None:
+        """Let those of the scene's vehicles react that have a driver."""
         self.reactive = ReactiveTraffic(vehicles, self.scene)
         self.noise_names = tuple(f"acceleration of {name}" for name in self.reactive.names)
         self.noise_size = len(self.noise_names)
