@@ -147,8 +147,8 @@ def _share(result: Result, size: int, known: Reweighed | None, fresh: dict[int, 
         values[kept] = known.probabilities[kept]
         logs[kept] = np.log(values[kept])
         parts = known.contributions[:, kept] / values[kept]
-        # Of independent rollouts: the sum of squares, less the square of the mean.
-        covariance[np.ix_(kept, kept)] = parts.T @ parts - 1.0 / result.rollouts
+        # That of the estimate itself, which all share, and that of the mean weights of the kept failures.
+        covariance[np.ix_(kept, kept)] = parts.T @ parts - 1.0 / len(parts) + result.relative_error**2
     for k, one in fresh.items():
         values[k] = one.probability
         logs[k], covariance[k, k] = _log_of(one)

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from avrare.base.number_format import format_percent
 from avrare.base.special_functions import bisect, chi_square_quantiles
 from avrare.estimation.intervals import Interval
 from avrare.protocols import Floats
@@ -98,7 +97,8 @@ class ModelShare:
 
     def describe(self) -> str:
         """Return the shares in words."""
-        own, rest = format_percent(self.share), format_percent(1.0 - self.share)
+        percent = round(100.0 * self.share)
+        own, rest = f"{percent} %", f"{100 - percent} %"
         ways = f"{self.reused} by reweighing" if self.reused else "each run anew"
         if 0 < self.reused < self.size:
             ways += f", {self.size - self.reused} run anew"

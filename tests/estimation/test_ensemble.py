@@ -86,6 +86,16 @@ def test_rollouts_are_reweighed_where_enough_of_them_are_left():
     assert "4 by reweighing, 1 run anew" in model["text"]
 
 
+def test_few_kept_failures_leave_the_error_of_all():
+    base = avrare.estimate(noisy_problem(), "mc", rollouts=40_000, seed=5)
+    assert base.failures.count > 5 * len(base.failures.noise)
+    known = reweigh(base, np.zeros((len(base.failures.noise), 4)))
+    result = combine(base, 4, known, {})
+    assert result.diagnostics["model"]["sampling_variance"] == pytest.approx(base.relative_error**2)
+    assert result.diagnostics["model"]["model_share"] == 0.0
+    assert result.interval == pytest.approx(base.interval, rel=0.02)
+
+
 def test_a_wider_model_moves_the_shares():
     _, _, narrow = estimate([0.99, 0.995, 1.0, 1.005, 1.01], 4)
     _, _, wide = estimate([0.8, 0.9, 1.0, 1.1, 1.2], 4)
