@@ -43,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, help="CPU seconds of an answer at most (120)")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--report-only", action="store_true")
+    parser.add_argument("--no-report", action="store_true", help="make cells alone")
     parser.add_argument("--keep", action="store_true", help=f"pack the cells into {report.KEPT.name}")
     args = parser.parse_args(argv)
     kept.unpack(report.KEPT, args.results)
@@ -56,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         make(keys, args.results, args.workers, minutes, limit)
     if args.keep:
         kept.pack(report.KEPT, args.results)
-    report.write(args.results)
+    if not args.no_report:
+        report.write(args.results)
 
 
 def wanted(seeds: int, budgets: Sequence[int], quick: bool, only: str) -> Iterator[cells.Key]:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from benchmarks.calibration import cells, figures
 from benchmarks.calibration.problems import problems
-from benchmarks.calibration.summary import Row, best, rows_of, trusted
+from benchmarks.calibration.summary import Row, best, compared, rows_of, trusted
 from benchmarks.calibration.tools import TOOLS
-from benchmarks.calibration.words import FINDINGS, HEAD, NOTES
+from benchmarks.calibration.words import FINDINGS, HEAD, NOTES, REASONS
 from benchmarks.studies import pages
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -73,7 +73,7 @@ def page(rows: Sequence[Row]) -> str:
         "budget": f"{budget:,}", "least": min(seeds), "most": max(seeds),
     }  # fmt: skip
     return "\n".join([
-        HEAD.format(**counts), *_tool_table(rows), "", NOTES, *_first_table(shown), "", FINDINGS,
+        HEAD.format(**counts), *_tool_table(rows), "", NOTES, *_first_table(compared(shown)), "", FINDINGS,
         *_setting_table(), "", *_unable_lines(), "", "## Problems", "", *_problem_table(), "",
     ])  # fmt: skip
 
@@ -88,7 +88,7 @@ def _tool_table(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         groups.setdefault((row.tool, row.setting, row.budget), []).append(row)
     for (tool, setting, budget), own in groups.items():
-        peers = [row for row in rows if row.budget == budget]
+        peers = compared([row for row in rows if row.budget == budget])
         total = sum(len(row.cells) for row in own)
         stated = sum(len(row.stated) for row in own)
         covered = sum(row.covers * len(row.stated) for row in own if row.stated)
@@ -108,24 +108,27 @@ def _tool_table(rows: Sequence[Row]) -> list[str]:
 def _first_table(rows: Sequence[Row]) -> list[str]:
     """Return who is first on each problem, and how far the best of avrare is behind."""
     lines = [
-        "| problem | p | d | first | its cost | best of avrare | its cost | behind | Monte Carlo's cost |",
-        f"|{'---|' * 9}",
+        "| problem | p | d | first | its cost | best of avrare | its cost | behind | why | Monte Carlo's |",
+        f"|{'---|' * 10}",
     ]
+    letters = dict(zip(REASONS, "abcdefghijklmnopqrstuvwxyz", strict=False))
     for problem in problems().values():
         own = [row for row in rows if row.problem is problem]
         winner = best(own)
         ours = best([row for row in own if row.tool.startswith("avrare")])
         if not own:
             continue
-        behind = f"{ours.cost / winner.cost:.1f}" if ours and winner and ours is not winner else ""
+        lost = winner is not None and winner is not ours
+        behind = f"{ours.cost / winner.cost:.1f}" if ours and winner and lost else ""
+        reason = letters[winner.tool] if winner and lost else ""
         p = problem.probability
         entries = (
             problem.name, f"{p:.2g}", str(problem.dimension), winner.tool if winner else "none",
             _number(winner.cost) if winner else "", ours.tool.split(" ", 1)[1] if ours else "none",
-            _number(ours.cost) if ours else "", behind, _number((1.0 - p) / p),
+            _number(ours.cost) if ours else "", behind, reason, _number((1.0 - p) / p),
         )  # fmt: skip
         lines.append(f"| {' | '.join(entries)} |")
-    return lines
+    return [*lines, "", *(f"- **{letter}**, {tool}: {REASONS[tool]}" for tool, letter in letters.items())]
 
 
 def _setting_table() -> list[str]:

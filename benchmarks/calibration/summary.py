@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,8 @@ from benchmarks.calibration.problems.problem import Problem
 
 FACTOR = 3.0
 """An interval that misses the truth by more than this factor is far off."""
+LEAST_TOOLS = 5
+"""Tools on a problem, at a budget, to compare them."""
 
 
 @dataclass(frozen=True)
@@ -138,18 +141,24 @@ def rows_of(cells: Iterable[Cell]) -> list[Row]:
 
 
 def best(rows: Sequence[Row]) -> Row | None:
-    """Return the row of least cost among those that may be trusted: answered, unbiased, covering, not wrong.
-
-    With few seeds these are judged leniently: 3 standard errors, 80 % of the intervals, 90 % answered.
-    """
+    """Return the row of least cost among those that may be trusted, None where there is none."""
     good = [row for row in rows if trusted(row)]
     return min(good, key=lambda row: row.cost) if good else None
 
 
+def compared(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of problems that were asked of enough tools to speak of a first one."""
+    asked = Counter(name for name, _ in {(row.problem.name, row.tool) for row in rows})
+    return [row for row in rows if asked[row.problem.name] >= LEAST_TOOLS]
+
+
 def trusted(row: Row) -> bool:
-    """Return whether the answers of a row may be trusted."""
+    """Return whether the answers of a row may be trusted: answered, unbiased, covering, never wrong.
+
+    With few seeds these are judged leniently: 3 standard errors, 80 % of the intervals, 90 % answered.
+    """
     return (
-        len(row.answers) >= 3
+        len(row.answers) >= 2
         and row.answered >= 0.9
         and row.covers >= 0.8
         and row.wrong == 0

@@ -1,5 +1,7 @@
 """Words of the page that no cell changes."""
 
+# ruff: noqa: E501
+
 HEAD = """# How often are rare-event tools wrong?
 
 A tool that estimates a small probability should say how sure it is, and be right about that. Papers show
@@ -7,9 +9,11 @@ each tool on its authors' examples, at one seed. Here tools meet the same {probl
 answers, from p = 1e-2 to 1e-9 and 2 to 1,000 dimensions, at many seeds, and the black box itself counts
 what they ask of it. We publish our own among them.
 
-**These are {cells:,} answers, a quick part of the full run**: {least} to {most} seeds of each tool and
-problem at a budget of {budget} evaluations. A coverage of 95 % cannot be told from one of 85 % on a single
-problem by so few; over all problems it can.
+**These are {cells:,} answers, a small part of the full run**: {least} to {most} seeds of a tool on a problem, at
+a budget of {budget} evaluations and in the setting *recommended*, on a part of the problems for most tools.
+So few seeds tell a tool that is far off from one that is not, and no more: a coverage of 95 % cannot
+be told from one of 80 % on a single problem, a share of 0 confidently wrong answers in 15 may be 18 %, and the
+order of two tools whose costs differ by less than a factor of four is open. What was not run is blank.
 
     python -m benchmarks.calibration.environments     # the tools, each in an environment of its own
     python -m benchmarks.calibration --quick          # 30 minutes on two cores
@@ -33,22 +37,63 @@ beside it every answer.
 
 """
 
-NOTES = """All shares are in percent. The tools' names and settings are [below](#settings).
+NOTES = """All shares are in percent; of few answers they are rough. Intervals, sizes and settings are [below](#settings).
 
 ![coverage](calibration/coverage.png)
 
+Blue: a problem; red: all intervals of a tool; dotted: what they say. In brackets: problems with an interval.
+
 ![confidently wrong](calibration/wrong.png)
+
+Green: asked, and never confidently wrong; a dash: asked, but no interval stated; blank: not run, or not expressible.
 
 ![cost](calibration/cost.png)
 
+Each mark is a tool on a problem; a mark below the dotted line is cheaper than Monte Carlo. An answer that is
+confidently wrong has a low cost, too, at worst 1 x the evaluations: read this figure with the one above.
+
 ## Who is first
 
-*Behind*: how many times the cost of the first the best of avrare has.
+*Behind*: how many times the cost of the first the best of avrare has; the letter is the reason, below.
+With so few answers, a factor below four is within the noise. Only problems that were asked of five tools or more are here.
 
 """
 
+REASONS = {
+    "openturns form-is": "There is one region, with one most likely point, which FORM finds by gradients in about a "
+    "thousand evaluations. avrare asks for no gradient, so it learns a proposal from samples. Needed: a search for "
+    "that point where the score is smooth, as a first component of the proposal of `is`.",
+    "openturns cross-entropy": "One Gaussian fits the failures, and all evaluations of the last level count. `is` "
+    "keeps a quarter of its sample on the target and 15 % for its cross-check: the price of noticing a missed "
+    "region. Elsewhere this tool is confidently wrong, see the matrix.",
+    "openturns nais": "In few dimensions a kernel density fits any shape of the failures, and all evaluations count. "
+    "`is` holds back a quarter and a check, as above.",
+    "openturns directional": "In few dimensions a root search along a direction measures a probability, not a hit. "
+    "avrare has no method that uses the geometry of the space of noise.",
+    "openturns line": "Along the direction of the design point it finds the probability exactly, line by line; needs such a direction, as FORM does.",
+    "openturns subset": "Its chains count at every level. `ess` finds its levels in a pilot that does not count, and "
+    "cuts the rest into independent runs, to be unbiased and to have an interval from their scatter; at so "
+    "small a budget the pilot weighs most.",
+    "openturns monte carlo": "Nothing is to be gained over Monte Carlo; the two differ by chance alone.",
+    "textbook gams": "It is the algorithm of `ams`, without the pilot that chooses the size of the runs; the two "
+    "differ by that, and by chance.",
+    "sentil splitting": "A kind of splitting as well; the two were not compared in detail.",
+    "uqpy subset": "As for OpenTURNS' subset sampling.",
+    "pytams tams": "The algorithm of `ams` with one discard at each level.",
+    "verifai cross-entropy": "A share of counterexamples that happens to be near the probability.",
+}
+"""Why a tool is first where it is before avrare, and what would be needed."""
+
 FINDINGS = """## Settings
 
-*recommended* is a tool's own defaults, with the one size that a user must choose set by the budget.
+*recommended* is a tool's own defaults, with the one size that a user must choose set by the budget. An algorithm
+with levels does not know how many it will need: it is given a fifth of the budget for each, so it may take
+more or less than the budget; the cost counts what it took. *tuned* is what its documentation advises for hard
+problems; no cell of it has been run yet.
+
+What we did to others' tools, for their authors to check: OpenTURNS stops Monte Carlo, directional and importance
+sampling at a coefficient of variation of 10 %, its default. pyTAMS runs its worker in a thread, not a process, so
+that the black box counts. VerifAI's sampler is called without its server; it is made to find counterexamples, and
+its interval is of their share among its samples. SENTIL simulates by itself, so its own count is taken.
 
 """

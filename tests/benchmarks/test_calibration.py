@@ -1,5 +1,6 @@
 """The calibration benchmark: its problems have the answers they state, its shares count what they say."""
 
+import importlib.util
 import random
 
 import numpy as np
@@ -13,7 +14,8 @@ from benchmarks.calibration.problems import problems
 from benchmarks.calibration.problems.problem import rolled
 from benchmarks.calibration.report import KEPT, page, table
 from benchmarks.calibration.summary import Row, best, rows_of
-from benchmarks.calibration.tools import TOOLS
+from benchmarks.calibration.tools import TOOLS, gams_tools
+from benchmarks.calibration.words import REASONS
 from benchmarks.studies import kept
 
 SAME = {
@@ -86,6 +88,20 @@ def test_intervals_from_deviations_and_runs():
     assert (low, high) == pytest.approx((3.0 - 1.9633, 3.0 + 1.9633), abs=1e-3)
 
 
+def test_textbook_splitting_is_unbiased():
+    problem = problems()["walk_T60_m14"]
+    answers = [gams_tools.estimate("gams", Counted(problem, 1000), 1000, seed, {}) for seed in range(12)]
+    ratios = np.array([one.probability for one in answers]) / problem.probability
+    assert abs(ratios.mean() - 1.0) < 4.0 * ratios.std(ddof=1) / len(ratios) ** 0.5
+    assert ratios.std(ddof=1) < 1.0
+
+
+def test_every_tool_has_an_adapter_and_a_reason():
+    for tool in TOOLS.values():
+        assert importlib.util.find_spec(tool.module)
+        assert tool.name in REASONS or tool.name.startswith("avrare")
+
+
 def cell(estimate, low, high, warnings=(), seed=0, tool="avrare mc", evaluations=1000.0):
     return cells.Cell(
         tool, "1", "recommended", "walk_2.5", 1000, seed, estimate, low, high, warnings, evaluations, 0.1, ""
@@ -135,9 +151,14 @@ def test_cells_survive_a_torn_line(tmp_path):
 
 def test_page_and_table_have_every_row():
     p = problems()["walk_2.5"].probability
-    rows = rows_of([cell((0.9 + 0.1 * seed) * p, p / 2, 2 * p, (), seed) for seed in range(3)])
-    assert "| walk_2.5 | 0.011 | 100 | avrare mc |" in page(rows)
-    assert len(table(rows).splitlines()) == 2
+    tools = list(TOOLS)[:5]
+    rows = rows_of(
+        cell((0.9 + 0.1 * seed) * p, p / 2, 2 * p, (), seed, tool) for seed in range(3) for tool in tools
+    )
+    first = "| walk_2.5 | 0.011 | 100 | avrare ams |"
+    assert first in page(rows)
+    assert first not in page(rows[:4])
+    assert len(table(rows).splitlines()) == 1 + len(tools)
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ _INPUT = """
 [tams]
 ntrajectories = {particles}
 nsplititer = 1000000
-loglevel = "CRITICAL"
+loglevel = "ERROR"
 [runner]
 type = "asyncio"
 [trajectory]
