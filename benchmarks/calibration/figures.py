@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
 from benchmarks.calibration.problems import problems
-from benchmarks.calibration.summary import Row
+from benchmarks.calibration.summary import Row, trusted
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -61,11 +61,11 @@ def _coverage(rows: Sequence[Row], tools: Sequence[str]) -> Any:
 
 
 def _cost(rows: Sequence[Row], tools: Sequence[str]) -> Any:
-    """Draw relative mean squared error times evaluations against p, of answers that come at all."""
+    """Draw relative mean squared error times evaluations against p, of answers that may be trusted."""
     figure, axes = plt.subplots(figsize=(8, 5))
     colours = plt.get_cmap("tab20")(np.linspace(0, 1, max(len(tools), 2)))
     for tool, colour, marker in zip(tools, colours, _MARKERS * 3, strict=False):
-        own = [row for row in rows if row.tool == tool and row.answered >= 0.9 and row.cost > 0]
+        own = [row for row in rows if row.tool == tool and trusted(row) and row.cost > 1.0]
         axes.scatter(
             [row.problem.probability for row in own], [row.cost for row in own], s=22, color=colour,
             marker=marker, label=tool, alpha=0.8, lw=0,

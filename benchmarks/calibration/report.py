@@ -18,6 +18,7 @@ from benchmarks.studies import pages
 
 DOCS = Path(__file__).parents[2] / "docs"
 KEPT = DOCS / "calibration" / "cells.zip"
+_RARE = [name for name in TOOLS if name.startswith("avrare") and name != "avrare mc"]
 _COLUMNS = (
     "tool", "version", "setting", "problem", "probability", "budget", "answers", "answered", "mean",
     "mean_error", "evaluations", "cost", "covers", "confidently_wrong", "warned", "seconds",
@@ -120,7 +121,8 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
             continue
         lost = winner is not None and winner is not ours
         behind = f"{ours.cost / winner.cost:.1f}" if ours and winner and lost else ""
-        reason = letters[winner.tool] if winner and lost else ""
+        learnt = [row for row in own if row.tool in _RARE and len(row.answers) > 1]
+        reason = "" if not (winner and lost) else letters[winner.tool] if learnt else "not run"
         p = problem.probability
         entries = (
             problem.name, f"{p:.2g}", str(problem.dimension), winner.tool if winner else "none",

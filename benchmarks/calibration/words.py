@@ -49,13 +49,19 @@ Green: asked, and never confidently wrong; a dash: asked, but no interval stated
 
 ![cost](calibration/cost.png)
 
-Each mark is a tool on a problem; a mark below the dotted line is cheaper than Monte Carlo. An answer that is
-confidently wrong has a low cost, too, at worst 1 x the evaluations: read this figure with the one above.
+Each mark is a tool on a problem where its answers may be trusted; one below the dotted line is cheaper than Monte
+Carlo. Marks of two or three answers scatter by a factor of four and more.
 
 ## Who is first
 
 *Behind*: how many times the cost of the first the best of avrare has; the letter is the reason, below.
 With so few answers, a factor below four is within the noise. Only problems that were asked of five tools or more are here.
+*Not run*: none of avrare's methods for rare events has two answers there yet, so avrare is not judged; *none*: no
+method of avrare that was run may be trusted there.
+
+A warned answer may be first, as its cost is what it is; but it is of less use. At this budget avrare warns of most of
+the answers of `is`, `ess` and `ams` (few roots, an unchecked proposal): it is too small for their own checks, which is a
+finding. The other tools have no warnings.
 
 """
 
