@@ -15,6 +15,9 @@ MESSAGES = {
     "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles "
     "or chains",
     "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
+    "flat_part": "`{part}` is kept by the same margin in every rollout tried: nothing shows how near its "
+    "failures are, and they could be as likely as {bound:.2g}; more first rollouts lower this bound, a score "
+    "function that rises on the way there finds them",
     "ties": "half of the levels discarded more than {share:.0%} of the particles instead of {discard}: "
     "the score takes too few values for splitting",
     "horizon_short": "the formula looks {horizon} samples ahead but a rollout has {steps} step(s): windows "

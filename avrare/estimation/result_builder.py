@@ -19,6 +19,8 @@ from avrare.rollout.problem import Problem
 
 _FALLBACK = "fallback_solves"
 _MAX_FALLBACKS = 0.01
+_FAR_OFF = 3.0
+"""Factor between an estimate's interval and its blind bound above which flat parts are looked for."""
 _ROUNDING = 1e-3
 """Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
@@ -62,6 +64,7 @@ def examined(
     complete = []
     for column, result in enumerate(results):
         found = {**result.health, **notes, **_horizon(problem, column), **_solver(result.counts)}
+        found |= _flat_part(problem, column, result)
         if again and "not_deterministic" not in found:
             found |= _reproduction(problem, result, column, again[column], rounds="rounding" in found)
         kept = {name: text for name, text in found.items() if name not in suppress}
@@ -75,6 +78,14 @@ def _horizon(problem: Problem, column: int) -> dict[str, str]:
     if span <= problem.steps:
         return {}
     return health.warn("horizon_short", horizon=span, steps=problem.steps)
+
+
+def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
+    bound = result.blind_bound
+    if bound is None or bound <= _FAR_OFF * result.interval[1]:
+        return {}
+    parts = problem.flat_parts(column)
+    return health.warn("flat_part", part=parts[0], bound=bound) if parts else {}
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:

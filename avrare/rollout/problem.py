@@ -17,6 +17,7 @@ from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.scores.flat_parts import find_flat_parts
 from avrare.rollout.scores.progress_score import ProgressScored, shape_of
 from avrare.rollout.scores.scored_specifications import (
     FormulaScored,
@@ -139,6 +140,16 @@ class Problem:
         other._twin = Twin(twin, cost)
         return other
 
+    def flat_parts(self, index: int) -> tuple[str, ...]:
+        """Return the parts of a specification's formula whose failures no score by it leads to."""
+        found = None if callable(self.score) else self._find_guide(self.monitors[index])
+        if found is None:
+            return ()
+        measure = self._measure(index)
+        guide = measure if isinstance(measure, ScaledMonitor) else None
+        by_sample = isinstance(measure, MarginScored | ProgressScored)
+        return find_flat_parts(self.system, self.steps, *found, guide, by_sample=by_sample)
+
     def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
         """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""
         other = object.__new__(type(self))  # copy.copy would call __reduce__, which calls this method
@@ -177,9 +188,7 @@ class Problem:
 
     def gamma(self, level: float) -> float:
         """Return the robustness threshold of a score's level, 0 at failure as in the papers."""
-        spec = self.specifications[0]
-        measure = spec.guide if isinstance(spec, FormulaScored) else spec
-        return 1.0 - level if isinstance(measure, MarginScored | ProgressScored) else -level
+        return 1.0 - level if isinstance(self._measure(0), MarginScored | ProgressScored) else -level
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
@@ -211,6 +220,10 @@ class Problem:
     def nominal(self, *, keep_carries: bool = False) -> Rollouts:
         """Run the noise-free rollout, one row."""
         return self.replay(np.zeros((1, self.steps + 1, self.noise_size)), keep_carries=keep_carries)
+
+    def _measure(self, index: int) -> Specification:
+        spec = self.specifications[index]
+        return spec.guide if isinstance(spec, FormulaScored) else spec
 
     def _with_score(self) -> tuple[Specification, ...]:
         if isinstance(self.score, Formula):

@@ -28,7 +28,7 @@ Sizes = tuple[Floats, ...]
 """Size of every term (steps + 1, V...), V as in the term's own values."""
 Select = Callable[[Signals], Signals]
 """Function from a system's signals at one sample to those that a formula reads."""
-_PROBE_ROWS, _PROBE_SEED = 64, 0x517E5
+PROBE_ROWS, _PROBE_SEED = 64, 0x517E5
 
 
 def find_terms(node: nodes.Node) -> list[nodes.Node]:
@@ -51,7 +51,7 @@ def measure_terms(system: System, steps: int, formula: Formula, select: Select |
     nominal = record(system, steps, formula.signals, Request.replay(tape), select)
     sizes = [_own_size(margin[:, 0]) for margin in _margins(formula, terms, nominal)] if nominal else []
     if not nominal or any(np.isnan(size).any() for size in sizes):
-        rows = np.arange(_PROBE_ROWS)
+        rows = np.arange(PROBE_ROWS)
         request = Request.from_start(np.zeros_like(rows), rows)
         probe = record(system, steps, formula.signals, request, select)
         if not probe:
@@ -158,8 +158,11 @@ class ScaledMonitor:
     def robustness(self, signals: Mapping[str, Floats]) -> Floats:
         """Return the formula's robustness (N, steps + 1) on complete rollouts."""
         n = len(next(iter(signals.values())))
-        sizes = {name: np.broadcast_to(x, (n, *x.shape)) for name, x in self._constants.items()}
-        return self.formula.robustness({**signals, **sizes})
+        return self.formula.robustness({**signals, **self.repeat_sizes(n)})
+
+    def repeat_sizes(self, n: int) -> dict[str, Floats]:
+        """Return the further signals (N, steps + 1, V...) that the formula reads."""
+        return {name: np.broadcast_to(x, (n, *x.shape)) for name, x in self._constants.items()}
 
     def sample(self, signals: Signals, t: int) -> dict[str, Any]:
         """Return the formula's signals at sample ``t`` with the sizes among them."""

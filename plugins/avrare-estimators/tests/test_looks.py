@@ -89,8 +89,8 @@ def test_looks_keep_the_confidence_where_a_single_interval_does_not():
     assert held["unpaid"] < held["paid"]
 
 
-@pytest.mark.parametrize(("roots", "growth"), [(2, 8), (3, 7), (10, 2), (14, 2), (20, 1), (90, 1)])
-def test_growth_aims_at_twenty_roots(roots, growth):
+@pytest.mark.parametrize(("roots", "growth"), [(2, 8), (3, 8), (10, 3), (14, 2), (20, 2), (24, 1), (90, 1)])
+def test_growth_aims_at_twenty_four_roots(roots, growth):
     assert Pilot(0, roots, math.nan).wanted_growth == growth
 
 

@@ -23,7 +23,7 @@ from avrare.estimation.result import Interval
 
 LEAST_RUNS = 10
 """Runs that must remain after a pilot or growth: the pilot then costs a tenth, and the interval stands."""
-WANTED_ROOTS = 20
+WANTED_ROOTS = 24
 """Roots aimed at; the warning ``few_roots`` begins at 15, and a pilot's number scatters."""
 MOST_GROWTH = 8
 LIKELY, RARE = 1e-2, 1e-6

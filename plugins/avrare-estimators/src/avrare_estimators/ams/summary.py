@@ -45,12 +45,15 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         warnings |= health.warn("all_failed")
     variance = _variances(ended, values)
     relative = relative_variance(values, variance, state.particles)
+    interval_at = looks.interval(ended.runs, _interval(ended, values, state.fresh, relative))
+    if state.fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
+        warnings.pop("few_roots", None)
     return build_result(
         plan,
         name,
         tally,
         values,
-        interval_at=looks.interval(ended.runs, _interval(ended, values, state.fresh, relative)),
+        interval_at=interval_at,
         relative_error=math.sqrt(relative),
         health=warnings,
         failures=_failures(state, ended),

@@ -147,7 +147,8 @@ class NestedLevels:
     def _plan_runs(self, state: EssState) -> EssState:
         config, told, runs = self.config, self._summary(state), state.level_pass.shape.runs
         larger = config.chains / state.level_pass.shape.chains
-        roots = statistics.median(told.diagnostics["roots"]) * larger if told.probability else 0.0
+        # A run keeps one root at least, so that few of them promise fewer still among more chains.
+        roots = (statistics.median(told.diagnostics["roots"]) - 0.5) * larger if told.probability else 0.0
         rollouts = state.tally.rollouts
         found = Pilot(rollouts, roots, told.relative_error**2 * runs / larger, cost=rollouts * larger / runs)
         # With a budget, larger runs are fewer.

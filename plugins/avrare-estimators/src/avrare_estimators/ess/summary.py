@@ -41,12 +41,15 @@ def summarise(
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
     warnings |= {**kernel.warnings(last.known), **_weight_warnings(last), **notes}
+    interval_at = looks.interval(len(values), _interval(last, fresh, values, relative_variance))
+    if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
+        warnings.pop("few_roots", None)
     return build_result(
         plan,
         name,
         tally,
         values,
-        interval_at=looks.interval(len(values), _interval(last, fresh, values, relative_variance)),
+        interval_at=interval_at,
         relative_error=math.sqrt(relative_variance),
         health=warnings,
         failures=_scaled(state.failures, probability),
