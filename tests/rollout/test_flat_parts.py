@@ -9,7 +9,7 @@ STEPS = 5
 
 
 class Walks:
-    """Two walks; ``flat`` shows nothing of the second before it ends above 3 standard deviations."""
+    """Two walks; ``flat`` shows nothing of the second before it ends above 4.5 standard deviations."""
 
     noise_size = 2
 
@@ -21,7 +21,7 @@ class Walks:
 
     def signals(self, state):
         x, y = state.T
-        return {"x": x / 4.0, "y": y, "flat": np.where(y >= 3.0, 1.1, 0.0), "alarm": y >= 3.0}
+        return {"x": x / 4.0, "y": y, "flat": np.where(y >= 4.5, 1.1, 0.0), "alarm": y >= 4.5}
 
 
 def flat_parts(text, score=None):
