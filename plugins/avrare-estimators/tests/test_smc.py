@@ -199,6 +199,7 @@ def test_bad_files_are_refused(tmp_path):
         "nothing on specification, but on other": {"other": entry},
         "no potentials: it was left by `is`": {"specification": without},
         "is damaged": {"specification": broken},
+        "changed after it was written": {"specification": entry | {"curve": entry["curve"][:-1]}},
         "holds nothing": {"specification": 3},
     }
     for words, content in cases.items():

@@ -16,8 +16,9 @@ from avrare.stack.noise_names import find_noise_names
 from avrare.testing.problems import reference_problem
 from avrare_estimators.config import IsConfig
 from avrare_estimators.importance.dictionary import entries_of_channel, fit
-from avrare_estimators.importance.proposal_file import ProposalFile
+from avrare_estimators.importance.proposal_file import ProposalFile, described
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
+from avrare_estimators.importance.words import NoiseNames
 
 STEPS = 8
 
@@ -160,6 +161,7 @@ def test_a_law_of_tapes_needs_the_evidence_of_branches():
 def test_frozen_mixtures_survive_their_file(tmp_path):
     path = tmp_path / "learned.json"
     path.write_text(json.dumps({"specification": PAIRED.to_dict()}))
+    path.write_text(json.dumps({"specification": described(PAIRED, NoiseNames(("a", "b", "c"), None))}))
     read = ProposalFile.read(path).mixtures["specification"]
     assert read.digest == PAIRED.digest
     tapes = np.random.default_rng(0).standard_normal((20, STEPS + 1, 3))
@@ -176,6 +178,10 @@ def test_frozen_mixtures_survive_their_file(tmp_path):
         lambda c: c["atoms"][0].update(scale=-1.0),
         lambda c: c["components"][0].update(groups=[99]),
         lambda c: c["components"][0].update(share="much"),
+        lambda c: c["components"][0].update(share=float("inf")),
+        lambda c: c["groups"][0].update(shares=[[]] * len(c["groups"][0]["shares"])),
+        lambda c: c["groups"][0].update(shares=[[1.0, 2.0]] * len(c["groups"][0]["shares"])),
+        lambda c: c.update(digest="0" * 16),
         lambda c: c["components"][3].update(groups=[0, 0]),
     ],
 )

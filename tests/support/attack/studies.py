@@ -19,11 +19,13 @@ def strike(random):
         return ["rate", "catalogue.yaml", "--quiet", "--out", "o", "--budget", "rollouts=150"]
     if what == 1:
         path = Path("search") / pick(random, ["trials.json", "trials.json", "require.json"])
-        path.write_bytes(damage.damage_json(path.read_bytes(), random))
+        path.write_bytes(_damaged(path, random))
         return SEARCH
     if what == 2:
-        path = pick(random, sorted(path for path in Path("rates").rglob("*.*") if path.suffix in _STUDY))
-        path.write_bytes(_STUDY[path.suffix](path.read_bytes(), random))
+        path = pick(
+            random, sorted(path for path in Path("rates").rglob("*.*") if path.suffix in (".json", ".npz"))
+        )
+        path.write_bytes(_damaged(path, random))
         return ["rate", "catalogue.yaml", "--quiet", "--resume", "rates"]
     name = pick(random, ["is", "smc"])
     path = Path(f"learned_{name}.json")
@@ -33,14 +35,25 @@ def strike(random):
     return ["run", "walk.yaml", *words, *(f"--set={one}" for one in size)]
 
 
+def _damaged(path, random):
+    if path.suffix == ".npz":
+        return damage.damage_arrays(path.read_bytes(), random)
+    on_purpose = random.random() < 0.5  # then it may give another answer
+    if on_purpose:
+        Path("sealed").touch()
+    return damage.damage_json(path.read_bytes(), random, on_purpose)
+
+
 def same_answer(outcome):
     """A damaged search or catalogue's run is refused, or gives what it gave before."""
     home, place = Path("..").resolve(), Path("rates/rate.json")
-    if outcome.code not in (0, 3) or outcome.words[0] not in ("rate", "require") or "o" in outcome.words:
+    if (
+        Path("sealed").exists()
+        or outcome.code not in (0, 3)
+        or outcome.words[0] not in ("rate", "require")
+        or "o" in outcome.words
+    ):
         return None
     place = place if outcome.words[0] == "rate" else Path("search/require.json")
     before = json.loads((material(home, place.parts[0]) / place.name).read_text())
     return BITS if json.loads(place.read_text()) != before else None
-
-
-_STUDY = {".json": damage.damage_json, ".npz": damage.damage_arrays}

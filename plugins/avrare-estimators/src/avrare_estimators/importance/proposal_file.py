@@ -42,7 +42,11 @@ class ProposalFile:
         content = read_json(Path(path), AGAIN)
         if not content or not all(isinstance(entry, dict) for entry in content.values()):
             raise UsageError(f"learned: {path}: holds no proposals", AGAIN)
-        return ProposalFile({name: TapeMixture.from_dict(e) for name, e in content.items()}, str(path))
+        mixtures = {name: TapeMixture.from_dict(entry) for name, entry in content.items()}
+        for name, entry in content.items():
+            if "potentials" not in entry:  # smc's digest is of more than the proposal
+                check_digest(entry, mixtures[name].digest, f"{path}: {name}")
+        return ProposalFile(mixtures, str(path))
 
     def find(self, plan: Plan) -> TapeMixture:
         """Return the proposal of a plan's specification.
@@ -57,6 +61,12 @@ class ProposalFile:
         found = self.mixtures[name]
         check_shape(found.shape, plan, self.path)
         return found
+
+
+def check_digest(entry: Mapping[str, Any], digest: str, where: str) -> None:
+    """Refuse an entry of a file that does not fit its digest, if it has one."""
+    if entry.get("digest", digest) != digest:
+        raise UsageError(f"learned: {where} is damaged: it was changed after it was written", AGAIN)
 
 
 def check_shape(found: tuple[int, int], plan: Plan, path: str) -> None:

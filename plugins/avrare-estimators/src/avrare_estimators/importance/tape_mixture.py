@@ -239,10 +239,16 @@ class TapeMixture:
         inside &= (a.channel >= 0) & (a.channel < channels) & (a.scale >= 1.0) & (a.decay > 0)
         inside &= (a.start >= 0) & ((a.start == 0) | (a.first > 0) & (a.start < 1.0))
         numbers = bool(np.isfinite([a.shift, a.decay, a.start, a.scale]).all())
-        known = all((i >= 0).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups)
+        known = all(i.ndim == w.ndim == 1 for i, w in self.groups) and self.parts.ndim == 2
+        known = known and all(
+            (i >= 0).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups
+        )
         known &= bool((self.parts[:, 0] >= 0).all() and (self.parts[:, 1] >= NONE).all())
-        known &= bool((self.parts < len(self.groups)).all() and all((w > 0).all() for _, w in self.groups))
-        if not (inside.all() and numbers and known and len(self.share) and (self.share > 0).all()):
+        known &= bool((self.parts < len(self.groups)).all())
+        known &= all(
+            (w > 0).all() and np.isfinite(w).all() for w in (*(w for _, w in self.groups), self.share)
+        )
+        if not (inside.all() and numbers and known and len(self.share)):
             raise ValueError("an atom lies outside the tape, or a number is out of range")
         channels_of = [set(a.channel[index].tolist()) for index, _ in self.groups]
         if any(k != NONE and channels_of[g] & channels_of[k] for g, k in self.parts.tolist()):

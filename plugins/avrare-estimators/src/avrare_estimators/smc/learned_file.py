@@ -12,7 +12,7 @@ from typing import Any
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.plan import Plan
-from avrare_estimators.importance.proposal_file import AGAIN, FILE, check_shape, described
+from avrare_estimators.importance.proposal_file import AGAIN, FILE, check_digest, check_shape, described
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.importance.words import NoiseNames
 from avrare_estimators.smc.potentials import Potentials
@@ -107,7 +107,9 @@ class LearnedFile:
         check_shape(shape, plan, self.path)
         if potentials is not None:
             self._check_potentials(potentials, plan, features)
-        return Learned(mixture, potentials, curve, shape)
+        learned = Learned(mixture, potentials, curve, shape)
+        check_digest(entry, learned.digest, f"{self.path}: {name}")
+        return learned
 
     def _check_potentials(self, potentials: Potentials, plan: Plan, features: int | None) -> None:
         schedule, known = potentials.schedule, potentials.network.centre.shape[1]
