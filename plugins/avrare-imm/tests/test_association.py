@@ -196,3 +196,9 @@ def test_what_perception_does_not_report_cannot_be_measured():
 def test_filterpy_is_told_the_vehicle():
     with pytest.raises(UsageError, match="is told which vehicle"):
         filterpy_tracker.build(ImmConfig(**OPTIONS), scene(1))
+
+
+@pytest.mark.parametrize("options", [{}, OPTIONS])
+def test_options_with_all_defaults_written_out_are_accepted_again(options):
+    config = ImmConfig(**options)
+    assert ImmConfig(**config.model_dump()) == config  # as in the scenario of a run folder

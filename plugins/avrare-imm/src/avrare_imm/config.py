@@ -113,6 +113,7 @@ class ImmConfig(BaseModel):
                 f"association: hungarian needs {' and '.join(lacking)}: without a gate any detection fits "
                 "any track, and without a death false tracks stay; for example gate: 4, death: 10"
             )
-        if self.association == "labelled" and "spare_tracks" in self.model_fields_set:
+        default = type(self).model_fields["spare_tracks"].default
+        if self.association == "labelled" and self.spare_tracks != default:  # a resolved scenario has it
             raise ValueError("spare_tracks: only association: hungarian has any")
         return self
