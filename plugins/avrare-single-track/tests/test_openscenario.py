@@ -339,6 +339,32 @@ def test_what_is_not_understood_is_named_at_its_place(build, old, new, message):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('length="80.0"', 'length="-80.0"', r":10:13: geometry: the length should be above 0"),
+        ('x="100.0"', 'x="101.0"', r":10:13: geometry: begins 1 m and 0 rad from the end"),
+        ('id="-2"', 'id="-4"', r"laneSection: the ids of its lanes do not count"),
+        ('id="-2"', 'id="-1"', r"laneSection: the ids of its lanes do not count"),
+        ('a="3.5" b="0.0"', 'a="3.5" b="0.1"', r"width: changes along the road"),
+        ('<arc curvature="0.00125"/>', '<poly3 a="0" b="0" c="0" d="0"/>', r"poly3: is not read"),
+        ('rule="RHT"', 'rule="LHT"', r"traffic on the left"),
+        (
+            "<link/>",
+            '<link><successor elementType="junction" elementId="7"/></link>',
+            r"successor: .*junction '7'",
+        ),
+    ],
+)
+def test_roads_that_are_not_read(tmp_path, old, new, message):
+    text = (SCENARIOS / "openscenario" / "motorway.xodr").read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / "road.xodr"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(UsageError, match=message):
+        read_opendrive(str(path))
+
+
+@pytest.mark.parametrize(
     ("content", "message"),
     [
         (b"", "no XML"),

@@ -126,6 +126,8 @@ def _chain(top: Element, roads: list[Element]) -> list[Element]:
 def _read_piece(geometry: Element) -> Piece:
     geometry.get("s")
     shape, length = geometry.choice(), _number(geometry, "length")
+    if length <= 0.0:
+        raise geometry.error("the length should be above 0")
     match shape.tag:
         case "line":
             return Piece(length)
@@ -167,8 +169,11 @@ def _read_section(section: Element, offset: float) -> list[tuple[int, str, float
         for block in section.list(side):
             for lane in block.list("lane"):
                 lanes[int(_number(lane, "id"))] = lane
-    if 0 not in lanes:
-        raise section.error("has no centre lane")
+    count = sum(
+        len(block.list("lane")) for side in ("left", "center", "right") for block in section.list(side)
+    )
+    if count != len(lanes) or 0 not in lanes or len(lanes) != max(lanes) - min(lanes) + 1:
+        raise section.error("the ids of its lanes do not count from 0 at the centre without gaps")
     widths = {name: _lane_width(lane) for name, lane in lanes.items() if name}
     marks = {name: _is_broad(lane) for name, lane in lanes.items()}
     lanes[0].get("type")
