@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 _SEED_OF_PROOF = 1_000_000
 """Distance of the seeds of the proof from those of the descent."""
 _PROOF = 10_000
-_SHOWN = 6
+_SHOWN, _WIDE = 6, 60
+"""Most numbers whose values stand in the table, and the longest list of their names."""
 _LINEAR = {"rate": None, "least": 0.02, "chains": 50, "runs": 4, "moves": 10}
 _ANY = {"estimator": None, "budget": None, "run": None, "step": 0.1, "directions": 0, "proof": None,
         "workers": 1}  # fmt: skip
@@ -211,11 +212,11 @@ def _prove(
 
 
 def _header(numbers: ScenarioNumbers) -> str:
-    what = (
-        ", ".join(numbers.names)
-        if len(numbers.names) <= _SHOWN
-        else f"change of {len(numbers.names)} numbers"
-    )
+    what = ", ".join(numbers.names)
+    if len(numbers.names) > _SHOWN:
+        what = f"change of {len(numbers.names)} numbers"
+    elif len(what) > _WIDE:
+        what = ", ".join(numbers.paths)
     return f"{'step':<6}{'p':<11}{'interval':<24}{'failures':<10}{'slope':<8}{what}"
 
 
