@@ -29,7 +29,7 @@ def network(seed: int = 0) -> Network:
     seen = _GAIN / 1.5 + rng.normal(0.0, 0.1, size=(_HIDDEN, 3))
     weights = (seen.T.astype(np.float32), np.full((_HIDDEN, 1), -2.0 / _HIDDEN, np.float32))
     biases = (np.zeros(_HIDDEN, np.float32), np.zeros(1, np.float32))
-    low, high, card = np.array([-2.0]), np.array([2.0]), {"source": Path(__file__).name}
+    low, high = np.array([-2.0]), np.array([2.0])
     return Network(
         weights, biases, "tanh", np.zeros(3), np.ones(3), low, high, {"source": Path(__file__).name}
     )
