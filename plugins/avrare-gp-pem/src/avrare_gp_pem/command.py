@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _DATA = (
     "CSV of annotated vehicles in the order of recording: right, forward, yaw, length, width, height, "
-    "visibility, detected, error_right, error_forward, error_yaw, track, time [m, rad, s]; see "
+    "visibility, detected, error_right, error_forward, error_yaw, track, time, ghost [m, rad, s]; see "
     "docs/perception.md"
 )
 _MODELS = ("gp", "mlp", "student", "logistic", "literal")
@@ -154,11 +154,11 @@ def _score(args: argparse.Namespace) -> None:
 
 def _read_data(args: argparse.Namespace) -> CleanedData:
     from avrare_gp_pem.training.cleaning import clean
-    from avrare_gp_pem.training.table import read_table
+    from avrare_gp_pem.training.table import read_log
 
-    rows = read_table(args.data)
+    rows, ghosts = read_log(args.data)
     try:
-        data = clean(rows, _ARTEFACT[args.artefact])
+        data = clean(rows, _ARTEFACT[args.artefact], ghosts)
     except UsageError as error:
         raise UsageError(f"{args.data}: {error.message}", error.hint) from None
     _log(f"{len(data.train)} training rows ({data.dropped} duplicates dropped), {len(data.test)} held out")

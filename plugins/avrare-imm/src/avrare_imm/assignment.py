@@ -91,7 +91,7 @@ class _Solver:
         least[rows] = np.where(nearer, reduced, least[rows])
         before[rows] = np.where(nearer, at[:, None], before[rows])
         distance = np.where(free, least[rows], np.inf)
-        nearest = distance.argmin(axis=1)
+        nearest: Indices = distance.argmin(axis=1)
         step = distance[np.arange(len(rows)), nearest][:, None]
         on_tree = used[rows]
         problem, column = np.nonzero(on_tree)

@@ -122,14 +122,20 @@ def _begin_tracks(chosen: Indices, absent: Bools, observation: Observation) -> I
 
 def _select(observation: Observation, slots: Indices) -> Observation:
     """Return the detections of these slots (N, T); -1 is a miss."""
-    taken, none = np.maximum(slots, 0), slots < 0
-    parts = {
-        name: None if part is None else np.take_along_axis(part, taken, axis=1)
-        for name, part in vars(observation).items()
-    }
-    detected = parts.pop("detected") & ~none
+    taken = np.maximum(slots, 0)
+    detected = np.take_along_axis(observation.detected, taken, axis=1) & (slots >= 0)
+
+    def pick(part: Floats) -> Floats:
+        return np.where(detected, np.take_along_axis(part, taken, axis=1), np.nan)
+
+    speed_y, heading = observation.speed_y, observation.heading
     return Observation(
-        detected, **{k: None if v is None else np.where(detected, v, np.nan) for k, v in parts.items()}
+        detected=detected,
+        x=pick(observation.x),
+        y=pick(observation.y),
+        speed_x=pick(observation.speed_x),
+        speed_y=None if speed_y is None else pick(speed_y),
+        heading=None if heading is None else pick(heading),
     )
 
 

@@ -202,9 +202,8 @@ class MeasuredGhosts:
     @property
     def slots(self) -> int:
         """Slots that hold nearly all ghosts of a frame, if their number is Poisson."""
-        return min(
-            MOST_GHOST_SLOTS, max(3, math.ceil(2 * self.rate), math.ceil(self.rate + 3 * self.rate**0.5))
-        )
+        wanted = max(3.0, 2.0 * self.rate, self.rate + 3.0 * math.sqrt(self.rate))
+        return min(MOST_GHOST_SLOTS, math.ceil(wanted))
 
 
 @dataclass(frozen=True)

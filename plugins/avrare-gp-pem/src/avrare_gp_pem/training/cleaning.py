@@ -20,6 +20,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
+from avrare_gp_pem.training.ghost_log import GhostLog
 from avrare_gp_pem.training.table import BOX, DetectionTable
 
 OBLIQUE = 10.0
@@ -69,6 +70,8 @@ class CleanedData:
         artefact: Result of the search for the artefact.
         has_artefact: True if the artefact is modelled.
         dropped: Number of training rows dropped as duplicates.
+        ghosts: False detections of the first four fifths of the frames; None: the log has none.
+        test_ghosts: Those of the rest.
     """
 
     train: DetectionTable
@@ -78,6 +81,8 @@ class CleanedData:
     artefact: Artefact
     has_artefact: bool
     dropped: int
+    ghosts: GhostLog | None = None
+    test_ghosts: GhostLog | None = None
 
 
 def off_axis(yaw: Floats) -> Floats:
@@ -85,12 +90,13 @@ def off_axis(yaw: Floats) -> Floats:
     return np.abs((np.degrees(yaw) + 45) % 90 - 45)  # type: ignore[no-any-return]
 
 
-def clean(rows: DetectionTable, artefact: bool | None = None) -> CleanedData:
+def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog | None = None) -> CleanedData:
     """Split the rows and clean them.
 
     Args:
         rows: Rows as delivered, in the order of recording.
         artefact: True if the labels have the artefact of matching; None: look for it in the training rows.
+        ghosts: False detections of the log.
 
     Raises:
         UsageError: Too few rows, or too few detections or misses, to fit or to score.
@@ -115,7 +121,9 @@ def clean(rows: DetectionTable, artefact: bool | None = None) -> CleanedData:
     if present:
         _require(train.take(oblique[0]), "training rows off the axes of the ego", MIN_ROWS // 2, 50, 1)
         _require(test.take(test_oblique), "held-out rows off the axes of the ego", 20, 10, 0)
-    return CleanedData(train, oblique[0], test, test_oblique, found, present, split - int(training.sum()))
+    dropped = split - int(training.sum())
+    false = (None, None) if ghosts is None else ghosts.split(1 - HELD_OUT)
+    return CleanedData(train, oblique[0], test, test_oblique, found, present, dropped, *false)
 
 
 def find_artefact(rows: DetectionTable) -> Artefact:

@@ -17,6 +17,7 @@ from avrare_gp_pem.runtime.variant import FittedPem, Latents, Variant, YawErrors
 from avrare_gp_pem.training.calibration import MAX_DOF, MIN_DOF, UnseenRows, calibrate
 from avrare_gp_pem.training.cleaning import CleanedData
 from avrare_gp_pem.training.fit_networks import Recipe, Sample, fit_networks
+from avrare_gp_pem.training.ghost_log import describe_ghosts, fit_ghosts
 from avrare_gp_pem.training.persistence import describe_persistence, fit_persistence
 from avrare_gp_pem.training.table import DetectionTable, errors_in
 
@@ -81,7 +82,9 @@ def fit_model(
     if persistence:
         lasting = fit_persistence(clean, oblique)
         report(describe_persistence(lasting))
-    return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting)
+    ghosts = fit_ghosts(data.ghosts) if data.ghosts is not None else None
+    report(describe_ghosts(ghosts, data.ghosts, data.test_ghosts))
+    return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting, ghosts)
 
 
 def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report) -> Variant:

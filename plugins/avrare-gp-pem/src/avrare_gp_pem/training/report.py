@@ -15,6 +15,7 @@ from avrare_gp_pem.runtime.store import save
 from avrare_gp_pem.runtime.variant import FittedPem
 from avrare_gp_pem.training.cleaning import OBLIQUE, CleanedData
 from avrare_gp_pem.training.counts import count_events, misses_after_misses
+from avrare_gp_pem.training.ghost_log import describe_ghosts
 from avrare_gp_pem.training.persistence import NEARBY, describe_persistence
 from avrare_gp_pem.training.picture import draw
 from avrare_gp_pem.training.scores import AXIS_NAMES, TAILS, evaluate, yaw_scores
@@ -195,7 +196,8 @@ def _limits(model: FittedPem, data: CleanedData) -> str:
         _artefact(model, data),
         f"It has seen {seen} m; beyond, inputs are cut to these: it extrapolates nothing.",
         _persistence(model),
-        "No false positives and no swapped identities; errors of size are not modelled.",
+        _ghosts(model, data),
+        "No swapped identities; errors of size are not modelled.",
         "The data has no speeds: their error is an option of the scenario, not of this model.",
     ]
     return "".join(f"* {line}\n" for line in lines)
@@ -209,6 +211,14 @@ def _persistence(model: FittedPem) -> str:
         f"Errors last as in the training rows ({found}) only with `persistence: measured`; over times "
         "shorter than between two frames this is extrapolated."
     )
+
+
+def _ghosts(model: FittedPem, data: CleanedData) -> str:
+    found = describe_ghosts(model.ghosts, data.ghosts, data.test_ghosts).capitalize()
+    if model.ghosts is None:
+        return f"{found}."
+    places = len(model.ghosts.points)
+    return f"{found}. Only with `ghosts: measured`; the file holds {places} of their places."
 
 
 def _artefact(model: FittedPem, data: CleanedData) -> str:

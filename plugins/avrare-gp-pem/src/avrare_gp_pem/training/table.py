@@ -9,7 +9,10 @@ One line per annotated vehicle and frame, in the order of recording, with a head
 * ``detected``: 0 or 1;
 * ``error_right, error_forward`` [m] and if known ``error_yaw`` [rad]: truth minus detection, empty where
   missed; or, instead, the detected box itself: ``detected_right, detected_forward, detected_yaw``;
-* if known, ``track``, a number for each vehicle, and ``time`` [s]: they tell how long errors last.
+* if known, ``track``, a number for each vehicle, and ``time`` [s]: they tell how long errors last;
+* if known, ``ghost``: 1 for a detection that is of no vehicle. Such a row needs a place, ``right, forward``
+  or ``detected_right, detected_forward``, and all rows a ``time``, equal for those of one frame. Its
+  ``track`` tells how long it lasts; its other columns are not read.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from avrare.base.csv_table import read_csv_table
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.features import Box
+from avrare_gp_pem.training.ghost_log import GhostLog
 
 BOX = ("right", "forward", "yaw", "length", "width", "height", "visibility")
 ERRORS = ("error_right", "error_forward", "error_yaw")
@@ -34,6 +38,7 @@ _DETECTED_BOX = ("detected_right", "detected_forward", "detected_yaw")
 _REQUIRED = ("right", "forward", "yaw", "length", "width", "detected")
 _DEFAULTS = {"height": 1.7, "visibility": 4.0}
 _TRACK = ("track", "time")
+_GHOST = "ghost"
 _OPTIONAL_VALUES = (*_DEFAULTS, "error_yaw", *_TRACK)
 _LIMITS = {  # lowest, highest, and the guess at a value beyond them
     "right": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
@@ -103,7 +108,12 @@ def make_table(columns: dict[str, Floats]) -> DetectionTable:
 
 
 def read_table(path: Path) -> DetectionTable:
-    """Read a CSV file; the module describes its columns.
+    """Read the annotated vehicles of a CSV file; see ``read_log``."""
+    return read_log(path)[0]
+
+
+def read_log(path: Path) -> tuple[DetectionTable, GhostLog | None]:
+    """Read a CSV file, whose columns the module describes: vehicles, and false detections if there are any.
 
     Raises:
         UsageError: The file cannot be read, lacks a column, or holds an implausible value; the message gives
@@ -117,15 +127,54 @@ def read_table(path: Path) -> DetectionTable:
     names = [name.lower() for name in content.names]
     _check_header(names, content.header)
     content.check_rows()
-    known = {*BOX, *ERRORS, *_DETECTED_BOX, *_TRACK, "detected"}
+    known = {*BOX, *ERRORS, *_DETECTED_BOX, *_TRACK, _GHOST, "detected"}
     columns = {
         name: content.parse_column(given)
         for name, given in zip(names, content.names, strict=True)
         if name in known
     }
+    lines = np.array([line for line, _ in content.rows])
+    ghosts = _split_ghosts(path, columns, lines)
+    if ghosts is not None:
+        vehicles = ~(columns[_GHOST] == 1)
+        columns = {name: part[vehicles] for name, part in columns.items()}
+        lines = lines[vehicles]
     columns |= _errors_of_boxes(columns)
-    check_values(path, columns, [line for line, _ in content.rows])
-    return make_table(columns)
+    check_values(path, columns, lines.tolist())
+    return make_table(columns), ghosts
+
+
+def _split_ghosts(path: Path, columns: dict[str, Floats], lines: NDArray[np.intp]) -> GhostLog | None:
+    marks = columns.get(_GHOST)
+    if marks is None:
+        return None
+    wrong = ~np.isnan(marks) & (marks != 0) & (marks != 1)
+    _refuse(path, lines, wrong, "ghost: is implausible: 0 or 1?")
+    false = marks == 1
+    if not false.any():
+        return None
+    unknown = np.full(len(marks), np.nan)
+    time, track = (columns.get(name, unknown) for name in ("time", "track"))
+    _refuse(
+        path,
+        lines,
+        np.isnan(time),
+        "time: is missing: with false detections each row needs that of its frame",
+    )
+    right, forward = (
+        np.where(np.isnan(columns.get(found, unknown)), columns[given], columns.get(found, unknown))
+        for given, found in zip(BOX[:2], _DETECTED_BOX[:2], strict=True)
+    )
+    _refuse(
+        path, lines, false & ~np.isfinite(right + forward), "right, forward: a false detection has no place"
+    )
+    return GhostLog(right[false], forward[false], track[false], time[false], np.unique(time))
+
+
+def _refuse(path: Path, lines: NDArray[np.intp], wrong: Bools, reason: str) -> None:
+    if wrong.any():
+        count = f"{int(wrong.sum())} of {len(wrong)} rows have this problem"
+        raise UsageError(f"{path}:{lines[int(np.argmax(wrong))]}: {reason}", count)
 
 
 def write_table(path: Path, table: DetectionTable) -> None:
