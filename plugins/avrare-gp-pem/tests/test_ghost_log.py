@@ -64,6 +64,35 @@ def test_few_ghosts_and_ghosts_without_tracks():
     assert sum(len(part.time) for part in parts) == 60
 
 
+def ghost_log(make, options, rollouts=400, steps=60):
+    """The false detections of many drives, 100 s apart from one another."""
+    model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(1))
+    world = make.world([[20.0, 0.0, 0.0]], n=rollouts)
+    rng = np.random.default_rng(7)
+    memory = model.start(rng.standard_normal((rollouts, model.noise_size)))
+    number, found = np.zeros((rollouts, 3)), []
+    for step in range(steps):
+        before = memory.forward
+        seen, memory = model.follow(world, rng.standard_normal((rollouts, model.noise_size)), memory)
+        number += memory.forward != before
+        drive, slot = np.nonzero(memory.present)
+        track = 1000 * (3 * drive + slot) + number[drive, slot]
+        time = np.round(100.0 * drive + 0.1 * step, 1)
+        found.append([-seen.y[drive, 1 + slot], seen.x[drive, 1 + slot], track, time])
+    frames = np.round(100.0 * np.arange(rollouts)[:, None] + 0.1 * np.arange(steps), 1).reshape(-1)
+    return GhostLog(*np.concatenate(found, axis=1), frames)
+
+
+@pytest.mark.parametrize("persistence", [0.6, 0.0])
+def test_rate_and_persistence_of_a_long_log_are_found(make, persistence):
+    found = fit_ghosts(ghost_log(make, GHOSTS | {"persistence": persistence}))
+    assert found.rate == pytest.approx(0.4, rel=0.1)  # four standard errors
+    assert found.persistence == pytest.approx(persistence, rel=0.1)
+    forward, left = found.points.T
+    assert forward.mean() == pytest.approx(20.0, abs=4 * 8.7 / math.sqrt(len(forward)))
+    assert left.mean() == pytest.approx(-2.0, abs=4 * 2.3 / math.sqrt(len(left)))
+
+
 def drives(make, rollouts=40, steps=110):
     """Lines of a log of several drives, with the truth of GHOSTS and LASTING; 4 in 5 are detected."""
     config = ParametricPemConfig(ghosts=GHOSTS, persistence=LASTING, detection_plateau=0.8)
@@ -103,8 +132,8 @@ def test_the_truth_of_a_log_is_recovered(make, tmp_path, capsys):
     words = ["pem", "fit", str(tmp_path / "log.csv"), "--model", "logistic", "--out", str(tmp_path)]
     assert main([*words, "--artefact", "no"]) == 0
     model = load(tmp_path / "model.npz")
-    assert model.ghosts.rate == pytest.approx(0.4, rel=0.1)
-    assert model.ghosts.persistence == pytest.approx(0.6, rel=0.1)
+    assert model.ghosts.rate == pytest.approx(0.4, rel=0.3)  # four standard errors of so short a log
+    assert model.ghosts.persistence == pytest.approx(0.6, rel=0.25)
     forward, left = model.ghosts.points.T
     assert forward.mean() == pytest.approx(20.0, abs=2.5)
     assert left.mean() == pytest.approx(-2.0, abs=0.7)
