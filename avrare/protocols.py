@@ -76,8 +76,7 @@ class Simulator(Protocol):
 class PerceptionErrorModel(Protocol):
     """Model of sensors and detector: true world in, erroneous observation out.
 
-    Optional: ``HasDensity``, ``NamesNoise``, ``ReportsGhosts``; ``PersistentPerceptionErrorModel`` for errors
-    that last.
+    Optional: ``HasDensity``, ``NamesNoise``, ``ReportsGhosts``, ``PersistentPerceptionErrorModel``.
     """
 
     noise_size: int
@@ -101,10 +100,7 @@ class PersistentPerceptionErrorModel(PerceptionErrorModel, Protocol):
 
 
 class Tracker(Protocol):
-    """Tracker: estimates the state of the others from observations and predicts them.
-
-    Optional: ``HasFeatures``, ``AssociatesDetections``.
-    """
+    """Tracker: estimates the others' states and predicts them (``HasFeatures``, ``AssociatesDetections``)."""
 
     def start(self, world: Any) -> Any:
         """Return the track at t = 0, before any observation; it may know the world exactly, or nothing."""
@@ -295,23 +291,6 @@ class HasDensity(Protocol):
 
     def log_prob(self, world: Any, observation: Any) -> Floats:
         """Return (N,) the log density of an observation of a world."""
-
-
-class ReportsGhosts(Protocol):
-    """Perception error model whose observations have slots for false detections, after the vehicles' ones."""
-
-    ghost_slots: int
-
-
-class AssociatesDetections(Protocol):
-    """Tracker that finds out itself which detection belongs to which track.
-
-    It may have more tracks than there are vehicles: a controller is built for ``known_scene``, and told of
-    all of them.
-    """
-
-    known_scene: Scene
-    """The scene with a vehicle for each track: those of the simulator, then others."""
 
 
 class AdaptsToTarget(Protocol):

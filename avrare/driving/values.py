@@ -133,7 +133,7 @@ class Observation:
 
     The first V slots belong to the other vehicles, one each; slots beyond them hold false detections
     (ghosts). A tracker that is told which vehicle was detected reads the slot as a label; one that finds out
-    itself (``avrare.protocols.AssociatesDetections``) takes the slots for a list in no order.
+    itself (``avrare.stack.unlabelled.AssociatesDetections``) takes the slots for a list in no order.
 
     Attributes:
         detected: (N, S) whether there is a detection; where False the other fields are NaN.
@@ -158,7 +158,7 @@ class Prediction:
 
     A vehicle that the tracker does not know of is infinitely far away: x and y are inf, and it does not exist
     for the controller. NaN is an error. V counts the vehicles of the scene that the controller was built for,
-    which may have more of them than the world (``avrare.protocols.AssociatesDetections``).
+    which may have more of them than the world (``avrare.stack.unlabelled.AssociatesDetections``).
 
     Attributes:
         x: (N, V, H + 1) position along the road [m].

@@ -16,10 +16,8 @@ from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, s
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import (
-    AssociatesDetections,
     ExplainsViolation,
     HasMargin,
-    ReportsGhosts,
     Specification,
     find_ability,
     find_scene,
@@ -31,6 +29,7 @@ from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.drawn_start import DrawnStart, TakesDraws
+from avrare.stack.unlabelled import check_labels, scene_of_tracks
 
 
 @dataclass(frozen=True)
@@ -69,24 +68,16 @@ def build_stack(scenario: Scenario) -> Stack:
 
 
 def _build_parts(scenario: Scenario, scene: Scene | None) -> tuple[Any, Any, Any]:
-    parts: list[Any] = []
+    parts: dict[str, Any] = {}
     known = scene
     for kind in ("perception", "tracker", "controller"):
         block = getattr(scenario, kind)
         with _located(scenario, kind):
-            parts.append(build_block(block, known) if block is not None else None)
-        if kind == "tracker":
-            associating = find_ability(parts[-1], AssociatesDetections)
-            known = scene if associating is None else associating.known_scene
-    perception, tracker, controller = parts
-    ghosts = find_ability(perception, ReportsGhosts)
-    if ghosts is not None and ghosts.ghost_slots and find_ability(tracker, AssociatesDetections) is None:
-        raise UsageError(
-            f"{scenario.path}: tracker: it is told which vehicle each detection is of, but the perception "
-            "reports false detections (`ghosts`), which are of none",
-            "let the tracker find out: tracker: {plugin: imm, association: hungarian, gate: 4, death: 10}",
-        )
-    return perception, tracker, controller
+            parts[kind] = build_block(block, known) if block is not None else None
+            if kind == "tracker":
+                check_labels(parts["perception"], parts[kind])
+                known = scene_of_tracks(parts[kind], scene)
+    return parts["perception"], parts["tracker"], parts["controller"]
 
 
 def _build_simulator(block: Block) -> Any:

@@ -8,7 +8,8 @@ from pydantic import ValidationError
 
 from avrare.base.batch import take
 from avrare.base.errors import UsageError
-from avrare.protocols import PersistentPerceptionErrorModel, ReportsGhosts, find_ability
+from avrare.protocols import PersistentPerceptionErrorModel, find_ability
+from avrare.stack.unlabelled import ReportsGhosts
 from avrare_gp_pem.config import Ghosts, GpPemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.ghosts import NOISE_PER_GHOST, with_ghosts
 from avrare_gp_pem.runtime.models import build_gp, build_parametric

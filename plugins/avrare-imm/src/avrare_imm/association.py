@@ -27,7 +27,7 @@ _LENGTH, _WIDTH = 4.5, 1.8  # of a track where the scene has no vehicle [m]
 
 
 class AssociatingTracker(ImmTracker):
-    """``ImmTracker`` of a list of detections in no order (``avrare.protocols.AssociatesDetections``).
+    """``ImmTracker`` of a list of detections in no order (``avrare.stack.unlabelled.AssociatesDetections``).
 
     It has a track for each vehicle of the scene, though not always of that vehicle, and spare ones.
 

@@ -105,8 +105,8 @@ class GhostMemory:
 class GhostPem:
     """Model with false detections (an ``avrare.protocols.PersistentPerceptionErrorModel``).
 
-    Its observations have K slots after those of the vehicles (``avrare.protocols.ReportsGhosts``). It has no
-    ``log_prob``: a list of detections does not tell which of them are false.
+    Its observations have K slots after those of the vehicles (``avrare.stack.unlabelled.ReportsGhosts``). It
+    has no ``log_prob``: a list of detections does not tell which of them are false.
 
     Attributes:
         vehicles: The model of the vehicles' detections.
