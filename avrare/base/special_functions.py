@@ -93,4 +93,4 @@ def chi_square_quantiles(count: int, freedom: int) -> NDArray[np.float64]:
             total += term
         below = total < targets
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return 0.5 * (low + high)
+    return np.asarray(0.5 * (low + high))
