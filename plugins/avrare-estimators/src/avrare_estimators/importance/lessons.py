@@ -29,6 +29,10 @@ _BLOCK = 2**21
 _STALLED = 0.8
 """Ratio of a stage's relative variance to that before it above which learning has nothing left to gain."""
 _LEAST_GAIN = 2.0
+_RISING = 1.25
+"""Ratio of a stage's gain to that before it from which learning goes on, however small the gain."""
+_FEW = 10.0
+"""Effective number of failures from which the gain is that for failures, not for the elite."""
 _PAST = 0.2
 """Share of the proposals of earlier stages in the final one: they are wider."""
 
@@ -118,17 +122,20 @@ class Lessons:
         score = np.concatenate([sample.score for sample in self.samples])
         reached = bool(len(rows) and violated[rows].all())
         variance = self._variance(rows, np.concatenate(self.log_ratios)[:, -1]) if self.mixtures else None
-        chance = float(elite.sum() / len(weights))
+        chance, variance_there = float(elite.sum() / len(weights)), variance
+        if self.mixtures and effective_size(weights[violated]) >= _FEW:
+            # A level near the pilot's bulk leaves little to gain; failures are what is to be drawn.
+            chance, variance_there = self.probability, self.expected_variance(self.mixtures[-1])
         return {
             "level": None if reached or not len(rows) else float(score[rows][~violated[rows]].min()),
             "reached": reached,
             "rollouts": len(newest.error),
             "failures": int(newest.violated.sum()),
             "probability": float(np.where(newest.violated, own, 0.0).mean()),
-            "level_probability": chance,
+            "level_probability": float(elite.sum() / len(weights)),
             "elite_effective": effective_size(elite),
             "relative_variance": variance,
-            "gain": (1.0 / chance - 1.0) / max(variance, 1e-9) if variance is not None and chance else None,
+            "gain": _gain(chance, variance_there),
             "components": len(self.mixtures[-1].share) if self.mixtures else 0,
         }
 
@@ -168,16 +175,24 @@ class Lessons:
         return np.concatenate(tapes)
 
 
+def _gain(chance: float, variance: float | None) -> float | None:
+    return (1.0 / chance - 1.0) / max(variance, 1e-9) if variance is not None and chance else None
+
+
 def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
     """Return whether learning ends after stages with these entries.
 
-    It ends once the elite are failures and their variance stalls, or where two stages have gained nothing.
+    It ends once the elite are failures and their variance stalls, or where two stages have gained nothing
+    and the gain does not rise.
     """
     if len(stages) > most:
         return True
     variances = [stage["relative_variance"] for stage in stages[1:] if stage["reached"]]
-    stalled = len(variances) > 1 and variances[-1] > _STALLED * variances[-2]
-    return stalled or (len(stages) > 2 and is_worthless(stages[-1]) and is_worthless(stages[-2]))
+    if len(variances) > 1 and variances[-1] > _STALLED * variances[-2]:
+        return True
+    last = stages[-2:]
+    hopeless = len(stages) > 2 and all(is_worthless(stage) for stage in last)
+    return hopeless and not (last[1]["gain"] or 0.0) > _RISING * (last[0]["gain"] or 0.0)
 
 
 def is_stuck(stages: Sequence[dict[str, Any]]) -> bool:
