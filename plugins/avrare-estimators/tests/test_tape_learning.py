@@ -293,6 +293,12 @@ def test_no_structure_falls_back_to_monte_carlo():
     assert np.isclose(result.interval[0], beta.ppf(0.025, failures, rows - failures + 1))
 
 
+def test_shares_that_round_to_zero_are_left_out():
+    frozen = TapeMixture.frozen([(1.0, [{wide(0, 1): 1.0, wide(0, 2): 1e-9}])], (STEPS + 1, 3))
+    assert frozen.atoms.rows == [wide(0, 1)]
+    assert TapeMixture.from_dict(frozen.to_dict()).digest == frozen.digest
+
+
 def test_an_error_that_lasts_is_drawn_along_its_own_direction():
     tapes = np.random.default_rng(4).standard_normal((400, 31, 3))
     v = np.r_[np.sqrt(0.3), np.sqrt(0.7 * 0.36) * 0.8 ** np.arange(19, -1, -1), np.zeros(10)]

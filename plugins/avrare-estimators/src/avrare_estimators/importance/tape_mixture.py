@@ -60,9 +60,10 @@ class TapeMixture:
                 continue
             places = []
             for group in own:
-                index = tuple(rows.setdefault(_rounded(row), len(rows)) for row in group)
-                weights = np.array(list(group.values()))
-                key = (index, tuple(np.round(weights / weights.sum(), _DIGITS).tolist()))
+                weights = np.round(np.array(list(group.values())) / sum(group.values()), _DIGITS)
+                kept = [(row, w) for row, w in zip(group, weights.tolist(), strict=True) if w > 0.0]
+                index = tuple(rows.setdefault(_rounded(row), len(rows)) for row, _ in kept)
+                key = (index, tuple(w for _, w in kept))
                 places.append(groups.setdefault(key, len(groups)))
             parts.append([*places, NONE][:2])
             shares.append(round(share / total, _DIGITS))
