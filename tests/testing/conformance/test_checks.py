@@ -275,7 +275,7 @@ def test_a_failed_check_is_exit_1(capsys, monkeypatch):
         (["imm", "--set", "banana=1"], 4, "unknown option 'banana' of tracker 'imm'"),
         (["imm", "--set", "banana"], 4, "should be KEY=VALUE"),
         (["imm", "--kind", "wheel"], 4, "'imm' has no component of kind 'wheel'"),
-        (["avrare", "--set", "workers=2"], 4, "has 5 components"),
+        (["avrare", "--set", "workers=2"], 4, "components: options are for one"),
     ],
 )
 def test_mistakes_are_one_clear_line(words, code, text, capsys):
