@@ -40,7 +40,7 @@ NOT_RUN = {
     r"(ray/bin/)?pip install .*": "installs; tests/packaging/test_wheels.py installs the wheels",
     r"python -m venv .*": "installs",
     r"ray/bin/python -m pytest .*": "the tests of the plugin, in an environment that has ray",
-    r"python benchmarks/.*": "a study of minutes to hours, whose results the page shows",
+    r"python (benchmarks/|-m benchmarks\.).*": "a study of minutes to hours, whose results the page shows",
     r"export .*": "sets a variable of the reader's shell",
     r"avrare run .* --executor ray .*": "needs a cluster; plugins/avrare-ray has tests of the executor",
     r"avrare run scenarios/merge_metadrive.yaml": "needs MetaDrive in an environment of its own",
