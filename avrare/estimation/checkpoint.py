@@ -2,7 +2,6 @@
 
     FOLDER/checkpoint.json              the task: what must be equal to resume
     FOLDER/NAME/000012-000003.npz       estimate NAME, stage 12, chunk 3
-    FOLDER/NAME/measured.json           estimate NAME: numbers that were measured once, such as a cost
     FOLDER/SCENARIO/scenario.yaml       of `avrare run`: the resolved scenario
 
 An estimate is a deterministic function of its outcomes, so it resumes by reading them in order. Files are
@@ -16,7 +15,7 @@ import io
 import json
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,9 +33,8 @@ INDEX = "checkpoint.json"
 SCHEMA = 2
 """Since 2 each chunk has a checksum; 1 is read."""
 SCENARIO = "scenario.yaml"
-_OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|(checkpoint|measured)\.json|scenario\.yaml)(\.\w+){0,2}")
+_OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+){0,2}")
 """Names of checkpoint files, and of temporary ones that a killed process has left."""
-_MEASURED = "measured.json"
 _MAX_DIFFERENCES = 5
 _AFRESH = "start afresh in another folder"
 
@@ -168,21 +166,6 @@ class FileJournal:
         path = self._path(stage, index)
         with explain_file_errors(f"{path}: cannot save", "free some disk space", SaveError):
             write_atomic(path, encode(outcome, self._key(chunk), seconds), durable=True)
-
-    def remember(self, name: str, measure: Callable[[], float]) -> float:
-        """Return a number that is measured at the first call and stored for all later ones."""
-        path = self.folder / _MEASURED
-        with explain_file_errors(f"{path}: cannot be read"):
-            stored = read_json(path, "remove this file: it is then measured again") if path.exists() else {}
-        if stored:
-            check_seal(path, stored, "remove this file: it is then measured again")
-        if name not in stored.get("numbers", {}):
-            stored = {"owner": self.owner, "numbers": {**stored.get("numbers", {}), name: measure()}}
-            with explain_file_errors(f"{path}: cannot save", "free some disk space", SaveError):
-                write_atomic(path, json.dumps(seal(stored)).encode(), durable=True)
-        if stored["owner"] != self.owner:
-            raise UsageError(f"{path}: belongs to another estimate", _AFRESH)
-        return float(stored["numbers"][name])
 
     @property
     def seconds(self) -> float:

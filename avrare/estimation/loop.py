@@ -23,7 +23,6 @@ from avrare.estimation.plan import (
     Journal,
     Plan,
     Refused,
-    Remembers,
     UsesFinalScores,
 )
 from avrare.estimation.result import Result
@@ -174,11 +173,6 @@ class _Parts:
     journal: Journal | None
     stop: Callable[[], bool] | None
     before: Info = field(default_factory=Info)
-
-    def remember(self, name: str, measure: Callable[[], float]) -> float:
-        """Return a number that is measured once, also where the estimate resumes."""
-        remembering = find_ability(self.journal, Remembers) if self.journal is not None else None
-        return measure() if remembering is None else remembering.remember(name, measure)
 
     def __call__(self, problem: Problem, estimator: Estimator, settings: Settings, name: str) -> list[Result]:
         journal, before, last = self.journal and self.journal.part(name), self.before, Info()

@@ -23,11 +23,11 @@ from avrare.estimation.loop import Settings
 from avrare.estimation.mfmc_config import MfmcConfig
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.plan import FAILURE_LIMIT, Execute, Remembers
+from avrare.estimation.plan import FAILURE_LIMIT, Execute
 from avrare.estimation.result import Failures, Result, spread
 from avrare.estimation.tape_recorder import Record, Recorder, draw_tapes, take_record
 from avrare.estimation.two_phase import Design, plan_design, scaled
-from avrare.protocols import Bools, Floats, find_ability
+from avrare.protocols import Bools, Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
@@ -60,12 +60,12 @@ class Mfmc(MonteCarlo):
         if problem.twin is None:
             raise UsageError(
                 "estimator mfmc needs a cheap twin of the stack",
-                "name one in the scenario, for example `cheap: {controller: {search: follow}}`, or in Python "
-                "problem.with_twin(cheap_problem)",
+                "name one in the scenario, for example `cheap: {cost: 0.1, controller: {search: follow}}`, "
+                "or in Python problem.with_twin(cheap_problem, cost=0.1)",
             )
         check_twin(problem, problem.twin.problem, problem.twin.cost)
         total = self._total(problem, settings.budget)
-        cost = _cost(problem, problem.twin, execute)
+        cost = _cost(problem, problem.twin)
         work = _Work(problem, problem.twin.problem.subset(problem.names), cost, settings, execute)
         return work.estimate(total, int(self.options.pilot * total / (1.0 + cost)))
 
@@ -84,12 +84,15 @@ class Mfmc(MonteCarlo):
         return total
 
 
-def _cost(problem: Problem, twin: Twin, execute: Execute) -> float:
-    if twin.cost is not None:
-        return twin.cost
-    measure = partial(measure_cost, problem, twin.problem)
-    remembering = find_ability(execute, Remembers)
-    return measure() if remembering is None else remembering.remember("twin_cost", measure)
+def _cost(problem: Problem, twin: Twin) -> float:
+    if twin.cost is None:  # a measured one would make results differ from machine to machine
+        measured = measure_cost(problem, twin.problem)
+        raise UsageError(
+            "the cost of the cheap twin is missing, on which the split of the rollouts depends",
+            f"name it: this machine measures `cheap: {{cost: {measured:g}}}`, in Python "
+            f"problem.with_twin(cheap_problem, cost={measured:g})",
+        )
+    return twin.cost
 
 
 @dataclass(frozen=True)

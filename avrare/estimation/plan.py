@@ -166,13 +166,6 @@ class GaveUp(AvrareError):
         return error
 
 
-class Remembers(Protocol):
-    """Journal, or runner of the parts of an estimate, that keeps numbers which were measured once."""
-
-    def remember(self, name: str, measure: Callable[[], float]) -> float:
-        """Return the number of this name, measured at the first call of an estimate, also if it resumes."""
-
-
 class UsesFinalScores(Protocol):
     """Estimator that reads of the scores only those of complete rollouts, the last column."""
 

@@ -129,7 +129,7 @@ class Problem:
 
         Args:
             twin: Problem with specifications of the same names, that reads the same noise tapes.
-            cost: Time of a rollout of the twin over that of this problem; None: measured.
+            cost: Time of a rollout of the twin over that of this problem; `mfmc` needs it.
 
         Raises:
             UsageError: Their tapes have different shapes, or a specification is missing.

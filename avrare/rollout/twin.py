@@ -27,7 +27,7 @@ class Twin:
 
     Attributes:
         problem: The problem of the twin.
-        cost: Cost of a rollout, in rollouts of the stack itself; None: measured.
+        cost: Cost of a rollout, in rollouts of the stack itself; estimator "mfmc" needs it.
     """
 
     problem: Any  # ``avrare.rollout.problem.Problem``, which imports this module

@@ -183,7 +183,7 @@ class Cheap(_Model):
 
     cost: float | None = Field(
         None, gt=0.0, lt=1.0,
-        description="time of the twin's rollout over that of the stack's; default: measured, to a power of 2",
+        description="time of the twin's rollout over that of the stack's; mfmc needs it",
     )  # fmt: skip
     simulator: dict[str, Any] | None = Field(None, description="what differs in the simulator")
     perception: dict[str, Any] | None = Field(None, description="what differs in perception")
@@ -270,7 +270,7 @@ class Scenario:
         estimated: Names of the specifications to estimate, in the scenario's order (the estimator option
             ``specifications``; all of them by default).
         cheap: The cheap twin, as a scenario of its own; None where there is none.
-        cheap_cost: Cost of its rollouts, in rollouts of this one; None: measured.
+        cheap_cost: Cost of its rollouts, in rollouts of this one; None: not named.
         ensemble: Values of parameters in each draw of the model.
         members: The scenario with the values of each draw.
         warnings: (message, hint) on specifications that are valid but may not mean what was intended.

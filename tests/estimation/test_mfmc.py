@@ -8,7 +8,7 @@ import pytest
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation import intervals, mfmc
+from avrare.estimation import intervals
 from avrare.estimation.two_phase import plan_design, scaled
 from avrare.rollout.twin import measure_cost
 from avrare.testing.faulty_systems import Killed, Mortal
@@ -115,15 +115,14 @@ def test_same_bits_for_any_number_of_workers():
     assert plain(avrare.estimate(problem(2e-2, 0.999), "mfmc", rollouts=2000, seed=4, workers=2)) == once
 
 
-def test_resumes_with_the_cost_that_was_measured(tmp_path, monkeypatch):
-    costs, counted = iter([1 / 32, 1 / 2, 1 / 2, 1 / 2]), Mortal(Turned(0.999), np.inf)
+def test_a_killed_estimate_resumes_with_the_same_bits(tmp_path):
+    counted = Mortal(Turned(0.999), np.inf)
     pair = problem(2e-2, 0.999, 1 / 32, twin=counted, chunk=2000)
     whole = avrare.estimate(pair, "mfmc", rollouts=4000, seed=4)
-    monkeypatch.setattr(mfmc, "measure_cost", lambda *_: next(costs))
     deaths = 0
     while True:
         mortal = Mortal(Turned(0.999), counted.lived - 6)
-        pair = problem(2e-2, 0.999, None, twin=mortal, chunk=2000)
+        pair = problem(2e-2, 0.999, 1 / 32, twin=mortal, chunk=2000)
         try:
             result = avrare.estimate(pair, "mfmc", rollouts=4000, seed=4, checkpoint=tmp_path / "kept")
             break
@@ -182,7 +181,10 @@ def test_what_cannot_be_a_twin_is_said():
         avrare.estimate(own.with_twin(own, 0.1), "mfmc", budget="seconds=1")
 
 
-def test_a_measured_cost_is_a_power_of_two():
+def test_a_cost_that_is_missing_is_measured_for_the_error():
     own = avrare.Problem(Turned(), avrare.stl("always (x < 2)"), steps=1)
     cost = measure_cost(own, own)
     assert np.log2(cost) == int(np.log2(cost))
+    with pytest.raises(UsageError, match="cost of the cheap twin is missing") as raised:
+        avrare.estimate(own.with_twin(own), "mfmc", rollouts=100)
+    assert "cheap: {cost: " in raised.value.hint
