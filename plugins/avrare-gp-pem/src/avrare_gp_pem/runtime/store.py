@@ -128,7 +128,8 @@ def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
 
 
 def _from_format_3(arrays: Arrays) -> FittedPem:
-    model, members = _model(arrays, _provenance(arrays)), []
+    model = _model(arrays, _provenance(arrays))
+    members: list[FittedPem] = []
     while f"{_MEMBER}{len(members) + 1}_clean_link" in arrays:
         prefix = f"{_MEMBER}{len(members) + 1}_"
         own = {key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)}
