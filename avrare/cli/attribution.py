@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from avrare.analysis.causes.attribution import Attribution, attribute
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import list_groups
+from avrare.analysis.causes.resumption import OpenJournal, identify_run, identify_scenario, keep_outcomes
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
@@ -29,7 +31,27 @@ def execute(args: argparse.Namespace) -> int:
     names = select_specifications(folder, args.specification)
     few = [name for name in names if len(folder.failures[name].robustness) < 2]
     print_warnings((f"{name}: one failure is too few to attribute", None) for name in few)
-    found = {name: _attribute(folder, name, variants, args) for name in names if name not in few}
+    chosen = [name for name in names if name not in few]
+    out = None if args.out is None else Path(args.out)
+    with keep_outcomes(out, "attribution", _identify(folder, chosen, variants, args)) as journal:
+        found = {name: _attribute(folder, name, variants, args, journal) for name in chosen}
+        _show(folder, found, args)
+    most = folder.require_scenario().definition.max_error_rate
+    failed = any(one.errors > most * one.rollouts for one in found.values())
+    return int(ExitCode.ROLLOUT_ERRORS if failed else ExitCode.PASS)
+
+
+def _identify(
+    folder: RunFolder, names: list[str], variants: dict[str, LoadedScenario], args: argparse.Namespace
+) -> dict[str, Any]:
+    return {
+        "specifications": names, "fresh": args.fresh, "channels": args.channels, "seed": args.seed,
+        "run": identify_run(folder), "scenario": identify_scenario(folder.require_scenario().definition),
+        "variants": {name: identify_scenario(one.definition) for name, one in variants.items()},
+    }  # fmt: skip
+
+
+def _show(folder: RunFolder, found: dict[str, Attribution], args: argparse.Namespace) -> None:
     estimates = {one.specification: one for one in folder.result.estimates}
     content = {
         name: {
@@ -43,9 +65,6 @@ def execute(args: argparse.Namespace) -> int:
     }
     lines = [line for one in found.values() for line in one.lines()]
     show_or_write(args, ATTRIBUTION_FILE, {"attribution": content}, lines)
-    most = folder.require_scenario().definition.max_error_rate
-    failed = any(one.errors > most * one.rollouts for one in found.values())
-    return int(ExitCode.ROLLOUT_ERRORS if failed else ExitCode.PASS)
 
 
 def _split(variants: list[str]) -> list[tuple[str, str]]:
@@ -58,8 +77,9 @@ def _split(variants: list[str]) -> list[tuple[str, str]]:
 
 
 def _attribute(
-    folder: RunFolder, name: str, variants: dict[str, LoadedScenario], args: argparse.Namespace
-) -> Attribution:
+    folder: RunFolder, name: str, variants: dict[str, LoadedScenario], args: argparse.Namespace,
+    journal: OpenJournal,
+) -> Attribution:  # fmt: skip
     estimate = next(one for one in folder.result.estimates if one.specification == name)
     sample = FailureSample.stored(estimate, folder.failures[name])
     problem = folder.require_scenario().problem(name)
@@ -68,5 +88,5 @@ def _attribute(
     with progress_line() as progress:
         return attribute(
             problem, sample, seed=args.seed, fresh=args.fresh, groups=groups, variants=others,
-            runner=TapeRunner(args.workers, progress),
+            runner=TapeRunner(args.workers, progress, journal=journal(name)),
         )  # fmt: skip

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+from avrare.analysis.causes.resumption import identify_run, identify_scenario, keep_outcomes
 from avrare.analysis.causes.scenario_parameters import sensitivity
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import show_or_write
 from avrare.estimation.budget import Budget
+from avrare.results.reader import read_run_folder
 from avrare.scenario.load import load
 
 _ROLLOUTS = 2000
@@ -17,19 +20,27 @@ _ROLLOUTS = 2000
 
 def execute(args: argparse.Namespace) -> int:
     """Estimate the derivatives, print them and write them."""
-    with progress_line() as progress:
-        found = sensitivity(
-            args.scenario, args.parameter, args.specification, overrides=args.set, run=args.run,
-            rollouts=read_rollouts(args.budget, _ROLLOUTS), step=args.step, seed=args.seed or 0,
-            runner=TapeRunner(args.workers, progress),
-        )  # fmt: skip
-    content = {
-        "specification": found.specification, "probability": found.probability,
-        "interval": list(found.interval), "rollouts": found.rollouts, "errors": found.errors,
-        "sensitivity": list(found.table()),
+    definition, rollouts = load(args.scenario, args.set), read_rollouts(args.budget, _ROLLOUTS)
+    task = {
+        "specification": args.specification, "parameters": args.parameter, "rollouts": rollouts,
+        "step": args.step, "seed": args.seed or 0, "scenario": identify_scenario(definition),
+        "run": None if args.run is None else identify_run(read_run_folder(Path(args.run))),
     }  # fmt: skip
-    show_or_write(args, "sensitivity.json", content, found.lines())
-    most = load(args.scenario, args.set).max_error_rate
+    out = None if args.out is None else Path(args.out)
+    with keep_outcomes(out, "sensitivity", task) as journal:
+        with progress_line() as progress:
+            found = sensitivity(
+                args.scenario, args.parameter, args.specification, overrides=args.set, run=args.run,
+                rollouts=rollouts, step=args.step, seed=args.seed or 0,
+                runner=TapeRunner(args.workers, progress, journal=journal("tapes")),
+            )  # fmt: skip
+        content = {
+            "specification": found.specification, "probability": found.probability,
+            "interval": list(found.interval), "rollouts": found.rollouts, "errors": found.errors,
+            "sensitivity": list(found.table()),
+        }  # fmt: skip
+        show_or_write(args, "sensitivity.json", content, found.lines())
+    most = definition.max_error_rate
     return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)
 
 

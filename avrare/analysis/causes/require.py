@@ -1,4 +1,4 @@
-"""Requirement on a parameter of a scenario; finished trials are kept, so that a search can be resumed."""
+"""Requirement on a parameter of a scenario; finished trials and chunks are kept: a search can be resumed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from avrare.analysis.causes.requirement import Evaluate, Requirement, Trial, find_requirement
+from avrare.analysis.causes.resumption import keep_outcomes
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
@@ -48,7 +49,8 @@ def require(
         rollouts: Budget of all estimates together.
         seed: Seed of the first estimate; each has its own.
         workers: Number of processes.
-        out: Folder that keeps finished estimates; the same call goes on from there.
+        out: Folder that keeps finished estimates, and finished chunks of the one in hand; the same call
+            goes on from there.
         show: Progress display.
 
     Raises:
@@ -73,22 +75,20 @@ def require(
     def evaluate(at: float, share: float, number: int, level: float) -> Trial:
         at = round(at) if whole else float(f"{at:.6g}")
         known = kept.find(number, at)
-        return known or kept.add(_estimate(scenario, parameter, name, at, share, number, level))
+        return known or kept.add(_estimate(at, share, number, level))
 
-    def _estimate(
-        scenario: ParametricScenario, parameter: str, name: str, at: float, share: float, number: int,
-        level: float,
-    ) -> Trial:  # fmt: skip
+    def _estimate(at: float, share: float, number: int, level: float) -> Trial:
         loaded = scenario.at(parameter, at)
         problem, budget = loaded.problem(name), Budget.parse(f"rollouts={max(1, round(rollouts * share))}")
         settings = Settings(seed + number, level, budget, definition.max_error_rate, definition.suppress)
-        label = f"{parameter}={at:.4g}"
-        with show(label, problem) if show is not None else nullcontext() as progress:
-            [result] = run(problem, loaded.estimator(), build_executor(workers), settings, progress)
+        chunks, executor = journal(f"trial-{number}"), build_executor(workers)
+        with show(f"{parameter}={at:.4g}", problem) if show is not None else nullcontext() as progress:
+            [result] = run(problem, loaded.estimator(), executor, settings, progress, chunks)
         return Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
 
     search: Evaluate = evaluate
-    return find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
+    with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
+        return find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
 
 
 def _read_limit(probability: str | float) -> float:

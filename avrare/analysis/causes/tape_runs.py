@@ -1,18 +1,19 @@
-"""Runs of given noise tapes, chunk by chunk, on one process or several."""
+"""Runs of given noise tapes, chunk by chunk, on one process or several; a journal keeps finished chunks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
+from avrare.estimation.plan import Journal
 from avrare.protocols import Bools, Floats
-from avrare.rollout.executors.work import Executor, Work, build_executor
+from avrare.rollout.executors.work import Executor, Work, build_executor, check_reproduces
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare.rollout.request import Request
+from avrare.rollout.request import Request, Rollouts
 
 Watch = Callable[[str, int], None]
 """Receives the current activity and the number of rollouts so far."""
@@ -54,28 +55,57 @@ class TapeRunner:
         watch: Called after each chunk.
         rollouts: Rollouts so far.
         errors: Those that broke down; they count neither as failures nor as passes.
+        journal: Keeps the outcomes of finished chunks; those of an equal task are not run again.
+        calls: Calls so far, each a stage of the journal.
     """
 
     workers: int = 1
     watch: Watch | None = None
     rollouts: int = 0
     errors: int = 0
+    journal: Journal | None = None
+    calls: int = 0
 
     def __call__(self, problem: Problem, tapes: Floats, activity: str = "") -> Verdicts:
         """Return the outcomes of the first specification of ``problem`` on ``tapes``."""
-        rows = problem.chunk
-        requests = (Request.replay(tapes[at : at + rows]) for at in range(0, len(tapes), rows))
-        executor: Executor = build_executor(self.workers)
-        executor.open(Work(problem, NoiseSource(0, problem.noise_size), scored=False))
-        found = []
-        with closing(executor):
-            for outcome in executor.map(requests):
-                found.append(Verdicts(outcome.violated[:, 0], outcome.error))
-                self.rollouts += len(outcome.error)
-                self.errors += int(outcome.error.sum())
-                if self.watch is not None:
-                    self.watch(activity, self.rollouts)
+        stage, self.calls = self.calls, self.calls + 1
+        work, found = Work(problem, NoiseSource(0, problem.noise_size), scored=False), []
+        for outcome in self._outcomes(stage, work, tapes):
+            found.append(Verdicts(outcome.violated[:, 0], outcome.error))
+            self.rollouts += len(outcome.error)
+            self.errors += int(outcome.error.sum())
+            if self.watch is not None:
+                self.watch(activity, self.rollouts)
         return Verdicts.join(found)
+
+    def _outcomes(self, stage: int, work: Work, tapes: Floats) -> Iterator[Rollouts]:
+        index = done = 0
+        for outcome in self._stored(stage, work, tapes):
+            index, done = index + 1, done + len(outcome.error)
+            yield outcome
+        rows = work.problem.chunk
+        requests = [Request.replay(tapes[at : at + rows]) for at in range(done, len(tapes), rows)]
+        if not requests:
+            return
+        executor: Executor = build_executor(self.workers)
+        executor.open(work)
+        with closing(executor):
+            for request, outcome in zip(requests, executor.map(requests), strict=True):
+                if self.journal is not None:
+                    self.journal.write(stage, index, request, outcome, 0.0)
+                index += 1
+                yield outcome
+
+    def _stored(self, stage: int, work: Work, tapes: Floats) -> Iterator[Rollouts]:
+        at = index = 0
+        while self.journal is not None and (rows := self.journal.rows(stage, index)):
+            chunk = Request.replay(tapes[at : at + rows])
+            found = self.journal.read(stage, index, chunk)
+            assert found is not None  # it has rows
+            if index == 0:  # each call may have a problem of its own
+                check_reproduces(work, chunk, found[0])
+            at, index = at + rows, index + 1
+            yield found[0]
 
 
 def draw_tapes(problem: Problem, seed: int, stage: int, count: int, first: int = 0) -> Floats:

@@ -1,0 +1,60 @@
+"""Checkpoint of an analysis that runs tapes: after a kill the same command goes on from there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from avrare.base.errors import AvrareError, ExitCode, Interrupted
+from avrare.estimation.checkpoint import FOLDER, Checkpoint, FileJournal
+from avrare.results.reader import RunFolder
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.schema import Scenario
+
+OpenJournal = Callable[[str], FileJournal | None]
+"""Gives the journal of one of the runners of tapes by its name; None where nothing is kept."""
+
+
+@contextmanager
+def keep_outcomes(out: Path | None, command: str, task: Mapping[str, Any]) -> Iterator[OpenJournal]:
+    """Keep finished rollouts in a checkpoint in ``out`` until the block ends without an error.
+
+    Args:
+        out: Folder of the command's result; None: nothing is kept.
+        command: Name of the command, of which each folder has one checkpoint.
+        task: All that decides the rollouts and their order, as plain JSON data.
+
+    Raises:
+        UsageError: The checkpoint in ``out`` belongs to another task, or another process uses it.
+        Interrupted: Ctrl-C; finished rollouts are kept.
+    """
+    if out is None:
+        yield lambda name: None
+        return
+    with Checkpoint.open(out / f"{command}-{FOLDER}", task).held() as checkpoint:
+        try:
+            yield checkpoint.journal
+        except KeyboardInterrupt as error:
+            text = f"interrupted; finished rollouts are saved in {checkpoint.folder}"
+            raise Interrupted(text, "the same command goes on from there") from error
+        except AvrareError as error:
+            if error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN) and not checkpoint.chunks:
+                checkpoint.remove()
+            raise
+        checkpoint.remove()
+
+
+def identify_scenario(definition: Scenario) -> dict[str, Any]:
+    """Return the identity of a scenario for a task; what explains least comes last."""
+    return {
+        **definition.resolved, "versions": definition.versions, "fingerprint": fingerprint(definition),
+    }  # fmt: skip
+
+
+def identify_run(folder: RunFolder) -> str:
+    """Return the identity of a run's result, in which its files have their checksums."""
+    return hashlib.sha256(json.dumps(folder.content, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,0 +1,135 @@
+"""Attribution, sensitivity and requirements that are killed go on, and end with the same bytes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from avrare.cli.main import main
+from avrare.estimation import checkpoint
+
+COMMANDS = {
+    "attribution": ["attribution", "night", "--specification", "near", "--fresh", "40"],
+    "sensitivity": [
+        "sensitivity", "walk.yaml", "--specification", "near", "--parameter", "simulator.scale",
+        "--budget", "rollouts=100", "--run", "night",
+    ],
+    "require": [
+        "require", "walk.yaml", "--specification", "near", "--parameter", "simulator.scale",
+        "--probability", "< 0.3", "--between", "0.05,0.8", "--budget", "rollouts=600",
+    ],
+}  # fmt: skip
+
+
+@pytest.fixture
+def finished(inside):
+    scenario = inside.scenario()
+    budget = ["--set", "estimator.rollouts=100", "--set", "simulator.scale=0.2"]
+    assert main(["run", scenario, *budget, "--out", "night", "--quiet", "--no-pictures"]) == 0
+    text = (inside.folder / "walk.yaml").read_text()
+    (inside.folder / "walk.yaml").write_text(text.replace("scale: 0.1", "scale: 0.2").replace("400", "100"))
+    return inside
+
+
+@pytest.fixture
+def stopping(monkeypatch):
+    """Runs a command, which is interrupted after so many chunks, and returns how many it has saved."""
+
+    def run(words, chunks=None):
+        write, done = checkpoint.FileJournal.write, []
+
+        def counting(self, *rest):
+            write(self, *rest)
+            done.append(rest)
+            if len(done) == chunks:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(checkpoint.FileJournal, "write", counting)
+            assert main(words) == (0 if chunks is None else 2)
+        return len(done)
+
+    return run
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_interrupted_command_goes_on_and_runs_nothing_twice(command, finished, stopping, capsys):
+    words, folder = COMMANDS[command], finished.folder
+    total = stopping([*words, "--out", "whole"])
+    assert total > 10
+    for chunks in (1, 4):
+        assert stopping([*words, "--out", "torn"], chunks) == chunks
+        assert "the same command goes on from there" in capsys.readouterr().err
+    assert stopping([*words, "--out", "torn"]) == total - 5
+    name = f"{command}.json"
+    assert (folder / "torn" / name).read_bytes() == (folder / "whole" / name).read_bytes()
+    left = sorted(path.name for path in (folder / "torn").iterdir())
+    assert left == [name] + ["trials.json"] * (command == "require")
+
+
+@pytest.mark.parametrize(
+    ("command", "change", "told"),
+    [
+        ("attribution", ["--seed", "7"], "seed 0 -> 7"),
+        ("attribution", ["--variant", "calm:simulator.scale=0.1"], "variants.calm null ->"),
+        ("sensitivity", ["--step", "0.2"], "step 0.1 -> 0.2"),
+        ("sensitivity", ["--set", "simulator.dt=2.0"], "scenario.simulator.dt 1.0 -> 2.0"),
+    ],
+)
+def test_rollouts_of_another_command_are_not_taken(command, change, told, finished, stopping, capsys):
+    words = [*COMMANDS[command], "--out", "torn"]
+    stopping(words, 3)
+    capsys.readouterr()
+    assert main([*words, *change]) == 4
+    assert told in capsys.readouterr().err
+    assert main(words) == 0  # it is as it was
+
+
+def test_a_changed_simulator_is_noticed(finished, stopping, monkeypatch, capsys):
+    words = [*COMMANDS["attribution"], "--out", "torn"]
+    stopping(words, 3)
+    monkeypatch.setenv("AVRARE_TOY_BUG", "1")
+    capsys.readouterr()
+    assert main(words) == 4
+    assert "does not reproduce" in capsys.readouterr().err
+
+
+def test_a_refused_command_leaves_no_checkpoint(finished, capsys):
+    words = ["sensitivity", "walk.yaml", "--specification", "near", "--out", "torn"]
+    assert main(words) == 4
+    assert "no score function" in capsys.readouterr().err
+    assert not any((finished.folder / "torn").iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_kill_minus_nine(command, finished):
+    words, folder = COMMANDS[command], finished.folder
+    name, random = f"{command}.json", np.random.default_rng(3)
+
+    def start(out, workers, **environment):
+        line = [sys.executable, "-m", "avrare", *words, "--out", out, "--workers", str(workers)]
+        return subprocess.Popen(
+            line, cwd=folder, env={**finished.environment, **environment}, stdout=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+
+    assert start("whole", 1).wait(120) == 0
+    saved = folder / "torn" / f"{command}-checkpoint"
+    for life in range(3):
+        before = len(list(saved.rglob("*.npz")))
+        process = start("torn", 1 + life % 2, AVRARE_TOY_PAUSE="0.01")
+        more, end = int(random.integers(1, 3)), time.monotonic() + 100.0
+        while len(list(saved.rglob("[0-9]*.npz"))) < before + more:
+            assert process.poll() is None, "it ended before it was killed"
+            assert time.monotonic() < end, "it saves nothing"
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+    assert start("torn", 1).wait(120) == 0
+    assert (folder / "torn" / name).read_bytes() == (folder / "whole" / name).read_bytes()
+    assert not saved.exists()
