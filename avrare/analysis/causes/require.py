@@ -147,5 +147,5 @@ def _read_trial(path: Path, entry: Any) -> Trial:
             entry["value"], float(entry["probability"]), (low, high), int(entry["rollouts"]),
             tuple(map(str, entry["warnings"])),
         )  # fmt: skip
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise UsageError(f"{path}: cannot be read", "choose another --out, or remove it") from None

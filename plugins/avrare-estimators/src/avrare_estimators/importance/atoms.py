@@ -54,6 +54,8 @@ class Atoms:
     def of(rows: Sequence[Row]) -> Atoms:
         """Return atoms from rows of numbers in the order of the attributes."""
         table = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
+        if not np.isfinite(table).all():
+            raise ValueError("an atom has a number that is not finite")
         whole = table[:, :3].astype(np.int64)
         return Atoms(*whole.T.copy(), *table[:, 3:].T.copy())
 

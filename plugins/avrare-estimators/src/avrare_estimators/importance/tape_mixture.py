@@ -228,7 +228,7 @@ class TapeMixture:
             shape = (int(content["steps"]) + 1, int(content["noise_size"]))
             mixture = TapeMixture(atoms, groups, parts, share, shape)
             mixture._check()
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise UsageError(
                 f"a learned proposal is damaged: {type(error).__name__}: {error}", "learn it again"
             ) from None

@@ -100,7 +100,7 @@ class LearnedFile:
             known = entry[_POTENTIALS]
             potentials = Potentials.from_dict(known) if known is not None else None
             curve = tuple(float(level) for level in entry[_CURVE])
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise UsageError(
                 f"learned: {self.path}: {name} is damaged: {type(error).__name__}: {error}", AGAIN
             ) from None
