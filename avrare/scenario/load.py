@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 
@@ -14,7 +13,7 @@ from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.drawn_options import find_draws
 from avrare.scenario.draws import KEY, Draws
 from avrare.scenario.extends import merge, read
-from avrare.scenario.overrides import override
+from avrare.scenario.overrides import override, put
 from avrare.scenario.safe_mode import check_import_path, find_refusals
 from avrare.scenario.schema import PARTS, TWIN_PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_block, check_formula, step_of
@@ -24,7 +23,8 @@ from avrare.scenario.value_positions import Mark, Node, Path
 _CORE_KEYS = {"estimator": ("plugin", "specifications"), "simulator": ("plugin", KEY)}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
 _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications", "cheap"))
-_NOT_OF_TWIN = ("cheap", "ensemble", "thresholds", "regression", "cross_check")
+_NOT_OF_MEMBER = ("ensemble", "thresholds", "regression", "cross_check")
+_NOT_OF_TWIN = ("cheap", *_NOT_OF_MEMBER)
 _FEWEST_MEMBERS = 3
 
 
@@ -114,23 +114,31 @@ def _resolve_members(tree: Node, document: Document, path: str, registry: Regist
     if not document.ensemble:
         return ()
     node = tree.entries["ensemble"]
+    mistakes = [
+        Mistake(one.name_mark, ("ensemble", key), "is no path in the stack",
+                f"a draw changes an option of {', '.join(TWIN_PARTS)}, such as perception.miss_scale")
+        for key, one in node.entries.items()
+        if key.partition(".")[0] not in TWIN_PARTS or not all(key.split(".")[1:]) or "." not in key
+    ]  # fmt: skip
     sizes = {len(values) for values in document.ensemble.values()}
     if len(sizes) > 1 or min(sizes) < _FEWEST_MEMBERS:
         hint = f"each path has a value for every draw, at least {_FEWEST_MEMBERS} of them"
-        raise scenario_error(
-            [Mistake(node.name_mark, ("ensemble",), "its lists differ in length or are short", hint)]
+        mistakes.append(
+            Mistake(node.name_mark, ("ensemble",), "its lists differ in length or are short", hint)
         )
-    own = Node(
-        {key: one for key, one in tree.entries.items() if key not in _NOT_OF_TWIN}, tree.mark, tree.key
-    )
-    return tuple(
-        _resolve(
-            override(own, [f"{key}={json.dumps(values[k])}" for key, values in document.ensemble.items()]),
-            path,
-            registry,
-        )
-        for k in range(min(sizes))
-    )
+    if mistakes:
+        raise scenario_error(mistakes)
+    own = {key: one for key, one in tree.entries.items() if key not in _NOT_OF_MEMBER}
+    base = Node(own, tree.mark, tree.key)
+    return tuple(_resolve(_member(base, node, k), path, registry) for k in range(min(sizes)))
+
+
+def _member(base: Node, ensemble: Node, number: int) -> Node:
+    for key, draws in ensemble.entries.items():
+        value = draws.items[number]
+        there = Node(value.value, value.mark, draws.name_mark)
+        base = put(base, tuple(key.split(".")), there, draws.name_mark)
+    return base
 
 
 def _without_options(tree: Node) -> Node:

@@ -37,24 +37,25 @@ def _apply(tree: Node, setting: str) -> Node:
     value = parse_value(text, mark)
     if key == "cross_check" and value.value is True and tree.entries_at(key):
         return tree  # the options of the file ask for the check already
-    return _put(tree, tuple(key.split(".")), value, mark)
+    return put(tree, tuple(key.split(".")), value, mark)
 
 
-def _put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
+def put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
+    """Return the tree with another value at a path; ``mark`` is the place of what asks for it."""
     if not path:
         return value
     step, rest = str(path[0]), path[1:]
     if isinstance(node.value, list):
         index = _index(node.value, step, mark)
         items = list(node.value)
-        items[index] = _put(items[index], rest, value, mark)
+        items[index] = put(items[index], rest, value, mark)
         return Node(items, node.mark, node.key)
     if node.value is not None and not isinstance(node.value, dict):
         raise mark.error(f"there is no {step!r} inside {node.value!r}", "shorten the path")
     entries = node.entries
     if step == "plugin" and not rest and step in entries and entries[step].value != value.value:
         entries = {}  # the options of one plugin mean nothing to another
-    changed = _put(entries.get(step, Node({}, mark, mark)), rest, value, mark)
+    changed = put(entries.get(step, Node({}, mark, mark)), rest, value, mark)
     return Node({**entries, step: changed}, node.mark, node.key)
 
 

@@ -82,7 +82,24 @@ def test_an_ensemble_has_a_scenario_for_each_draw(read, fails, good):
     lines, _ = fails(good + "ensemble: {tracker.delay: [1, 2]}\n")
     assert any("s.yaml:14:1: ensemble: its lists differ in length or are short" in line for line in lines)
     lines, _ = fails(good + "ensemble: {tracker.dellay: [1, 2, 3]}\n")
-    assert any("tracker.dellay: unknown key" in line for line in lines)
+    assert any("s.yaml:14:12: tracker.dellay: unknown key" in line for line in lines)
+    lines, _ = fails(good + "ensemble:\n  tracker.delay: [1, 2, abc]\n")
+    assert any(line.startswith("s.yaml:15:25: tracker.delay: should be") for line in lines)
+
+
+@pytest.mark.parametrize("path", ["seed", "estimator.rollouts", "thresholds.0", "tracker", "tracker..delay"])
+def test_a_draw_changes_the_stack_alone(fails, good, path):
+    lines, _ = fails(good + f"ensemble:\n  {path}: [1, 2, 3]\n")
+    assert lines[0].startswith(f"s.yaml:15:3: ensemble.{path}: is no path in the stack")
+
+
+def test_each_draw_has_the_cheap_twin_of_the_scenario(read, good):
+    twin = "cheap: {tracker: {delay: 5}, cost: 0.1}\n"
+    scenario = read(good + twin + "ensemble: {simulator.gap: [19, 20, 21]}\n")
+    for member in scenario.members:
+        assert member.cheap.tracker.config.delay == 5
+        assert member.cheap.simulator.config.gap == member.simulator.config.gap
+        assert member.cheap_cost == 0.1
 
 
 def test_a_scenario_can_be_sent_to_a_worker(read, good):
