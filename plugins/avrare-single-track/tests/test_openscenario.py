@@ -1,15 +1,20 @@
 """OpenSCENARIO files: what vehicles do is what the file says; what is not read is named at its place."""
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from avrare.base.errors import ScenarioError, UsageError
+from avrare.base.errors import AvrareError, ScenarioError, UsageError
 from avrare.driving import Action
+from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
+from avrare.scenario.safe_mode import safe_mode
+from avrare.stack.builder import build_stack
 from avrare_single_track.config import OpenScenarioConfig
+from avrare_single_track.openscenario.distributions import read_distributions
 from avrare_single_track.openscenario.opendrive import read_opendrive
 from avrare_single_track.openscenario.simulator import OpenScenario
 from avrare_single_track.openscenario.xml_tree import read_xml
@@ -396,3 +401,175 @@ def test_a_scenario_with_distributions():
         load(SCENARIOS / "cut_in.yaml", ["simulator.parameters.EgoSped=24.0"])
     with pytest.raises(ScenarioError, match=r"entity 'Egon'"):
         load(SCENARIOS / "cut_in.yaml", ["simulator.entity=Egon"])
+
+
+def state_of(kind, name, state):
+    return (
+        f'<ByValueCondition><StoryboardElementStateCondition storyboardElementType="{kind}" '
+        f'storyboardElementRef="{name}" state="{state}"/></ByValueCondition>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "state", "step"),
+    [
+        ("story", "s", "runningState", 0),
+        ("act", "a", "startTransition", 1),  # at its own begin, not at that of its first event
+        ("act", "s::a", "runningState", 1),
+        ("maneuver", "m", "runningState", 1),
+        ("event", "m::first", "startTransition", 11),
+        ("event", "first", "completeState", 20),
+        ("action", "act of first", "endTransition", 20),
+    ],
+)
+def test_states_of_elements(build, kind, name, state, step):
+    text = document(
+        event(change_lane("linear", "time", 1.0)),
+        event(slow_down("step", "time", 0.0), state_of(kind, name, state), "second"),
+    )
+    speed = drive(build(text), 3.0)["speed"][:, 0, 0]
+    assert np.flatnonzero(speed < 20.0)[0] - 1 == step
+
+
+def test_references_that_are_not_clear_are_refused(build):
+    last = event(slow_down(), state_of("event", "first", "completeState"), "second")
+    with pytest.raises(UsageError, match="there are 2 elements event 'first'"):
+        build(document(event(change_lane()), event(change_lane()), last))
+    both = event(change_lane()).replace("<StartTrigger>", f"<Action name='b'>{ACTION}</Action><StartTrigger>")
+    for state in ("completeState", "runningState"):
+        last = event(slow_down(), state_of("action", "b", state), "second")
+        with pytest.raises(UsageError, match="one action among several"):
+            build(document(both, last))
+
+
+ACTION = f"<PrivateAction>{slow_down()}</PrivateAction>"
+
+
+def test_a_step_over_a_distance_takes_no_time(build):
+    text = document(
+        event(slow_down("step", "distance", 60.0)),
+        event(change_lane(), state_of("event", "first", "completeState"), "second"),
+    )
+    found = drive(build(text), 2.0)
+    np.testing.assert_allclose(found["x"][11, 0, 0] - found["x"][10, 0, 0], 1.0)
+    assert np.flatnonzero(found["y"][:, 0, 0] != -8.75)[0] == 12
+
+
+EUCLIDEAN = COLLISION.replace("freespace", 'relativeDistanceType="euclidianDistance" freespace')
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (document(event(slow_down(value=-4.0))), r"Dynamics: value should be at least 0, found -4"),
+        (document(event(slow_down(target=-1.0))), r"AbsoluteTargetSpeed: value should be at least 0"),
+        (document(event(slow_down()), speed=-3.0), r"AbsoluteTargetSpeed: value should be at least 0"),
+        (document(event(slow_down(value="${1e-400 * 4 / 0}"))), "no finite number"),
+        (document(event(slow_down(value="${1 * " + "9" * 320 + "}"))), "neither a number nor"),
+        (document(event(slow_down(), of_entity(EUCLIDEAN))), "time to collision is read along the road"),
+        (document(event(slow_down(), of_entity(GAP.replace("true", "yes")))), "freespace should be true or"),
+        (document(car=lane_position(5000.0)), r"'Car' begins at 5000 m of its road"),
+        (document(car=lane_position(-1.0)), r"'Car' begins at -1 m of its road"),
+        (document().replace('y="0" z="0"/>', 'y="0.2" z="0"/>'), "middle of the vehicle: y = 0"),
+    ],
+)
+def test_numbers_that_cannot_be(build, text, message):
+    with pytest.raises(UsageError, match=message):
+        build(text)
+
+
+def test_a_drawn_number_that_cannot_be_breaks_down_its_rollout_alone(build):
+    simulator = build(document(event(slow_down("linear", "time", "${sqrt($v - 18)}"))))
+    world = simulator.reset_drawn(np.zeros((3, 0)), {"parameters.v": np.array([20.0, 17.0, -1.0])})
+    assert simulator.faults(world).tolist() == [False, True, True]
+
+
+def test_a_headway_is_a_distance_in_the_plane_unless_it_is_along_the_road(build):
+    # 20 m ahead in the next lane but one: 1 s along the road, sqrt(20^2 + 7^2) m in the plane
+    for extra, begins in (("", False), ('alongRoute="true" ', True)):
+        near = HEADWAY.replace("value", extra + "value").replace("1.5", "1.03")
+        text = document(event(slow_down(), of_entity(near.replace("greaterThan", "lessThan"))))
+        text = text.replace('laneId="-2"', 'laneId="-1"')
+        assert (drive(build(text), 1.0)["speed"][-1, 0, 0] < 20.0) is np.bool_(begins)
+
+
+@pytest.mark.parametrize("name", ["x", "heading", "speed", "length", "width"])
+def test_what_the_file_says_of_the_ego_is_no_option(build, name):
+    with pytest.raises(UsageError, match=rf"ego\.{name}: that of the ego is given by") as caught:
+        build(document(), ego={name: 2.0})
+    assert "parameters" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("dt=abc", r"dt: should be a number"),
+        ("dt=0", r"dt: should be greater than 0"),
+        ("parameters=[1]", r"parameters: should be"),
+        ("parameters.EgoSpeed=-2", r"value should be at least 0, found -2"),
+        ("parameters.EgoSpeed=.nan", r"EgoSpeed"),
+        ("ego.speed=3", r"ego\.speed: that of the ego is given"),
+    ],
+)
+def test_options_that_cannot_be(option, message):
+    with pytest.raises(AvrareError, match=message):
+        build_stack(load(SCENARIOS / "cut_in.yaml", [f"simulator.{option}"]))
+
+
+def test_two_distributions_of_one_parameter(tmp_path):
+    text = (SCENARIOS / "openscenario" / "cut_in_distributions.xosc").read_text(encoding="utf-8")
+    path = tmp_path / "two.xosc"
+    path.write_text(text.replace('"CutInSpeed"', '"EgoSpeed"'), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"two\.xosc:12:\d+: .*second distribution of 'EgoSpeed'"):
+        read_distributions(read_xml(str(path), "OpenSCENARIO"))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(SCENARIOS / "_base", tmp_path / "own" / "_base")
+    shutil.copytree(SCENARIOS / "openscenario", tmp_path / "own" / "openscenario")
+    shutil.copy(SCENARIOS / "cut_in.yaml", tmp_path / "own")
+    return tmp_path / "own"
+
+
+def replace_in(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("cut_in.xosc", 'name="Braking" parameterType="double" value="2.0"', 'name="Braking" value="2.5"'),
+        ("cut_in_distributions.xosc", 'variance="0.64"', 'variance="0.65"'),
+        ("motorway.xodr", 'curvature="0.00125"', 'curvature="0.0012501"'),
+    ],
+)
+def test_a_scenario_is_another_when_one_of_its_files_is(folder, name, old, new):
+    before = fingerprint(load(folder / "cut_in.yaml"))
+    assert fingerprint(load(folder / "cut_in.yaml")) == before
+    replace_in(folder / "openscenario" / name, old, new)
+    assert fingerprint(load(folder / "cut_in.yaml")) != before
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "what"),
+    [
+        ("cut_in.xosc", "motorway.xodr", "RoadNetwork: LogicFile"),
+        ("cut_in_distributions.xosc", "cut_in.xosc", "ParameterValueDistribution: ScenarioFile"),
+    ],
+)
+def test_files_that_a_file_names_stay_in_the_folder_in_safe_mode(folder, name, target, what):
+    with safe_mode():
+        load(folder / "cut_in.yaml")
+    shutil.copytree(folder / "openscenario", folder.parent / "openscenario")
+    replace_in(
+        folder / "openscenario" / name,
+        f'"{target}"',
+        f'"{Path("..", "..", "openscenario", target).as_posix()}"',
+    )
+    load(folder / "cut_in.yaml")
+    with safe_mode(), pytest.raises(ScenarioError, match=f"{what} .* leads out of the scenario's folder"):
+        load(folder / "cut_in.yaml")

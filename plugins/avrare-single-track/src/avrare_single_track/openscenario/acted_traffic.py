@@ -193,7 +193,10 @@ class ActedTraffic:
         if not conditions:
             return memory, np.zeros((len(memory.table), 0), np.bool_)
         raw = np.stack(
-            [holds(one, traffic, self.roads, memory.table, memory.begun, memory.ended) for one in conditions],
+            [
+                holds(one, traffic, self.roads, memory.table, memory.acts, memory.begun, memory.ended)
+                for one in conditions
+            ],
             axis=1,
         )
         edges = np.array(raw)
@@ -239,8 +242,10 @@ class ActedTraffic:
             theirs = every.speed[:, deed.other]
             target = target * theirs if deed.factor else target + theirs
         target, value = np.maximum(target, 0.0), memory.table[:, deed.transition.value]
-        if deed.transition.dimension == "distance":  # as long as the way takes, at the mean of both speeds
-            with np.errstate(divide="ignore"):
+        if (
+            deed.transition.form != "step" and deed.transition.dimension == "distance"
+        ):  # as long as the way takes, at the mean of both speeds
+            with np.errstate(divide="ignore", invalid="ignore"):
                 span = 2.0 * value / (now + target)
         else:
             span = _span(deed.transition, target - now, value)

@@ -18,8 +18,10 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
     Raises:
         UsageError: Something in a file is not understood.
     """
-    if not isinstance(options.get("file"), str):
-        return {}  # the model says so
+    given, dt = options.get("parameters", {}), options.get("dt", 0.1)
+    well_formed = isinstance(options.get("file"), str) and isinstance(given, Mapping)
+    if not (well_formed and isinstance(dt, float | int) and 0.0 < dt <= 1.0):
+        return {}  # the model says what is wrong
 
     def allow(path: str, what: str) -> None:
         refuse_outside(path, folder, what)
@@ -31,15 +33,13 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
     if top.find("ParameterValueDistribution") is not None:
         file, laws = read_distributions(top)
         allow(file, "ParameterValueDistribution: ScenarioFile")
-    given = options.get("parameters")
-    given = given if isinstance(given, dict) else {}
     laws = {name: law for name, law in laws.items() if name not in given}
     numbers = {name: value for name, value in given.items() if isinstance(value, str | float | int)}
     road = options.get("road")
     found = read_scenario(
         file,
         str(options.get("entity", "Ego")),
-        float(options.get("dt", 0.1)),
+        float(dt),
         numbers,
         _find(road, folder) if isinstance(road, str) else None,
         options.get("ignore_ego_events") is True,

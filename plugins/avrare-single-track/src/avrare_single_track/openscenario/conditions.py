@@ -47,6 +47,7 @@ def holds(
     traffic: Traffic,
     roads: RoadMap,
     table: Floats,
+    acts: Bools,
     begun: NDArray[np.int64],
     ended: NDArray[np.int64],
 ) -> Bools:
@@ -57,6 +58,7 @@ def holds(
         traffic: The vehicles.
         roads: The road.
         table: (N, K) numbers of the file.
+        acts: (N, A) which acts have begun.
         begun: (N, E) step at which each event began, -1 before.
         ended: (N, E) step at which it ended, -1 before.
     """
@@ -64,7 +66,7 @@ def holds(
     if condition.kind == "time":
         return compare(condition.rule, traffic.time, value)
     if condition.kind == "state":
-        return _state_holds(condition, begun, ended)
+        return _state_holds(condition, acts, begun, ended)
     found = np.stack(
         [
             compare(condition.rule, _measure(condition, entity, traffic, roads, table), value)
@@ -91,9 +93,16 @@ def compare(rule: str, left: Floats, right: Floats) -> Bools:
     return np.asarray(np.abs(left - right) > slack)
 
 
-def _state_holds(condition: Condition, begun: NDArray[np.int64], ended: NDArray[np.int64]) -> Bools:
+def _state_holds(
+    condition: Condition, acts: Bools, begun: NDArray[np.int64], ended: NDArray[np.int64]
+) -> Bools:
     events = list(condition.events)
-    some, all_ended = (begun[:, events] >= 0).any(axis=1), (ended[:, events] >= 0).all(axis=1)
+    some = (begun[:, events] >= 0).any(axis=1)
+    if condition.begin == "act":
+        some = acts[:, condition.act]
+    elif condition.begin == "story":
+        some = np.ones(len(begun), np.bool_)
+    all_ended = some & (ended[:, events] >= 0).all(axis=1)
     match condition.state:
         case "standbyState":
             return np.asarray(~some)

@@ -29,11 +29,15 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
             "values without probabilities are no distribution",
             "give the parameters fixed `parameters: {...}` in one scenario each, as entries of a catalogue",
         )
-    stochastic, laws = block.child("Stochastic"), {}
+    stochastic = block.child("Stochastic")
+    laws: dict[str, dict[str, Any]] = {}
     for name in ("numberOfTestRuns", "randomSeed"):
         stochastic.get(name)  # the estimator's rollouts and the scenario's seed
     for one in stochastic.list("StochasticDistribution"):
-        laws[one.attribute("parameterName")] = _read_law(one.choice())
+        name = one.attribute("parameterName")
+        if name in laws:
+            raise one.error(f"a second distribution of {name!r}")
+        laws[name] = _read_law(one.choice())
     top.refuse_unread()
     return os.path.join(os.path.dirname(top.path), file), laws
 

@@ -18,7 +18,7 @@ from avrare_single_track.openscenario.xml_tree import Element
 Number: TypeAlias = int
 """Number of a file, as its column in the table of all of them."""
 _REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
-_LONGEST = 1000
+_LONGEST = 300
 """Longest expression [characters]."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -63,6 +63,7 @@ class Parameters:
         self.values: dict[str, float | str] = {}
         self.decisive: set[str] = set()
         self._trees: list[ast.expr | float] = []
+        self._lowest: dict[Number, float] = {}
         for one in declarations.list("ParameterDeclaration") if declarations is not None else []:
             one.get("parameterType")
             self.values[one.attribute("name")] = one.attribute("value")
@@ -82,15 +83,23 @@ class Parameters:
         self.decisive.add(reference[1])
         return str(self._value(element, name, reference[1]))
 
-    def number(self, element: Element, name: str, default: float | None = None) -> Number:
-        """Return an attribute as a number that may depend on parameters."""
+    def number(
+        self, element: Element, name: str, default: float | None = None, low: float | None = None
+    ) -> Number:
+        """Return an attribute as a number that may depend on parameters, and is never below ``low``."""
         written = element.get(name)
         if written is None and default is not None:
             return self.constant(default)
         tree = self._parse(element, name, element.attribute(name))
         self._trees.append(tree)
-        if not np.isfinite(self._evaluate(tree, self._numbers())):
+        with np.errstate(all="ignore"):
+            value = self._evaluate(tree, self._numbers())
+        if not np.isfinite(value):
             raise element.error(f"{name}: {written} is no finite number")
+        if low is not None:
+            if value < low:
+                raise element.error(f"{name} should be at least {low:g}, found {value:g}")
+            self._lowest[len(self._trees) - 1] = low
         return len(self._trees) - 1
 
     def constant(self, value: float) -> Number:
@@ -120,12 +129,17 @@ class Parameters:
         return int(value)
 
     def table(self, values: Mapping[str, Floats], n: int) -> Floats:
-        """Return (n, K) all numbers, with drawn values (n,) of some parameters."""
+        """Return (n, K) all numbers, with drawn values (n,) of some parameters.
+
+        NaN stands for a number that is less than it may be.
+        """
         known = {**self._numbers(), **values}
         table = np.empty((n, len(self._trees)))
         with np.errstate(all="ignore"):
             for column, tree in enumerate(self._trees):
                 table[:, column] = self._evaluate(tree, known)
+        for column, low in self._lowest.items():
+            table[table[:, column] < low, column] = np.nan
         return table
 
     def _numbers(self) -> dict[str, Any]:
@@ -159,7 +173,7 @@ class Parameters:
                 raise ValueError
             tree = ast.parse(_REFERENCE.sub(r"\1", inner), mode="eval").body
             _check(tree, frozenset(_REFERENCE.findall(inner)))
-        except (SyntaxError, ValueError, RecursionError, MemoryError):
+        except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
             text = f"{name}: {written[:80]!r} is neither a number nor an expression"
             raise element.error(text, "such as $speed or ${2 * $speed + 1}") from None
         return tree
@@ -192,8 +206,8 @@ def _is_number(text: str) -> bool:
 
 def _check(tree: ast.expr, names: frozenset[str]) -> None:
     match tree:
-        case ast.Constant(value=int() | float()):
-            return
+        case ast.Constant(value=int() | float() as value):
+            float(value)  # an integer may be too large
         case ast.Name() if tree.id in names:
             return
         case ast.BinOp() if type(tree.op) in _OPERATORS:

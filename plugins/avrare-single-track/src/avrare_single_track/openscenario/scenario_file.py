@@ -142,6 +142,8 @@ def _read_body(entity: Element, parameters: Parameters) -> Body:
     if axles is not None:
         axles.skip()
         wheelbase = read(axles.child("FrontAxle"), "positionX") - read(axles.child("RearAxle"), "positionX")
+    if "y" in centre.attributes and read(centre, "y") != 0.0:
+        raise centre.error("the box should lie in the middle of the vehicle: y = 0")
     length, width = read(size, "length"), read(size, "width")
     if min(length, width) <= 0.0:
         raise size.error("length and width should be above 0")
@@ -187,4 +189,5 @@ def _read_speed(action: Element, parameters: Parameters) -> Number:
     action.child("SpeedActionDynamics").skip()
     if action.child("SpeedActionDynamics").attributes.get("dynamicsShape") != "step":
         raise action.error("the speed at the start should be reached in a step")
-    return parameters.number(action.child("SpeedActionTarget").child("AbsoluteTargetSpeed"), "value")
+    target = action.child("SpeedActionTarget").child("AbsoluteTargetSpeed")
+    return parameters.number(target, "value", low=0.0)

@@ -70,6 +70,9 @@ class OpenScenario(SingleTrack):
             s, heading = (ego.x[0], ego.heading[0]) if k < 0 else (others.x[0, k], others.heading[0, k])
             if not np.isfinite(s):
                 raise UsageError(f"{self.file.path}: {name!r} is on no road at the start")
+            if not 0.0 <= s <= self.file.roads.line.length:
+                text = f"{self.file.path}: {name!r} begins at {s:.6g} m of its road"
+                raise UsageError(text, f"the road goes from 0 to {self.file.roads.line.length:.6g} m")
             if k < 0 and np.cos(heading) < 0.0:
                 text = f"{self.file.path}: {name!r} drives against the reference line of its road"
                 raise UsageError(text, "only an ego that drives along it is supported")
@@ -107,9 +110,12 @@ class OpenScenario(SingleTrack):
         return {"others": others, "story": story}
 
     def faults(self, world: World) -> Bools:
-        """Tell (N,) which rows have a vehicle whose state is not finite."""
+        """Tell (N,) which rows have a vehicle whose state, or a number of the file that is not finite."""
         lost = ~(np.isfinite(world.others.x) & np.isfinite(world.others.y) & np.isfinite(world.others.speed))
-        return super().faults(world) | lost.any(axis=1)
+        assert isinstance(world, StoryWorld)
+        assert world.story is not None
+        wrong = ~np.isfinite(world.story.table).all(axis=1)
+        return super().faults(world) | lost.any(axis=1) | wrong
 
 
 def read_file(config: OpenScenarioConfig, **limits: Any) -> ScenarioFile:
@@ -130,7 +136,10 @@ def _build_ego(config: OpenScenarioConfig, file: ScenarioFile, body: Body) -> Eg
     options |= {} if body.wheelbase is None else {"wheelbase": body.wheelbase}
     options |= {} if body.speed_max is None else {"speed_max": body.speed_max}
     table = file.parameters.table({}, 1)[0]
-    options |= {"x": 0.0, "y": 0.0, "speed": float(table[file.story.speeds[-1]])}
+    options |= {"x": 0.0, "y": 0.0, "heading": 0.0, "speed": float(table[file.story.speeds[-1]])}
+    if wrong := sorted(set(options) & set(config.ego)):
+        hint = "set a parameter of the file in `parameters`, or change the file"
+        raise UsageError(f"ego.{wrong[0]}: that of the ego is given by {file.path}", hint)
     return check_ego(file.path, {**options, **config.ego})
 
 

@@ -81,7 +81,6 @@ class LaneChange:
         lane: Index of the lane, or number of lanes to the left of the other's.
         offset: Offset from the lane's centre [m].
         other: Index of the vehicle whose lane counts, -1: ``lane`` is the index.
-        keeps_lane: Whether it is the offset in its own lane alone that changes.
     """
 
     actor: int
@@ -89,7 +88,6 @@ class LaneChange:
     lane: int
     offset: Number
     other: int = -1
-    keeps_lane: bool = False
 
 
 Deed: TypeAlias = SpeedChange | LaneChange
@@ -114,6 +112,8 @@ class Condition:
         place: Place that is to be reached, or that a distance is to.
         events: Events that a ``state`` is about.
         state: The state.
+        begin: What its begin is: that of an event, of an act, or of the simulation.
+        act: Index of that act.
     """
 
     kind: str
@@ -129,6 +129,8 @@ class Condition:
     place: Place | None = None
     events: tuple[int, ...] = ()
     state: str = ""
+    begin: Literal["event", "act", "story"] = "event"
+    act: int = -1
 
 
 Trigger: TypeAlias = tuple[tuple[int, ...], ...]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import get_args
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 from avrare_single_track.openscenario.opendrive import RoadMap
 from avrare_single_track.openscenario.parameters import Number, Parameters
@@ -29,6 +32,17 @@ _LONGEST_DELAY = 10_000
 """Longest delay of a condition [steps]."""
 
 
+@dataclass(frozen=True)
+class _Named:
+    # Element of the storyboard that a condition may refer to.
+    kind: str
+    path: tuple[str, ...]
+    events: tuple[int, ...]
+    begin: Literal["event", "act", "story"] = "event"
+    act: int = -1
+    alone: bool = True  # the only action of its event
+
+
 class StoryReader:
     """Reader of one file's storyboard.
 
@@ -50,60 +64,70 @@ class StoryReader:
         self.conditions: list[Condition] = []
         self.acts: list[Trigger] = []
         self.maneuvers = 0
-        self.elements: dict[tuple[str, str], list[int]] = {}
+        self.elements: list[_Named] = []
+        self._path: list[str] = []
         self._waiting: list[tuple[int, Element]] = []
 
     def read(self, board: Element, places: tuple[Place, ...], speeds: tuple[Number, ...]) -> Storyboard:
         """Read the element ``Storyboard``."""
         board.skip_children("StopTrigger")  # the scenario's ``steps`` end a rollout
         for story in board.list("Story"):
-            begin = len(self.events)
-            story.get("name")
-            for act in story.list("Act"):
-                self._read_act(act)
-            self._name(story, begin, "story")
+            with self._named(story, "story"):
+                for act in story.list("Act"):
+                    self._read_act(act)
         for index, element in self._waiting:
             self._resolve_state(index, element)
         return Storyboard(
             places, speeds, tuple(self.acts), tuple(self.events), tuple(self.deeds), tuple(self.conditions)
         )
 
-    def _name(self, element: Element, begin: int, kind: str) -> None:
-        events = self.elements.setdefault((kind, element.get("name") or ""), [])
-        events.extend(range(begin, len(self.events)))
+    @contextmanager
+    def _named(self, element: Element, kind: str, act: int = -1) -> Iterator[None]:
+        # What is read within belongs to the element.
+        first = len(self.events)
+        self._path.append(element.get("name") or "")
+        yield
+        events = tuple(range(first, len(self.events)))
+        begin: Literal["event", "act", "story"] = "act" if act >= 0 else "event"
+        begin = "story" if kind == "story" else begin
+        self.elements.append(_Named(kind, tuple(self._path), events, begin, act))
+        self._path.pop()
 
     def _read_act(self, act: Element) -> None:
-        index, begin = len(self.acts), len(self.events)
+        index = len(self.acts)
         start = act.find("StartTrigger")
         self.acts.append(() if start is None else self._read_trigger(start))
         stop = act.find("StopTrigger")
         if stop is not None and stop.children:
             raise stop.error("the end of an act is not read", "an act lasts as long as its events")
-        for group in act.list("ManeuverGroup"):
-            first = len(self.events)
-            _check_count(group)
-            actors = group.child("Actors")
-            if (actors.get("selectTriggeringEntities") or "false") != "false":
-                raise actors.error("selectTriggeringEntities is not read", "name the actors")
-            chosen = [
-                find_entity(one, "entityRef", self.parameters, self.names) for one in actors.list("EntityRef")
-            ]
-            for maneuver in group.list("Maneuver"):
-                self._read_maneuver(maneuver, index, chosen)
-            self._name(group, first, "maneuverGroup")
-        self._name(act, begin, "act")
+        with self._named(act, "act", index):
+            for group in act.list("ManeuverGroup"):
+                with self._named(group, "maneuverGroup", index):
+                    self._read_group(group, index)
+
+    def _read_group(self, group: Element, act: int) -> None:
+        _check_count(group)
+        actors = group.child("Actors")
+        if _read_boolean(actors, "selectTriggeringEntities"):
+            raise actors.error("selectTriggeringEntities is not read", "name the actors")
+        chosen = [
+            find_entity(one, "entityRef", self.parameters, self.names) for one in actors.list("EntityRef")
+        ]
+        for maneuver in group.list("Maneuver"):
+            with self._named(maneuver, "maneuver", act):
+                self._read_maneuver(maneuver, act, chosen)
 
     def _read_maneuver(self, maneuver: Element, act: int, actors: list[int]) -> None:
-        begin, ego = len(self.events), len(self.names) - 1
+        ego = len(self.names) - 1
         if ego in actors:
             if not self.ignore_ego:
                 text = "the ego is driven by the controller under test, not by the storyboard"
                 raise maneuver.error(text, "take it out, or set `ignore_ego_events: true`")
             actors = [one for one in actors if one != ego]
         for event in maneuver.list("Event"):
-            self._read_event(event, act, actors)
+            with self._named(event, "event"):
+                self._read_event(event, act, actors)
         self.maneuvers += 1
-        self._name(maneuver, begin, "maneuver")
 
     def _read_event(self, event: Element, act: int, actors: list[int]) -> None:
         _check_count(event)
@@ -111,8 +135,10 @@ class StoryReader:
         if priority not in ("override", "overwrite", "parallel"):
             raise event.error(f"the priority {priority!r} is not read", "override or parallel")
         first, number = len(self.deeds), len(self.events)
-        for action in event.list("Action"):
-            self._name_action(action, number)
+        actions = event.list("Action")
+        for action in actions:
+            path = (*self._path, action.get("name") or "")
+            self.elements.append(_Named("action", path, (number,), alone=len(actions) == 1))
             for actor in actors:
                 self.deeds.append(self._read_action(action, actor))
             if not actors:
@@ -122,10 +148,6 @@ class StoryReader:
         deeds = tuple(range(first, len(self.deeds)))
         name = event.attribute("name")
         self.events.append(Event(name, act, self.maneuvers, trigger, deeds, priority != "parallel"))
-        self._name(event, number, "event")
-
-    def _name_action(self, action: Element, event: int) -> None:
-        self.elements.setdefault(("action", action.get("name") or ""), []).append(event)
 
     def _read_action(self, action: Element, actor: int) -> Deed:
         kind = action.choice()
@@ -155,18 +177,19 @@ class StoryReader:
                 raise element.error(f"{name} should be one of {', '.join(known)}, found {found!r}")
         if element.get("followingMode") not in (None, "position"):
             raise element.error("followingMode should be position")
-        value = self.parameters.number(element, "value")
+        value = self.parameters.number(element, "value", low=0.0)
         return Transition(form, dimension, value)  # type: ignore[arg-type]  # checked above
 
     def _read_speed_change(self, action: Element, actor: int) -> SpeedChange:
         transition = self._read_transition(action.child("SpeedActionDynamics"))
         target = action.child("SpeedActionTarget").choice()
-        value = self.parameters.number(target, "value")
-        if target.tag == "AbsoluteTargetSpeed":
+        absolute = target.tag == "AbsoluteTargetSpeed"
+        value = self.parameters.number(target, "value", low=0.0 if absolute else None)
+        if absolute:
             return SpeedChange(actor, transition, value)
         if target.tag != "RelativeTargetSpeed":
             raise target.unknown("AbsoluteTargetSpeed, RelativeTargetSpeed")
-        if (target.get("continuous") or "false") != "false":
+        if _read_boolean(target, "continuous"):
             raise target.error("continuous is not read", "the speed of the other counts at the start")
         kind = self.parameters.text(target, "speedTargetValueType")
         if kind not in ("delta", "factor"):
@@ -187,7 +210,7 @@ class StoryReader:
         return LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
 
     def _read_lane_offset(self, action: Element, actor: int) -> LaneChange:
-        if (action.get("continuous") or "false") != "false":
+        if _read_boolean(action, "continuous"):
             raise action.error("continuous is not read", "an offset is kept until another action")
         dynamics = action.child("LaneOffsetActionDynamics")
         form = self.parameters.text(dynamics, "dynamicsShape")
@@ -200,7 +223,7 @@ class StoryReader:
             raise target.unknown("AbsoluteTargetLaneOffset")
         none = Transition("step", "time", self.parameters.constant(0.0))
         offset = self.parameters.number(target, "value")
-        return LaneChange(actor, none, 0, offset, actor, keeps_lane=True)
+        return LaneChange(actor, none, 0, offset, actor)
 
     def _read_trigger(self, trigger: Element) -> Trigger:
         groups = []
@@ -248,15 +271,21 @@ class StoryReader:
 
     def _resolve_state(self, index: int, one: Element) -> None:
         kind, state = one.attribute("storyboardElementType"), one.attribute("state")
-        name = one.attribute("storyboardElementRef").split("::")[-1].split("/")[-1]
-        if (kind, name) not in self.elements:
-            raise one.error(f"there is no {kind} {name!r}")
+        name = one.attribute("storyboardElementRef")
+        parts = tuple(re.split("::|/", name))
         known = ("standbyState", "runningState", "completeState", "startTransition", "endTransition")
         if state not in known:
             raise one.error(f"the state {state!r} is not read", f"known here: {', '.join(known)}")
-        before = vars(self.conditions[index])
-        events = tuple(self.elements[kind, name])
-        self.conditions[index] = Condition(**{**before, "events": events, "state": state})
+        found = [each for each in self.elements if (each.kind, each.path[-len(parts) :]) == (kind, parts)]
+        if not found:
+            raise one.error(f"there is no {kind} {name!r}")
+        if len(found) > 1:
+            text = f"there are {len(found)} elements {kind} {name!r}"
+            raise one.error(text, f"say which one: {'::'.join(found[0].path)}")
+        if not found[0].alone and state not in ("standbyState", "startTransition"):
+            raise one.error("the end of one action among several is not read", "ask for that of the event")
+        asked = {"events": found[0].events, "state": state, "begin": found[0].begin, "act": found[0].act}
+        self.conditions[index] = Condition(**{**vars(self.conditions[index]), **asked})
 
     def _read_comparison(self, one: Element, value: str = "value") -> tuple[Rule, Number]:
         rule = self.parameters.text(one, "rule")
@@ -314,7 +343,11 @@ class StoryReader:
 
     def _read_collision_time(self, one: Element) -> Condition:
         rule, value = self._read_comparison(one)
-        _, free = self._read_distance(one)
+        along, free = self._read_distance(one)
+        if not along:
+            raise one.error(
+                "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
+            )
         target = one.child("TimeToCollisionConditionTarget").choice()
         if target.tag != "EntityRef":
             raise target.unknown("EntityRef")
@@ -331,18 +364,27 @@ class StoryReader:
         # Whether a distance is along the road, and whether between the boxes.
         kind = one.get("relativeDistanceType")
         if kind is None:
-            along = (one.get("alongRoute") or "false") == "true"
-            kind = "longitudinal" if along or one.tag != "DistanceCondition" else "euclidianDistance"
+            along = _read_boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
+            kind = "longitudinal" if along else "euclidianDistance"
         one.get("alongRoute")
         if kind not in ("longitudinal", "cartesianDistance", "euclidianDistance"):
             raise one.error(f"relativeDistanceType {kind!r} is not read")
         if one.get("coordinateSystem") not in (None, "entity", "lane", "road"):
             raise one.error("coordinateSystem should be entity, lane or road")
         one.get("routingAlgorithm")
-        return kind == "longitudinal", self.parameters.text(one, "freespace") == "true"
+        one.attribute("freespace")
+        return kind == "longitudinal", _read_boolean(one, "freespace")
 
 
 def _check_count(element: Element) -> None:
     element.get("name")
     if (element.get("maximumExecutionCount") or "1") != "1":
         raise element.error("maximumExecutionCount should be 1")
+
+
+def _read_boolean(element: Element, name: str) -> bool:
+    # False where it is not there.
+    text = element.get(name) or "false"
+    if text not in ("true", "false", "1", "0"):
+        raise element.error(f"{name} should be true or false, found {text[:40]!r}")
+    return text in ("true", "1")
