@@ -140,6 +140,7 @@ def sensitivity(
                 derive_by_score(
                     problem, sample, parameter, value,
                     lambda x, parameter=parameter: scenario.at(parameter, x).stack.loop.perception,  # type: ignore[misc]
+                    tapes,
                 )
             )  # fmt: skip
             continue

@@ -21,7 +21,7 @@ from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Failures
-from avrare.protocols import find_ability
+from avrare.protocols import Floats, find_ability
 from avrare.rollout.observation_ratios import HasLogRatio, log_ratios
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
@@ -139,8 +139,9 @@ def knows_score(problem: Problem) -> bool:
 
 
 def derive_by_score(
-    problem: Problem, sample: FailureSample, parameter: str, value: float, build: Callable[[float], Any]
-) -> Sensitivity:
+    problem: Problem, sample: FailureSample, parameter: str, value: float, build: Callable[[float], Any],
+    runner: TapeRunner | None = None,
+) -> Sensitivity:  # fmt: skip
     """Derive log p by the score function, from failing tapes.
 
     Args:
@@ -149,6 +150,7 @@ def derive_by_score(
         parameter: Name of the parameter, of the perception error model.
         value: Its value, not 0.
         build: Function from a value to the perception error model.
+        runner: Keeps the scores of the failures.
 
     Raises:
         UsageError: The value is 0.
@@ -156,10 +158,13 @@ def derive_by_score(
     if value == 0.0:
         text = f"{parameter} is 0: the density ratio of a nearby value is unknown"
         raise UsageError(text, "give it another value, or leave it out")
-    step = _SMALL * abs(value)
-    others = [build(value + step), build(value - step)]
-    ratios = log_ratios(problem, others, sample.failures.noise)
-    derivative, interval = sample.mean_interval((ratios[:, 0] - ratios[:, 1]) / (2.0 * step))
+    step, tapes = _SMALL * abs(value), sample.failures.noise
+
+    def score() -> Floats:
+        ratios = log_ratios(problem, [build(value + step), build(value - step)], tapes)
+        return np.asarray((ratios[:, 0] - ratios[:, 1]) / (2.0 * step))
+
+    derivative, interval = sample.mean_interval((runner or TapeRunner()).keep(tapes, score))
     return Sensitivity(parameter, value, derivative, interval, "score", sample.size, (value, value))
 
 

@@ -10,6 +10,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
+from avrare.estimation.checkpoint import Checkpoint
 from avrare.testing.faulty_systems import Walk
 from noisy_loop import Drawn, Sensor, exact, noisy_problem
 
@@ -43,6 +44,28 @@ def test_the_score_function_skips_the_draws_of_a_tape():
     low, high = by_score(5000, start=Drawn()).interval
     assert low < exact().derivative < high
     assert high - low < exact().derivative
+
+
+def test_scores_that_a_journal_keeps_are_not_measured_again(tmp_path):
+    problem = noisy_problem()
+    sample = sample_failures(problem, 2000, 1, 0.95, TapeRunner())
+    built = []
+
+    def derive(numbers, factor=1.0):
+        def build(value):
+            built.append(value)
+            return Sensor(value if value < 1.0 else factor * value)
+
+        journal = Checkpoint.open(tmp_path / "kept", {"sample": 1}).journal("tapes")
+        runner = TapeRunner(journal=journal)
+        return [derive_by_score(problem, sample, f"sd{n}", 1.0, build, runner) for n in range(numbers)]
+
+    whole = [derive_by_score(problem, sample, f"sd{n}", 1.0, Sensor) for n in range(3)]
+    assert derive(2) == whole[:2]
+    assert derive(3) == whole
+    assert len(built) == 2 * (2 + 1 + 1)  # the first is measured again, to see that nothing has changed
+    with pytest.raises(UsageError, match="do not reproduce"):
+        derive(1, factor=1.1)
 
 
 def test_pairs_give_the_quotient():
