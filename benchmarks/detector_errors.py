@@ -1,4 +1,4 @@
-"""How failure probabilities depend on the size of the detector's errors, on the same noise tapes.
+"""Study of how failure probabilities depend on the size of the detector's errors, on the same noise tapes.
 
     OMP_NUM_THREADS=1 python benchmarks/detector_errors.py [SCENARIO] [--rollouts 10000] [--misses]
         [--factors 0.05,0.25,0.5,1,2,3] [--results FOLDER]

@@ -1,4 +1,4 @@
-"""Why a detector that misses less often fails more often on the lane change, on paired noise tapes.
+"""Study of a detector that misses less often and fails more often on the lane change, on paired noise tapes.
 
     OMP_NUM_THREADS=1 python benchmarks/fewer_misses.py [--rollouts 1000]
 

@@ -45,7 +45,7 @@ class Cell:
 
     @property
     def key(self) -> Key:
-        """What tells it from the others."""
+        """Key that tells it from the others."""
         return self.tool, self.setting, self.problem, self.budget, self.seed
 
 

@@ -89,7 +89,7 @@ REASONS = {
     "pytams tams": "The algorithm of `ams` with one discard at each level.",
     "verifai cross-entropy": "A share of counterexamples that happens to be near the probability.",
 }
-"""Why a tool is first where it is before avrare, and what would be needed."""
+"""Reasons for which a tool is first where it is before avrare, and what would be needed."""
 
 FINDINGS = """## Settings
 

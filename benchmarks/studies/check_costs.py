@@ -16,7 +16,7 @@ from studies.untuned_problems import untuned_problem
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 FILE = Path(__file__).parents[1] / "results" / "check_costs.md"
-"""Where the table is kept for the page."""
+"""File of the table for the page."""
 _SMALL: dict[str, dict[str, Any]] = {
     "ams": {"particles": 10, "discard": 1, "grow": True, "budget": "rollouts=1100"},
     "ess": {"chains": 2, "runs": 2},

@@ -1,4 +1,4 @@
-"""What a check tells besides its verdicts: replay commands, sizes, annotations, folders of killed checks."""
+"""Lines of a check besides its verdicts: replay commands, sizes, annotations, folders of killed checks."""
 
 import re
 import shlex

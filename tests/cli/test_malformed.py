@@ -185,7 +185,7 @@ def not_hanging(what):
 
 
 def complaint(code, out, err):
-    """What is wrong with the way in which a file was refused; None: nothing."""
+    """Return what is wrong with the way in which a file was refused; None: nothing."""
     lines = err.splitlines()
     if code not in (4, 5):
         return f"exit code {code}"

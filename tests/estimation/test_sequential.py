@@ -98,7 +98,7 @@ def test_two_ways_to_stop_are_refused():
 
 @pytest.mark.parametrize("threshold", [1e-9, 1e-15, 1e-17, 1e-300])
 def test_a_tiny_threshold_does_not_give_certainty(threshold):
-    """Where the mixture is all near 0, its interval is that of a flat likelihood, -log(0.05) / n."""
+    """Check a mixture all near 0: its interval is that of a flat likelihood, -log(0.05) / n."""
     low, high = anytime(0, 100_000, 0.95, around=threshold)
     assert low == 0.0
     assert high == pytest.approx(-np.log(0.05) / 100_000, rel=1e-3)

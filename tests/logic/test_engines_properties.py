@@ -311,7 +311,7 @@ def test_wide_windows_equal_the_evaluation_of_every_prefix(words, until):
 
 @pytest.mark.parametrize("words", UNBOUNDED)
 def test_a_step_does_not_grow_with_time(words):
-    """What is carried stops growing, so a step has the same work at every sample."""
+    """Check that what is carried stops growing: a step has the same work at every sample."""
     signals = random_signals(12, rows=2, steps=80)
     for monitor in (FormulaMonitor(stl(words, warn=False)), stl(words, warn=False).interval_monitor()):
         state, _ = follow(monitor, monitor.start(2), signals, range(15))

@@ -1,4 +1,4 @@
-"""What a new user does in the first hour, from installed wheels, in the current folder; seconds of each task.
+"""Tasks of a new user's first hour, from installed wheels, in the current folder; seconds of each task.
 
 `nox` runs it in a fresh environment of each Python; docs/first-hours.md has its figures.
 """

@@ -47,7 +47,7 @@ def test_colour_is_the_sign_and_opacity_the_size():
 
 
 class Spec:
-    """What a formula is to a report."""
+    """Formula as a report sees it."""
 
     def __init__(self, formula, names=()):
         self.formula, self.names = formula, names

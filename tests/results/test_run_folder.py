@@ -1,4 +1,4 @@
-"""Where a run's files go."""
+"""Folders of runs and the files in them."""
 
 from avrare.results.run_folder import choose, fresh
 

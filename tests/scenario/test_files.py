@@ -1,4 +1,4 @@
-"""What is in the files that options name is part of the scenario."""
+"""Contents of the files that options name: they are part of the scenario."""
 
 from pathlib import Path
 

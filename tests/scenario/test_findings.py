@@ -1,4 +1,4 @@
-"""What a component's own check has to say is told at the place of the option."""
+"""Findings of components' own checks, told at the place of the option."""
 
 import pytest
 

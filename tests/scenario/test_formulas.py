@@ -1,4 +1,4 @@
-"""What `validate` says of formulas before anything runs."""
+"""Messages of `validate` on formulas, before anything runs."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What is decisive in each kind's most typical failure: its shrunk noise in words, and when it was lost."""
+"""Decisive noise of each kind's most typical failure, in words, and when the drive was lost."""
 
 from __future__ import annotations
 

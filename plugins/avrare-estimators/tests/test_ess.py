@@ -82,7 +82,7 @@ def test_heuristic_kernels_give_a_warning(kernel):
 
 @pytest.mark.slow
 def test_growing_slope_is_biased():
-    """Why it carries a note."""
+    """Show why the kernel carries a note."""
     assert off("i_exp_sum_d10_c30.0", kernel="lipschitz_growing", runs=60, **SMALL) > 4.0
 
 
@@ -180,7 +180,7 @@ def test_failures_are_different_tapes():
 
 
 def test_breakdowns_near_failure_show_in_the_upper_end():
-    """Who comes beyond the brink breaks down: the fresh draws never see it, the chains do."""
+    """Rows beyond the brink break down: the fresh draws never see it, the chains do."""
     problem = Problem(odd_systems.Doomed(0.9), avrare.stl("always (x < 1)"), 10)
     result = avrare.estimate(problem, "ess", runs=10, **SMALL)
     assert result.errors > 0

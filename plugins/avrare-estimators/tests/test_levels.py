@@ -1,4 +1,4 @@
-"""Who is discarded at a level, and where the successors branch."""
+"""Particles discarded at a level, and the steps at which their successors branch."""
 
 import numpy as np
 import pytest

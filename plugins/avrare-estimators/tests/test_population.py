@@ -1,4 +1,4 @@
-"""What splitting keeps of its particles."""
+"""Arrays that splitting keeps of its particles."""
 
 import numpy as np
 import pytest

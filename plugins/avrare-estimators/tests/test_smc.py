@@ -153,7 +153,7 @@ def test_the_kind_of_interval_does_not_rest_on_the_first_batch(monkeypatch):
 
 
 def test_rows_stored_from_other_parents_are_refused(tmp_path, monkeypatch):
-    """What is learnt again may differ in its last digits, and so may the parents that it chooses."""
+    """Learning again may differ in its last digits, and so may the parents that it chooses."""
     weigh, folder = Potentials.__call__, tmp_path / "kept"
 
     def call(progress):

@@ -204,7 +204,7 @@ def test_a_run_may_end_below_the_floor():
 
 
 def test_errored_particles_are_never_parents():
-    """Who jumps at step 1 breaks down at step 2. A child of such a row would do so as well, others cannot."""
+    """Rows that jump at step 1 break down at step 2. A child of such a row would too, others cannot."""
 
     class Jump(systems.Walk):
         def step(self, state, noise):

@@ -132,7 +132,7 @@ class Believes:
 
 
 MISS = 0.5
-"""What a missed detection costs [m]."""
+"""Distance that a missed detection costs [m]."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What environments are given for what controllers say."""
+"""Actions of environments, made from those of controllers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the noise does: starts, moods of the drivers, noise of the rays."""
+"""Effects of the noise: starts, moods of the drivers, noise of the rays."""
 
 import numpy as np
 import pytest

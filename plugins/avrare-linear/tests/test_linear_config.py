@@ -1,4 +1,4 @@
-"""What a scenario may say about a linear system, and what it may not."""
+"""Options of linear systems, and errors about them."""
 
 import json
 from pathlib import Path

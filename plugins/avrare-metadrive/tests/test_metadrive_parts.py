@@ -1,4 +1,4 @@
-"""What can be told without MetaDrive: options, the guard, the noise, the network."""
+"""Parts that need no MetaDrive: options, the guard, the noise, the network."""
 
 import subprocess
 import sys

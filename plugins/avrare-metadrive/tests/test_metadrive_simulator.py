@@ -24,7 +24,7 @@ def driver():
 
 
 def drive(world, driver, tape):
-    """What there is to read at every step."""
+    """Return what there is to read at every step."""
     world.reset(tape[0])
     found = [world.numbers()]
     for row in tape[1:]:

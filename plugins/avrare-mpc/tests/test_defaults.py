@@ -1,4 +1,4 @@
-"""What `controller: {plugin: mpc}` means, with and without numba."""
+"""Meaning of `controller: {plugin: mpc}`, with and without numba."""
 
 import importlib.util
 import warnings

@@ -20,7 +20,7 @@ SAMPLES = 12
 
 @pytest.fixture(scope="module")
 def steps(lane_change):
-    """What later steps of noisy drives were given, all in one batch."""
+    """Return what later steps of noisy drives were given, all in one batch."""
     noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(4).standard_normal((6, SAMPLES - 1, 3, 3))
     inputs = lane_change.drive(
         build(MpcConfig(backend="casadi", search="follow"), lane_change.scene), noise, samples=SAMPLES

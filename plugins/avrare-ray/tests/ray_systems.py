@@ -27,7 +27,7 @@ class Nameless(systems.Walk):
 
 
 def _taken(trap):
-    """Whether the file was there; of several processes one alone can take it away."""
+    """Remove a file; return whether it was there: of several processes one alone can take it away."""
     try:
         Path(trap).unlink()
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""What a scenario may not say."""
+"""Errors about options of scenarios."""
 
 import pytest
 

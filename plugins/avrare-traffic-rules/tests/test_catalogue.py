@@ -1,4 +1,4 @@
-"""What is said of the rules, in cards and in the docs, is what is computed."""
+"""Descriptions of the rules, in cards and in the docs: they say what is computed."""
 
 import re
 import subprocess

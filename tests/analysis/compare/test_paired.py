@@ -38,7 +38,7 @@ class Fails:
         return state
 
     def signals(self, state):
-        """How far below the limit."""
+        """Return the distance below the limit."""
         return {"gap": self.limit - state["x"]}
 
 

@@ -1,4 +1,4 @@
-"""What an earlier release wrote is still read, and says the same."""
+"""Files of an earlier release, which are still read and say the same."""
 
 import json
 import shutil

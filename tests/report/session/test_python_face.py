@@ -1,4 +1,4 @@
-"""What a Python session sees of results: text, tables, traces, plots, reports, progress."""
+"""Results in a Python session: text, tables, traces, plots, reports, progress."""
 
 import json
 import pickle

@@ -167,7 +167,7 @@ def crash(task, point, home) -> tuple[bool, str | None, str]:
 
 
 def undisturbed(task, home):
-    """What the command leaves when nothing happens."""
+    """Return what the command leaves when nothing happens."""
     _fresh(task, home)
     with contextlib.chdir(home / "work"):
         program = Program(task.words, home / "log")

@@ -96,7 +96,7 @@ _PICTURES = ("matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngIma
 
 @functools.cache
 def _import_all():
-    """What the command imports and starts, so that no child has to."""
+    """Import and start what the command does, so that no child has to."""
     resource_tracker.ensure_running()
     for module in (*(name for name, _ in COMMANDS.values()), *_PICTURES):
         with contextlib.suppress(ImportError):
@@ -226,7 +226,7 @@ def _send(program, target, number, random):
 
 
 def _outlive(program) -> bool:
-    """Whether workers are left when their parent has ended."""
+    """Return whether workers are left when their parent has ended."""
     end = time.monotonic() + 15.0
     while program.workers():
         if time.monotonic() > end:

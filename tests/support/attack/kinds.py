@@ -208,7 +208,7 @@ def _strike_run_folder(random) -> Words:
 
 
 def _clean_pages(outcome) -> str | None:
-    """What a run folder's names and texts hold must not act in the report."""
+    """Check that names and texts of a run folder do nothing in the report."""
     pages = [path.read_text() for path in Path("run").glob("*.html")]
     return OUTPUT if any("\x1b" in page or "<script>alert" in page for page in pages) else None
 

@@ -42,7 +42,7 @@ class Progress:
             self.content["next"]["crash points"] = {}
 
     def following(self, part, name):
-        """What comes next of a kind: a seed, or a place among crash points; None: all is done."""
+        """Return what comes next of a kind: a seed, or a place among crash points; None: all is done."""
         return self.content["next"][part].get(name, 0)
 
     def proceed(self, part, name, following):

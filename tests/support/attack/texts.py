@@ -43,7 +43,7 @@ _MOST = {"steps": 30, "rollouts": 40, "particles": 20, "chains": 10, "runs": 3, 
 
 
 def reduce_sizes(tree):
-    """What a machine can honestly compute in a second: sizes are item 5's concern, not an attack's."""
+    """Lower the sizes to what a machine can compute in a second; large ones have tests of their own."""
     for parent, key in places(tree):
         most = _MOST.get(key) if isinstance(parent, dict) else None
         if most is not None and type(parent[key]) in (int, float) and parent[key] > most:

@@ -24,7 +24,7 @@ FOREIGN = re.compile(
     r'|<link[^>]*href="(?:https?:)?//[^>]*rel="(?:stylesheet|preconnect)"'
     r"|@import url\([\"']?(?:https?:)?//"
 )
-"""What a browser would fetch from another host."""
+"""Attributes that a browser would fetch from another host."""
 
 BLOCK_ONLY = {"perception", "tracker", "controller"}
 """Keys of a snippet that is a part of a scenario: laid over the lane change."""

@@ -227,7 +227,7 @@ class Spender(MonteCarlo):
 
 
 class Chunky(MonteCarlo):
-    """What it does depends on the size of the chunks."""
+    """Part whose outcome depends on the size of the chunks."""
 
     def init(self, plan):
         state, info = super().init(plan)

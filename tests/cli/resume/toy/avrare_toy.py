@@ -42,7 +42,7 @@ class WalkSimulator:
 
 
 def _first(path):
-    """Whether the file was there; it is not any more."""
+    """Remove a file; return whether it was there."""
     try:
         path.unlink()
     except FileNotFoundError:

@@ -19,7 +19,7 @@ except ImportError:
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 COMPILED = numba is not None and not numba.config.DISABLE_JIT
-"""Whether the kernels are compiled."""
+"""True where the kernels are compiled."""
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _FOLDER = Path(__file__).parent
 _SOURCES = {__file__, str(_FOLDER / "lanes.py"), str(_FOLDER / "vectors.py")}
