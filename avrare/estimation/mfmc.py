@@ -134,7 +134,7 @@ class _Work:
         design = plan_design(twin.violated, twin.robustness, failed, self.cost)
         left = total - pilot * (1.0 + self.cost)
         if not design.pays:
-            return self._plain(left, _refusal(design), spent)
+            return self._plain(left, _refusal(design) + _broken(others[0]), spent)
         # 2. What counts, as planned.
         return self._phases(design, left, spent, seen)
 
@@ -167,7 +167,7 @@ class _Work:
         interval = partial(
             intervals.weighted_counts, found, count, largest, errors=weights[error] if error.any() else None
         )
-        text = self._describe(design, column, count, len(chosen), probability, variance)
+        text = self._describe(count, len(chosen), probability, variance) + _broken(spent.parts[-1])
         told = replace(
             result,
             probability=min(probability, 1.0),
@@ -205,14 +205,12 @@ class _Work:
         results = self.execute(self.problem, MonteCarlo(McConfig(rollouts=rollouts)), settings, "mc")
         found = []
         for result in results:
-            twin = {"cost": self.cost, "reason": reason}
+            twin = {"cost": self.cost, "reason": reason, "counted": result.rollouts}
             told = replace(result, diagnostics={**result.diagnostics, "twin": twin, "note": f"mc: {reason}"})
             found.append(spent.added_to(told))
         return found
 
-    def _describe(
-        self, design: Design, column: int, count: int, again: int, probability: float, variance: float
-    ) -> str:
+    def _describe(self, count: int, again: int, probability: float, variance: float) -> str:
         error = math.sqrt(variance) / probability if probability else math.nan
         needed = monte_carlo_cost(probability, error)
         paid = round(count * self.cost + again)
@@ -236,9 +234,13 @@ class _Work:
         return replace(self.settings, seed=int(seed), budget=None)
 
 
+def _broken(twin: Result) -> str:
+    return f"; the twin broke down on {twin.errors:,} of {twin.rollouts:,} tapes" if twin.errors else ""
+
+
 def _refusal(design: Design) -> str:
     known = design.gains[~np.isnan(design.gains)]
     if not len(known):
         return "the pilot met no failure, and could not plan with the cheap twin"
     least, cost = float(known.min()), format_percent(design.cost)
-    return f"a cheap twin at {cost} of the cost promises only {least:.2g} times less than Monte Carlo"
+    return f"a cheap twin at {cost} of the cost promises a gain of only {least:.2g} over Monte Carlo"

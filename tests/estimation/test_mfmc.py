@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.base.errors import UsageError
 from avrare.estimation import intervals
 from avrare.estimation.two_phase import plan_design, scaled
@@ -140,7 +141,10 @@ def test_a_useless_twin_leaves_plain_monte_carlo():
     assert result.estimator == "mc"
     assert (result.probability, result.interval) == (same.probability, same.interval)
     assert result.rollouts == same.rollouts + 2 * int(0.05 * 3000 / 1.01)
-    assert "promises only" in result.diagnostics["note"]
+    assert "promises a gain of only" in result.diagnostics["note"]
+    sample = FailureSample.of(result)
+    assert sample.trials == same.rollouts
+    assert sample.part_interval(np.ones(sample.size, dtype=bool))[1] == result.interval
     assert "too few" in avrare.estimate(pair, "mfmc", rollouts=200).diagnostics["note"]
 
 
@@ -163,6 +167,11 @@ def test_breakdowns_of_the_stack_widen_the_interval_and_those_of_the_twin_do_not
     other = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, 2.5)), "mfmc", rollouts=3000, seed=5)
     assert other.errors == 0
     assert other.interval[0] < 2e-2 < other.interval[1]
+    assert "the twin broke down on" in other.diagnostics["note"]
+    never = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, -np.inf)), "mfmc", rollouts=3000, seed=5)
+    assert never.estimator == "mc"
+    assert never.errors == 0
+    assert "the twin broke down on 148 of 148 tapes" in never.diagnostics["note"]
 
 
 def test_what_cannot_be_a_twin_is_said():

@@ -58,20 +58,20 @@ class FailureSample:
                 f"{result.specification}: no failure is kept, so nothing can be said of its causes",
                 "run more rollouts, or an estimator for rare events",
             )
-        independent = _is_binomial(result.estimator, result.failures, result.diagnostics)
+        trials = _count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
         return FailureSample(
             result.failures, result.probability, result.relative_error,
-            result.rollouts if independent else 0, len(result.run_probabilities), result.errors,
+            trials, len(result.run_probabilities), result.errors,
             result.confidence,
         )  # fmt: skip
 
     @staticmethod
     def stored(estimate: StoredEstimate, failures: Failures) -> FailureSample:
         """Return the sample of an estimate in a run folder and its stored failures."""
-        independent = _is_binomial(estimate.estimator, failures, estimate.diagnostics or {})
+        trials = _count_trials(estimate.estimator, estimate.rollouts, failures, estimate.diagnostics or {})
         error = math.nan if estimate.relative_error is None else estimate.relative_error
         return FailureSample(
-            failures, estimate.probability, error, estimate.rollouts if independent else 0,
+            failures, estimate.probability, error, trials,
             len(estimate.run_probabilities or ()) or 1, estimate.errors, estimate.confidence,
         )  # fmt: skip
 
@@ -181,11 +181,13 @@ class FailureSample:
         return intervals.log_normal(part, relative, self.confidence, freedom=freedom, errors=tail)
 
 
-def _is_binomial(estimator: str, failures: Failures, diagnostics: Mapping[str, Any]) -> bool:
-    # Monte Carlo that stops by a rule is not: its number of rollouts depends on the failures. Nor is the mean
-    # over an ensemble of models.
+def _count_trials(estimator: str, rollouts: int, failures: Failures, diagnostics: Mapping[str, Any]) -> int:
+    # Monte Carlo that stops by a rule has none: its number of rollouts depends on the failures. Nor has the
+    # mean over an ensemble of models. Where mfmc leaves Monte Carlo, its pilot costs rollouts, but no trials.
     plain = "used_rollouts" not in diagnostics and "model" not in diagnostics
-    return estimator == "mc" and failures.weights is None and plain
+    if estimator != "mc" or failures.weights is not None or not plain:
+        return 0
+    return int(diagnostics.get("twin", {}).get("counted", rollouts))
 
 
 def normal_interval(value: float, error: float, confidence: float) -> Interval:
