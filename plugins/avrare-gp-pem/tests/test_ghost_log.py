@@ -42,6 +42,10 @@ def test_ghosts_are_read_apart_from_vehicles(tmp_path):
         ("3,,,,,1,,,7,0,1", "3: right, forward: a false detection has no place"),
         ("3,30,,,,1,,,7,0,2", "3: ghost: is implausible"),
         ("3,30,,,,1,,,7,0,0", "3: yaw: is missing"),
+        ("3,3000,,,,1,,,7,0,1", "3: forward: 3000 is implausible: metres"),
+        ("3,30,,,,1,,,-7,0,1", "3: track: -7 is implausible"),
+        ("3,30,,,,1,,,7,inf,1", "3: time: inf is implausible"),
+        ("3,30,,,,1,,,7,-0.1,1", "3: time: is before that of the row above"),
     ],
 )
 def test_rows_that_cannot_be_are_refused(tmp_path, row, message):
@@ -62,6 +66,13 @@ def test_few_ghosts_and_ghosts_without_tracks():
     parts = log.split(0.8)
     assert [len(part.frames) for part in parts] == [240, 60]
     assert sum(len(part.time) for part in parts) == 60
+
+
+def test_more_ghosts_than_can_be_drawn_are_refused():
+    n = 510
+    log = GhostLog(np.zeros(n), np.ones(n), np.arange(n), np.repeat(np.arange(10.0), 51), np.arange(10.0))
+    with pytest.raises(UsageError, match="51 false detections in a frame, where 50 can be modelled"):
+        fit_ghosts(log)
 
 
 def ghost_log(make, options, rollouts=400, steps=60):

@@ -10,9 +10,9 @@ from avrare.base.batch import take
 from avrare.base.errors import UsageError
 from avrare.protocols import PersistentPerceptionErrorModel, find_ability
 from avrare.stack.unlabelled import ReportsGhosts
-from avrare_gp_pem.config import Ghosts, GpPemConfig, ParametricPemConfig
+from avrare_gp_pem.config import Ghosts, GpPemConfig, NaivePemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.ghosts import NOISE_PER_GHOST, with_ghosts
-from avrare_gp_pem.runtime.models import build_gp, build_parametric
+from avrare_gp_pem.runtime.models import build_gp, build_naive, build_parametric
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
 SHARED = {"rate": 0.6, "persistence": 0.4, "slots": 2, "forward": (10.0, 30.0), "left": (-4.0, 4.0)}
@@ -92,6 +92,43 @@ def test_they_stand_on_the_road_or_move_with_the_ego(make, motion):
     shift = (second.x - first.x)[:, 1:][there]
     np.testing.assert_allclose(shift, 7.0 if motion == "ego" else 0.0, atol=1e-12)
     np.testing.assert_allclose(second.speed_x[:, 1:][there], 10.0 if motion == "ego" else 0.0, atol=1e-12)
+
+
+def test_new_and_lasting_ghosts_have_the_errors_of_speed(make):
+    for persistence in (0.0, 1e6):
+        options = SHARED | {"persistence": persistence}
+        model = build_parametric(ParametricPemConfig(ghosts=options, speed_sd=0.5), make.scene(1))
+        world = make.world([[50.0, 0.0, 0.0]], n=2000)
+        noise, seen, _ = course(model, world, 1)
+        for one in (seen[0], model.observe(world, noise[0])):
+            speed = one.speed_x[:, 1:][one.detected[:, 1:]]
+            assert speed.std() == pytest.approx(0.5, rel=4 / math.sqrt(2 * len(speed)))
+
+
+def test_an_observation_without_a_past_has_ghosts_at_their_places(make):
+    options = SHARED | {"sd": 5.0}  # where a new ghost is, nothing has moved it yet
+    model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(1))
+    noise = np.random.default_rng(0).standard_normal((2000, model.noise_size))
+    seen = model.observe(make.world([[50.0, 0.0, 0.0]], n=2000), noise)
+    x = seen.x[:, 1:][seen.detected[:, 1:]]
+    assert 10.0 <= x.min() <= x.max() <= 30.0
+
+
+def test_many_ghosts_of_data_have_slots(make):
+    law = MeasuredGhosts(rate=12.0, persistence=0.5, points=np.array([[10.0, 2.0]]), width=0.5)
+    model = with_ghosts(build_parametric(ParametricPemConfig(), make.scene(0)), law, make.scene(0), 0.3)
+    assert model.ghosts.share == 0.5
+    _, seen, _ = course(model, make.world(np.zeros((0, 3)), n=500), 1)
+    assert seen[0].detected.sum(axis=1).mean() == pytest.approx(12.0, abs=4 * math.sqrt(6 / 500))
+
+
+@pytest.mark.parametrize("options", [{"ghosts": SHARED}, {"ghosts": SHARED, "speed_y_sd": 0.1}])
+def test_the_naive_model_has_no_ratio(make, options):
+    model = build_naive(NaivePemConfig(**options), make.scene(1))
+    noise = np.zeros((1, model.noise_size))
+    memory = model.start(noise)
+    with pytest.raises(UsageError, match="NaivePem has no density ratio"):
+        model.log_ratio(make.random(1, 1), noise, memory, model, memory)
 
 
 def test_places_of_data_are_drawn_around_them(make):

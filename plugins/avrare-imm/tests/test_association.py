@@ -127,6 +127,23 @@ def test_nothing_is_known_at_an_empty_start():
     assert tracker.estimate(track).exists[0].tolist() == [True, True, False, False, False, False]
 
 
+def test_a_road_without_vehicles_has_no_tracks():
+    tracker, none = build(ImmConfig(**OPTIONS), scene(0)), np.zeros((3, 0))
+    track = tracker.start(world(none, none, none, none, none))
+    track = tracker.update(track, Observation(none.astype(bool), none, none, none))
+    assert tracker.predict(track, 2).x.shape == (3, 4, 3)
+    assert np.isposinf(tracker.predict(track, 2).x).all()
+
+
+def test_a_detection_at_no_place_stays_an_error_and_no_other_is_given_twice():
+    tracker = build(ImmConfig(**OPTIONS), scene(1))
+    x, there = np.array([[12.0, np.nan]]), np.ones((1, 2))
+    track = tracker.start(cars([[10.0, 1.75]]))
+    found = tracker.estimate(tracker.update(track, Observation(there > 0, x, 1.75 * there, 20 * there)))
+    assert found.x[0, 0] == pytest.approx(12.0, abs=0.01)
+    assert np.isnan(found.x[0, 1])
+
+
 def test_a_row_does_not_depend_on_its_neighbours():
     rng = np.random.default_rng(3)
     tracker, n = build(ImmConfig(**OPTIONS, start="empty", birth=(1, 1)), scene(3)), 30

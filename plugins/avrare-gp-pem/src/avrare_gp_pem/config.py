@@ -10,7 +10,7 @@ _Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Metres = Annotated[float, Field(allow_inf_nan=False)]
-MOST_GHOST_SLOTS = 20
+MOST_GHOST_SLOTS = 100
 
 
 class Persistence(BaseModel):

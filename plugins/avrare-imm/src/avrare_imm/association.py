@@ -56,6 +56,8 @@ class AssociatingTracker(ImmTracker):
 
     def update(self, track: ImmTrack, observation: Observation) -> ImmTrack:
         """Return the tracks one step later, from a list of detections, fields (N, S)."""
+        if not observation.x.shape[1]:
+            observation = _with_a_slot(observation)
         predicted = ImmTrack(
             self._predict(self.longitudinal, track.longitudinal),
             self._predict(self.lateral, track.lateral),
@@ -97,12 +99,14 @@ class AssociatingTracker(ImmTracker):
     def _distances(self, predicted: ImmTrack, observation: Observation) -> tuple[Floats, Floats]:
         along = predict_measurement(self.longitudinal, predicted.longitudinal)
         across = predict_measurement(self.lateral, predicted.lateral)
-        tracks, every = along.log_determinant.shape[0], []
-        for slot in range(observation.x.shape[1]):
-            one = _select(observation, np.full((len(observation.x), tracks), slot))
+        tracks, (count, slots) = along.log_determinant.shape[0], observation.x.shape
+        distance = np.empty((count, tracks, slots))
+        for slot in range(slots):
+            one = _select(observation, np.full((count, tracks), slot))
             measured = self._measurements(predicted, one)
-            every.append(measurement_distance(along, measured[0]) + measurement_distance(across, measured[1]))
-        return np.stack(every, axis=-1), (along.log_determinant + across.log_determinant).T
+            distance[..., slot] = measurement_distance(along, measured[0])
+            distance[..., slot] += measurement_distance(across, measured[1])
+        return distance, (along.log_determinant + across.log_determinant).T
 
 
 def _begin_tracks(chosen: Indices, absent: Bools, observation: Observation) -> Indices:
@@ -111,13 +115,22 @@ def _begin_tracks(chosen: Indices, absent: Bools, observation: Observation) -> I
     rows, tracks = np.nonzero(chosen >= 0)
     left[rows, chosen[rows, tracks]] = False
     together = min(chosen.shape[1], left.shape[1])
-    slots = np.argsort(np.where(left, observation.x, np.inf), axis=1, kind="stable")[:, :together]
+    slots = np.lexsort((observation.x, ~left), axis=1)[:, :together]  # also where a place is NaN
     places = np.argsort(~absent, axis=1, kind="stable")[:, :together]
     begins = np.arange(together) < np.minimum(left.sum(axis=1), absent.sum(axis=1))[:, None]
     found = chosen.copy()
     given = np.where(begins, slots, np.take_along_axis(chosen, places, axis=1))
     np.put_along_axis(found, places, given, axis=1)
     return found
+
+
+def _with_a_slot(observation: Observation) -> Observation:
+    """Return an observation without slots as one with an empty slot."""
+    padded: dict[str, Any] = {
+        name: None if part is None else np.pad(part, ((0, 0), (0, 1)))
+        for name, part in vars(observation).items()
+    }
+    return Observation(**padded)
 
 
 def _select(observation: Observation, slots: Indices) -> Observation:

@@ -20,6 +20,7 @@ from avrare.driving import Observation, Scene, World
 from avrare.protocols import Bools, Floats, PersistentPerceptionErrorModel
 from avrare_gp_pem.config import Ghosts
 from avrare_gp_pem.runtime import normal
+from avrare_gp_pem.runtime.persistence import check_ratio
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
 NOISE_PER_GHOST = 5
@@ -149,8 +150,9 @@ class GhostPem:
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation without a past, from noise (N, noise_size)."""
         first, parts = self._split(noise)
-        memory = self.start(noise)
-        return self._with_ghosts(self.vehicles.observe(world, first), world, parts, _anchored(memory, world))
+        memory = _anchored(self.start(noise), world)
+        parts = _without_jitter(parts, np.ones_like(memory.present))
+        return self._with_ghosts(self.vehicles.observe(world, first), world, parts, memory)
 
     def follow(self, world: World, noise: Floats, memory: GhostMemory) -> tuple[Observation, GhostMemory]:
         """Return the observation of the next step and the memory after it, from noise (N, noise_size)."""
@@ -172,7 +174,7 @@ class GhostPem:
             y=np.where(new, at[1], memory.y),
             begun=memory.begun,
         )
-        return self._with_ghosts(observation, world, np.where(new[..., None], 0.0, parts), later), later
+        return self._with_ghosts(observation, world, _without_jitter(parts, new), later), later
 
     def log_ratio(
         self, world: World, noise: Floats, memory: GhostMemory, other: GhostPem, other_memory: GhostMemory
@@ -182,13 +184,14 @@ class GhostPem:
         That of the ghosts is the ratio of the probabilities of what happened to each slot.
 
         Raises:
-            UsageError: The laws of the ghosts' places differ.
+            UsageError: The laws of the ghosts' places differ, or the model of the vehicles has no ratio.
         """
         if not self.ghosts.same_places(other.ghosts):
             raise UsageError(
                 "no density ratio is known for the places of ghosts",
                 "of `ghosts`, vary rate and persistence only",
             )
+        check_ratio(self.vehicles, "log_ratio")
         first, parts = self._split(noise)
         ratio, inner = self.vehicles.log_ratio(
             world, first, memory.vehicles, other.vehicles, other_memory.vehicles
@@ -273,6 +276,12 @@ def _anchored(memory: GhostMemory, world: World) -> GhostMemory:
     begun = memory.begun[:, None]
     placed = np.where(begun, memory.x, x), np.where(begun, memory.y, y)
     return replace(memory, x=placed[0], y=placed[1], begun=np.ones_like(memory.begun))
+
+
+def _without_jitter(parts: Floats, new: Bools) -> Floats:
+    """Return noise that does not move the ``new`` ghosts: its numbers of the place have placed them."""
+    place = np.arange(NOISE_PER_GHOST)
+    return np.where(new[..., None] & ((place == 2) | (place == 3)), 0.0, parts)
 
 
 def _on_road(world: World, forward: Floats, left: Floats) -> tuple[Floats, Floats]:

@@ -18,6 +18,7 @@ from avrare.protocols import Floats
 from avrare_gp_pem.config import HeadingErrors
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.observation_model import normal_log_density
+from avrare_gp_pem.runtime.persistence import check_ratio
 from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import YawErrors
 from avrare_gp_pem.runtime.visibility import relative
@@ -103,12 +104,13 @@ class MotionErrorPem:
         """Return how noise moves for ``other`` to observe the same, and log density ratios.
 
         Raises:
-            UsageError: The laws of these errors differ.
+            UsageError: The laws of these errors differ, or the model of the places has no ratio.
         """
         if self.speed_y_sd != other.speed_y_sd or not _same(self.heading, other.heading):
             raise UsageError(
                 "no density ratio is known for speed_y_sd and heading", "vary other options of the perception"
             )
+        check_ratio(self.model, "shift_noise")
         own = int(self.model.noise_size)
         parts = self.model.shift_noise(world, noise[:, :own], other.model)
         rest = ((0, 0), (0, self.noise_size - own))

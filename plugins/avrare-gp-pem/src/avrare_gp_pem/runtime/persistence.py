@@ -125,8 +125,7 @@ class PersistentPem:
         _, later = self.follow(world, noise, memory)
         latent = self.latent(later)
         model: Any = self.memoryless
-        if not hasattr(model, "shift_noise"):
-            raise UsageError(f"{type(model).__name__} has no density ratio", "choose parametric or gp_pem")
+        check_ratio(model, "shift_noise")
         change, ratio = model.shift_noise(world, latent, other.memoryless)
         moved = latent + change
         fading = (moved - np.sqrt(other.lasting) * other_memory.lasting) / np.sqrt(1.0 - other.lasting)
@@ -142,6 +141,12 @@ class PersistentPem:
     def latent(self, memory: Memory) -> Floats:
         """Return the standard normal numbers (N, noise_size) that decide the newest observation."""
         return np.sqrt(self.lasting) * memory.lasting + np.sqrt(1.0 - self.lasting) * memory.fading
+
+
+def check_ratio(model: Any, method: str) -> None:
+    """Raise UsageError where a model has no density ratio, that is, not this method."""
+    if not hasattr(model, method):
+        raise UsageError(f"{type(model).__name__} has no density ratio", "choose parametric or gp_pem")
 
 
 def with_persistence(model: Model, persistence: Persistence, scene: Scene) -> Model | PersistentPem:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
 from avrare.protocols import Floats
+from avrare_gp_pem.config import MOST_GHOST_SLOTS
 from avrare_gp_pem.runtime.features import COLUMNS, NAMES, Box
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, NormalErrorGps, SparseGp
 from avrare_gp_pem.runtime.networks import Networks, networks
@@ -155,8 +156,10 @@ def _ghosts(arrays: Arrays) -> MeasuredGhosts:
     rate, seconds, width = (float(arrays[f"ghosts_{name}"]) for name in ("rate", "persistence", "width"))
     points = np.asarray(arrays["ghosts_points"], float).reshape(-1, 2)
     numbers = np.append(points.reshape(-1), (rate, seconds, width))
-    if not len(points) or not np.isfinite(numbers).all() or rate <= 0 or min(seconds, width) < 0:
+    if not len(points) or not np.isfinite(numbers).all() or min(seconds, width) < 0:
         raise ValueError("its false detections have no rate, time and places")
+    if not 0 < rate <= MOST_GHOST_SLOTS / 2:
+        raise ValueError(f"it has {rate:g} false detections in a frame")
     return MeasuredGhosts(rate, seconds, points, width)
 
 

@@ -134,7 +134,7 @@ def _nearness(distance: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class YawErrors:
-    """Distribution of yaw errors; reported by ``avrare pem``, no observation has a yaw.
+    """Distribution of yaw errors: of the scores of ``avrare pem``, and of reported headings.
 
     A detector that sees a box guesses which end is the front: a tenth of all detections are half a turn off.
     So flips are a Bernoulli variable, logistic in range, and the error up to half a turn is Student-t with a

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
+from avrare_gp_pem.config import MOST_GHOST_SLOTS
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
 MOST_POINTS = 200
@@ -53,15 +55,25 @@ class GhostLog:
 
 
 def fit_ghosts(log: GhostLog) -> MeasuredGhosts | None:
-    """Fit rate, persistence and places; None for fewer than 20 false detections."""
+    """Fit rate, persistence and places; None for fewer than 20 false detections.
+
+    Raises:
+        UsageError: There are more in a frame than a model can draw.
+    """
     if len(log.time) < _LEAST:
         return None
+    rate = len(log.time) / len(log.frames)
+    if rate > MOST_GHOST_SLOTS / 2:
+        raise UsageError(
+            f"{rate:.0f} false detections in a frame, where {MOST_GHOST_SLOTS / 2:.0f} can be modelled",
+            "leave out those of little confidence, that the stack would not see either",
+        )
     births = _births(log)
     places = np.stack([log.forward[births], -log.right[births]], axis=-1)
     spread = np.sqrt(places.std(axis=0).prod())  # one width for both directions
     width = float(spread * len(places) ** (-1 / 6))
     points = places[:: -(-len(places) // MOST_POINTS)]
-    return MeasuredGhosts(len(log.time) / len(log.frames), _persistence(log), points, width)
+    return MeasuredGhosts(rate, _persistence(log), points, width)
 
 
 def describe_ghosts(found: MeasuredGhosts | None, log: GhostLog | None, held_out: GhostLog | None) -> str:

@@ -161,6 +161,14 @@ def _split_ghosts(path: Path, columns: dict[str, Floats], lines: NDArray[np.intp
         np.isnan(time),
         "time: is missing: with false detections each row needs that of its frame",
     )
+    back = np.append(False, np.diff(time) < 0)
+    _refuse(
+        path,
+        lines,
+        back,
+        "time: is before that of the row above: with false detections each frame needs a time of its own, "
+        "and each drive times after those of the drive before",
+    )
     right, forward = (
         np.where(np.isnan(columns.get(found, unknown)), columns[given], columns.get(found, unknown))
         for given, found in zip(BOX[:2], _DETECTED_BOX[:2], strict=True)
@@ -168,7 +176,9 @@ def _split_ghosts(path: Path, columns: dict[str, Floats], lines: NDArray[np.intp
     _refuse(
         path, lines, false & ~np.isfinite(right + forward), "right, forward: a false detection has no place"
     )
-    return GhostLog(right[false], forward[false], track[false], time[false], np.unique(time))
+    places = {"right": right[false], "forward": forward[false], "track": track[false], "time": time[false]}
+    check_values(path, places, lines[false].tolist())
+    return GhostLog(**places, frames=np.unique(time))
 
 
 def _refuse(path: Path, lines: NDArray[np.intp], wrong: Bools, reason: str) -> None:
