@@ -16,11 +16,14 @@ from avrare.logic.formula import find_formula
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.protocols import Floats, find_notes
 from avrare.rollout.problem import Problem
+from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
 _FALLBACK = "fallback_solves"
 _MAX_FALLBACKS = 0.01
 _FAR_OFF = 3.0
 """Factor between an estimate's interval and its blind bound above which flat parts are looked for."""
+_LEAST_ROLLOUTS = 20 * PROBE_ROWS
+"""Rollouts of an estimate for which a look for flat parts, which is not counted, costs 5 % at most."""
 _ROUNDING = 1e-3
 """Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
@@ -82,7 +85,7 @@ def _horizon(problem: Problem, column: int) -> dict[str, str]:
 
 def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
     bound = result.blind_bound
-    if bound is None or bound <= _FAR_OFF * result.interval[1]:
+    if bound is None or bound <= _FAR_OFF * result.interval[1] or result.rollouts < _LEAST_ROLLOUTS:
         return {}
     parts = problem.flat_parts(column)
     return health.warn("flat_part", part=parts[0], bound=bound) if parts else {}

@@ -7,6 +7,7 @@ import copy
 import functools
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -201,9 +202,8 @@ def complaint(code, out, err):
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "_base").mkdir()
-    for path in (SCENARIOS / "_base").iterdir():
-        (tmp_path / "_base" / path.name).write_bytes(path.read_bytes())
+    for beside in ("_base", "openscenario"):
+        shutil.copytree(SCENARIOS / beside, tmp_path / beside)
     return tmp_path
 
 
