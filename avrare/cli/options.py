@@ -71,6 +71,10 @@ _OUTPUT: Options = {
     "--json": "print JSON and nothing else on stdout",
     **_SAFE,
 }
+_RESUMABLE: Options = {
+    **_OUTPUT,
+    "--out DIR": "write the result as JSON into this folder; the same command goes on there after a kill",
+}
 _FAILURES: Options = {
     "--failures DIR": (f"folder of stored failures (default {FAILURES_FOLDER})", {"default": FAILURES_FOLDER})
 }
@@ -220,7 +224,7 @@ OPTIONS: dict[str, Options] = {
         ),
         "--seed N": ("seed of the fresh noise (default 0)", {**_NATURAL, "default": 0}),
         **_WORKERS,
-        **_OUTPUT,
+        **_RESUMABLE,
     },
     "sensitivity": {
         **_SCENARIO,
@@ -239,7 +243,7 @@ OPTIONS: dict[str, Options] = {
         ),
         "--seed N": ("seed of the fresh tapes (default 0)", {**_NATURAL, "default": 0}),
         **_WORKERS,
-        **_OUTPUT,
+        **_RESUMABLE,
     },
     "require": {
         **_SCENARIO,
@@ -251,7 +255,7 @@ OPTIONS: dict[str, Options] = {
         "--budget rollouts=N": "budget of all estimates together (default 20000)",
         "--seed N": ("seed of the first estimate (default 0)", {**_NATURAL, "default": 0}),
         **_WORKERS,
-        **_OUTPUT,
+        **_RESUMABLE,
         "--plain": "no colours, nothing redrawn: for logs",
     },
     "rules": {
