@@ -98,9 +98,12 @@ with levels does not know how many it will need: it is given a fifth of the budg
 more or less than the budget; the cost counts what it took. *tuned* is what its documentation advises for hard
 problems; no cell of it has been run yet.
 
-What we did to others' tools, for their authors to check: OpenTURNS stops Monte Carlo, directional and importance
-sampling at a coefficient of variation of 10 %, its default. pyTAMS runs its worker in a thread, not a process, so
-that the black box counts. VerifAI's sampler is called without its server; it is made to find counterexamples, and
+What we did to others' tools, for their authors to check: OpenTURNS stops Monte Carlo, directional, line and importance
+sampling at a coefficient of variation of 10 %, its default, of which it judges after two blocks (lines, directions) already. FORM starts
+at the mean, as in its examples; where the gradient is zero there (`largest_of_10`, `sphere_d20`) it stops with an error, and *form-is* and *line* have no
+answer. pyTAMS runs its worker in a thread, not a process, so that the black box counts; where one of its ten runs stalls, all trajectories
+at one score, it ends with an error, so there is no answer. (Tried once at a budget of 1,000, 16 trajectories a run: on `walk_3.8`
+and `count_T40_m12` it stalled, after 45 and 7 CPU seconds.) VerifAI's sampler is called without its server; it is made to find counterexamples, and
 its interval is of their share among its samples. SENTIL simulates by itself, so its own count is taken.
 
 """

@@ -82,6 +82,12 @@ def test_a_known_exposure_gives_rates(plane):
     assert "This scene is met 0.08 times per hour (0.058 – 0.11), counted 40 times." in summary
 
 
+def test_an_exposure_that_is_known_exactly_has_no_interval(plane):
+    text = (plane / "scenario.yaml").read_text()
+    (plane / "scenario.yaml").write_text(text + "exposure: {per_hour: 2.0}\n")
+    assert "This scene is met 2 times per hour, as the scenario says." in render_report(plane)
+
+
 def test_rules_stand_in_words_beside_their_formulas(made):
     html = render_report(made)
     assert "At all times, x is below 1." in html

@@ -45,7 +45,7 @@ class Continuations:
 
         None if the drive fails without any noise, or if the rule is kept to the end.
         """
-        kept = np.flatnonzero(~self.violated & np.isfinite(self.robustness))
+        kept = np.flatnonzero(~self.violated & ~np.isnan(self.robustness))
         if not len(kept) or kept[-1] == len(self.steps) - 1:
             return None
         return int(self.steps[kept[-1]]) + 1
@@ -54,8 +54,7 @@ class Continuations:
         """Return the moment in words; ``violation`` is the sample of the first violation."""
         step = self.lost
         if step is None:
-            fails = bool(self.violated.all())
-            return "it fails without any noise" if fails else "it is not lost: the rule is kept"
+            return self._describe_never()
         before = "at the start" if step == 0 else f"until {self._when(step - 1)}"
         text = f"lost at {self._when(step)}: with noise only {before} the rule is kept"
         if step == 0:
@@ -63,6 +62,13 @@ class Continuations:
         if violation is not None and violation > step:
             text += f"; it is violated {self._span(violation - step)} later"
         return text
+
+    def _describe_never(self) -> str:
+        if not (self.violated[-1] or np.isnan(self.robustness[-1])):
+            return "it is not lost: the rule is kept"
+        if self.violated[0]:
+            return "it fails without any noise"
+        return "when it was lost is not known: the rollouts with less noise broke down"
 
     def _when(self, step: int) -> str:
         return f"step {step}" if self.dt is None else f"t = {step * self.dt:.{self._digits}f} s"

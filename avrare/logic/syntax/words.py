@@ -40,9 +40,17 @@ class HasWords(Protocol):
 def to_words(node: nodes.Node, dt: float) -> str:
     """Return a formula in English, with bounds in seconds; ``dt`` is the duration of a step [s]."""
     text = _say(node, dt)
-    names = {part.name.split("(")[0] for part in nodes.walk(node) if isinstance(part, nodes.Signal)}
-    begin = text[0] if text.startswith(tuple(names)) else text[0].upper()  # a name stays as it is written
+    begin = text[0] if _begins_with_term(node) else text[0].upper()  # a name stays as it is written
     return f"{begin}{text[1:]}."
+
+
+def _begins_with_term(node: nodes.Node) -> bool:
+    match node:
+        case nodes.Connective("implies"):
+            return False
+        case nodes.Connective(_, left) | nodes.Until(left=left):
+            return _begins_with_term(left)
+    return isinstance(node, nodes.Comparison | nodes.Predicate)
 
 
 def _say(node: nodes.Node, dt: float) -> str:
@@ -61,9 +69,7 @@ def _say(node: nodes.Node, dt: float) -> str:
             word = {"iff": "exactly if", "xor": "or else"}.get(op, op)
             return f"{_inner(left, dt)} {word} {_inner(right, dt)}"
         case nodes.Window(op, lo, hi, child):
-            whole, part = _WINDOWS[op]
-            when = whole if lo == 0 and math.isinf(hi) else part.format(_say_bounds(lo, hi, dt))
-            return f"{when}, {_say(child, dt)}"
+            return f"{_say_window(op, lo, hi, dt)}, {_say(child, dt)}"
         case nodes.Until(op, lo, hi, left, right):
             within = "" if lo == 0 and math.isinf(hi) else f" ({_say_bounds(lo, hi, dt)})"
             return f"{_inner(left, dt)}, {_UNTIL[op]}{within} {_inner(right, dt)}"
@@ -79,6 +85,18 @@ def _inner(node: nodes.Node, dt: float) -> str:
     # brackets where a part of a part could be read in two ways
     simple = isinstance(node, nodes.Comparison | nodes.Predicate | nodes.Constant)
     return _say(node, dt) if simple else f"({_say(node, dt)})"
+
+
+def _say_window(op: str, lo: int, hi: float, dt: float) -> str:
+    whole, part = _WINDOWS[op]
+    past = op in nodes.PAST
+    if lo == 0 and math.isinf(hi):
+        return whole
+    if lo == hi:
+        return f"{lo * dt:.4g} s {'before' if past else 'later'}"
+    if past and lo == 0:
+        return f"{whole.removesuffix(' so far')} of the last {hi * dt:.4g} s"
+    return part.format(_say_bounds(lo, hi, dt))
 
 
 def _say_bounds(lo: int, hi: float, dt: float) -> str:

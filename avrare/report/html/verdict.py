@@ -140,6 +140,7 @@ def _render_exposure(folder: RunFolder) -> Markup | None:
         return None
     known = from_exposure(exposure, folder.result.estimates[0].confidence)
     source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
-    often = f"{known.value:.3g} times per {exposure.unit} ({known.low:.2g} – {known.high:.2g})"
+    often = f"{known.value:.3g} times per {exposure.unit}"
+    often += f" ({known.low:.2g} – {known.high:.2g})" if known.low < known.high else ""
     text = f"This scene is met {often}, {source}."
     return tag("p", text, class_="muted")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.failures.lost import continue_without_noise
+from avrare.analysis.failures.lost import Continuations, continue_without_noise
 from avrare.cli.main import main
 
 LIMIT = 3.0
@@ -98,6 +98,28 @@ def test_a_system_that_fails_without_noise_says_so():
     )
     assert done.lost is None
     assert done.describe() == "it fails without any noise"
+
+
+@pytest.mark.parametrize(
+    ("robustness", "words"),
+    [
+        ((np.nan, -1.0, -1.0), "when it was lost is not known: the rollouts with less noise broke down"),
+        ((-1.0, np.nan, -1.0), "it fails without any noise"),
+        ((np.nan, np.nan, np.nan), "when it was lost is not known: the rollouts with less noise broke down"),
+        ((-1.0, -1.0, 1.0), "it is not lost: the rule is kept"),
+    ],
+)
+def test_rollouts_that_break_down_are_not_kept(robustness, words):
+    values = np.array(robustness)
+    done = Continuations(np.arange(-1, 2), values, values < 0.0, None, 3)
+    assert done.lost is None
+    assert done.describe() == words
+
+
+def test_an_infinite_margin_is_kept():
+    values = np.array([np.inf, np.inf, -1.0])
+    done = Continuations(np.arange(-1, 2), values, values < 0.0, None, 3)
+    assert done.lost == 1
 
 
 def test_replay_says_when_it_was_lost(tmp_path, monkeypatch, capsys):
