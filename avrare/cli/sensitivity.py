@@ -44,11 +44,11 @@ def execute(args: argparse.Namespace) -> int:
     return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)
 
 
-def read_rollouts(text: str | None, default: int) -> int:
-    """Return the rollouts of ``--budget rollouts=N``."""
+def read_rollouts(text: str | None, default: int, option: str = "--budget") -> int:
+    """Return the rollouts of an option such as ``--budget rollouts=N``."""
     budget = Budget.parse(text)
     if budget is None:
         return default
     if budget.kind != "rollouts" or budget.amount < 1:
-        raise UsageError(f"--budget {text}: must be rollouts=N", "for example --budget rollouts=5000")
+        raise UsageError(f"{option} {text}: must be rollouts=N", f"for example {option} rollouts=5000")
     return int(budget.amount)

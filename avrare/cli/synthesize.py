@@ -125,6 +125,7 @@ def _execute_any(args: argparse.Namespace) -> int:
     from avrare.analysis.causes.synthesis import Search, descend
     from avrare.analysis.causes.tape_runs import TapeRunner
     from avrare.cli.failure_output import progress_line
+    from avrare.cli.sensitivity import read_rollouts
 
     settings = [f"estimator.plugin={args.estimator}"] if args.estimator else []
     scenario = ParametricScenario(args.scenario, (*args.set, *settings))
@@ -133,21 +134,25 @@ def _execute_any(args: argparse.Namespace) -> int:
     seed = definition.seed if args.seed is None else args.seed
     iterations = 5 if args.steps is None else args.steps
     search = Search(name, iterations, args.step, args.directions, args.target, args.maximise, seed)
-    measuring = _Measuring(args, name, seed)
+    measuring, proof_rollouts = _Measuring(args, name, seed), read_rollouts(args.proof, _PROOF, "--proof")
     done: list[Iteration] = []
     with progress_line() as progress:
         for iteration in descend(numbers, search, measuring, TapeRunner(args.workers, progress)):
             say(*([_header(numbers)] if not done else []), _line(len(done), iteration, numbers))
+            if iteration.refusal:
+                say(*(f"      {line}" for line in iteration.refusal.splitlines()))
             done.append(iteration)
     best = [one for one in done if one.best][-1]
     first = done[0].measured
     if best.measured is None or first is None or (best is done[0] and first.failures is None):
         raise UsageError(f"{name}: no failure was found at the start", "give a larger --budget, or --run DIR")
     if best is done[0]:
-        say("no step was better than the start: nothing is changed")
+        reached = search.reached(first.probability)
+        why = "the start is at the target" if reached else "no step was better than the start"
+        say(f"{why}: nothing is changed")
         return int(ExitCode.INCONCLUSIVE)
     after = numbers.at(best.values)
-    proof = _prove(args, measuring, numbers.at(numbers.start), after, first.probability)
+    proof = _prove(args, measuring, numbers.at(numbers.start), after, first.probability, proof_rollouts)
     say(*proof.lines())
     if args.out is not None:
         from avrare.scenario.yaml import dump
@@ -192,13 +197,13 @@ class _Measuring:
 
 
 def _prove(
-    args: argparse.Namespace, measuring: _Measuring, before: LoadedScenario, after: LoadedScenario, p: float
-) -> Proof:
+    args: argparse.Namespace, measuring: _Measuring, before: LoadedScenario, after: LoadedScenario, p: float,
+    rollouts: int,
+) -> Proof:  # fmt: skip
     from avrare.analysis.causes.synthesis_proof import ENOUGH, Side, prove_by_estimates, prove_by_pairs
-    from avrare.cli.sensitivity import read_rollouts
     from avrare.rollout.executors.work import build_executor
 
-    rollouts, seed = read_rollouts(args.proof, _PROOF), measuring.seed + _SEED_OF_PROOF
+    seed = measuring.seed + _SEED_OF_PROOF
     if args.proof is not None or p * rollouts >= ENOUGH:
         return prove_by_pairs(
             before, after, measuring.name, rollouts, seed, build_executor(args.workers), args.maximise

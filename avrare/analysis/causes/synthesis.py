@@ -18,7 +18,7 @@ from avrare.analysis.causes.failing_tapes import Derivative, derive_from_failure
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
 from avrare.analysis.causes.tape_runs import TapeRunner
-from avrare.base.errors import AvrareError, UsageError
+from avrare.base.errors import ScenarioError, UsageError
 from avrare.estimation.intervals import Interval
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
@@ -57,6 +57,8 @@ class Search:
         if self.iterations < 1 or not 0.0 < self.step <= _LONGEST or self.directions < 0:
             needs = f"at least one iteration, a step in (0, {_LONGEST}], and no negative directions"
             raise UsageError(f"synthesis needs {needs}")
+        if self.target is not None and not 0.0 < self.target < 1.0:
+            raise UsageError(f"the target should be a probability between 0 and 1, not {self.target:g}")
 
     @property
     def sign(self) -> float:
@@ -96,6 +98,7 @@ class Iteration:
         gradient: (P,) of log p in the units of the numbers, shrunk by its error; None where it was not
             wanted.
         derivatives: Along each direction.
+        refusal: Why the scenario does not accept the values, or those of a difference around them.
     """
 
     values: Floats
@@ -103,6 +106,7 @@ class Iteration:
     best: bool
     gradient: Floats | None = None
     derivatives: tuple[Derivative, ...] = ()
+    refusal: str = ""
 
     @property
     def slope(self) -> float:
@@ -130,12 +134,12 @@ def descend(
     """
     values, best, fall = numbers.start, None, 1.0
     for i in range(search.iterations):
-        found = _measure(numbers, values, measure, i)
+        found, refusal = _measure(numbers, values, measure, i)
         better = found is not None and (best is None or _beats(found, best.measured, search))
-        now = Iteration(values, found, better)
+        now = Iteration(values, found, better, refusal=refusal)
         enough = found is None or found.failures is None or search.reached(found.probability)
         if better and found is not None and i + 1 < search.iterations and not enough:
-            now = _with_gradient(now, numbers, search, runner, i)
+            now = _try_gradient(now, numbers, search, runner, i)
         yield now
         if better:
             best, fall = now, fall if best is None else min(_GROWTH * fall, _MOST_FALL)
@@ -152,13 +156,26 @@ def _beats(found: Measured, best: Measured | None, search: Search) -> bool:
     return best is None or search.sign * (found.probability - best.probability) > 0.0
 
 
-def _measure(numbers: ScenarioNumbers, values: Floats, measure: Measure, number: int) -> Measured | None:
-    if number == 0:
-        return measure(numbers.at(values), number)
-    try:  # a step may leave what the scenario accepts; the next one is shorter
-        return measure(numbers.at(values), number)
-    except AvrareError:
-        return None
+def _measure(
+    numbers: ScenarioNumbers, values: Floats, measure: Measure, number: int
+) -> tuple[Measured | None, str]:
+    try:
+        return measure(numbers.at(values), number), ""
+    except (ScenarioError, UsageError) as error:
+        if number == 0:
+            raise
+        return None, str(error)  # the step left what the scenario accepts; the next one is shorter
+
+
+def _try_gradient(
+    now: Iteration, numbers: ScenarioNumbers, search: Search, runner: TapeRunner, number: int
+) -> Iteration:
+    try:
+        return _with_gradient(now, numbers, search, runner, number)
+    except (ScenarioError, UsageError) as error:
+        if number == 0:
+            raise
+        return replace(now, refusal=str(error))  # nothing leads on from here
 
 
 def _longest_fall(gradient: Floats) -> float:

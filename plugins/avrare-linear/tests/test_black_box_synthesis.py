@@ -12,7 +12,7 @@ from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.analysis.causes.synthesis import Measured, Search, descend
 from avrare.analysis.causes.tape_runs import TapeRunner
-from avrare.base.errors import ScenarioError, UsageError
+from avrare.base.errors import Interrupted, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.loop import Settings, run
 from avrare.rollout.executors.serial import SerialExecutor
@@ -132,11 +132,39 @@ def test_it_descends_and_takes_bad_steps_back(path):
     done = list(descend(numbers, search, pretend, TapeRunner()))
     assert [one.best for one in done] == [True, False, False, True]
     assert done[2].measured is None
+    assert [one.refusal for one in done] == ["", "", "refused", ""]
     steps = np.array([one.values for one in done]) - numbers.start
     np.testing.assert_allclose(steps[2], steps[1] / 2.0)
     np.testing.assert_allclose(steps[3], steps[1] / 4.0)
     assert done[3].measured.probability < done[0].measured.probability
     assert done[3].gradient is None, "the last iteration needs none"
+
+
+def test_an_interruption_ends_the_descent(path):
+    def interrupted(loaded, number):
+        if number == 1:
+            raise Interrupted("interrupted")
+        return measure(loaded, number)
+
+    with pytest.raises(Interrupted):
+        list(descend(numbers_of(path), Search("near", 3), interrupted, TapeRunner()))
+
+
+def test_a_difference_that_the_scenario_refuses_ends_the_descent_where_it_is(path):
+    class Bounded(ScenarioNumbers):
+        def at(self, values):
+            if (values > 1.12 * self.start).any():
+                raise ScenarioError([("too large", None)])
+            return super().at(values)
+
+    one = numbers_of(path)
+    numbers = Bounded(one.scenario, one.paths, one.arrays)
+    *_, last = descend(numbers, Search("near", 6), measure, TapeRunner())
+    assert last.best
+    assert last.refusal == "too large"
+    assert last.gradient is None
+    with pytest.raises(ScenarioError, match="too large"):
+        next(iter(descend(numbers, Search("near", 6, step=0.2), measure, TapeRunner())))
 
 
 def test_directions_span_the_gradient(path):
@@ -204,12 +232,20 @@ def test_estimates_prove_it_where_the_start_is_rare(path, capsys):
         (["--parameter", "gain", "--budget", "rollouts=9"], "--budget is no option for a linear system"),
         (["--parameter", "gain", "--parameter", "mean"], "one parameter of a linear system at a time"),
         (["--parameter", GAIN, "--set", 'specifications.near.stl="always (x < 99)"'], "no failure was found"),
+        (["--parameter", GAIN, "--proof", "seconds=3"], "--proof seconds=3: must be rollouts=N"),
+        (["--parameter", GAIN, "--target", "nan"], "a probability between 0 and 1, not nan"),
         (["--parameter", GAIN, "--out", "nowhere/x.yaml"], "there is no folder nowhere"),
     ],
 )
 def test_mistakes_are_reported(path, arguments, text, capsys):
     assert main(["synthesize", str(path), "--specification", "near", *arguments]) == 4
     assert text in capsys.readouterr().err
+
+
+def test_a_start_at_the_target_is_told(path, capsys):
+    arguments = ["synthesize", str(path), "--specification", "near", "--parameter", GAIN]
+    assert main([*arguments, "--target", "0.9"]) == 3
+    assert "the start is at the target: nothing is changed" in capsys.readouterr().out
 
 
 def test_stored_failures_begin_the_descent(path, tmp_path, capsys):
