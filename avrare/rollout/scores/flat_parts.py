@@ -42,7 +42,10 @@ def find_flat_parts(
     parts = split_requirements(normalize(formula.node))
     judged = split_requirements(normalize(judge.node))
     flat = [is_flat(replace(judge, node=part), signals, by_sample) for part in judged]
-    return tuple(to_text(part) for part, found in zip(parts, flat, strict=True) if found)
+    may_fail = [bool(nodes.signals(part)) for part in parts]  # what reads no signal is true, or always broken
+    return tuple(
+        to_text(part) for part, found, may in zip(parts, flat, may_fail, strict=True) if found and may
+    )
 
 
 def split_requirements(node: nodes.Node) -> list[nodes.Node]:
