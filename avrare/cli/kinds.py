@@ -10,6 +10,8 @@ import numpy as np
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.kinds import Kinds, find_kinds
 from avrare.analysis.causes.telling import tell_kinds
+from avrare.analysis.failures.shrink import BUDGET
+from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.results.reader import RunFolder, read_run_folder, select_specifications
@@ -18,6 +20,8 @@ from avrare.results.stored_causes import KINDS_FILE
 
 def execute(args: argparse.Namespace) -> None:
     """Sort the failures of each specification, print the kinds and write them."""
+    if args.budget is not None and not args.shrink:
+        raise UsageError("--budget requires --shrink", "it bounds the rollouts that shrink a failure")
     folder = read_run_folder(Path(args.folder))
     print_warnings((line, None) for line in folder.changes)
     found = {name: _find(folder, name, args) for name in select_specifications(folder, args.specification)}
@@ -44,5 +48,6 @@ def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:
     kinds = find_kinds(problem, sample, estimate.interval, max_kinds=args.max_kinds, method=args.method)
     if not args.shrink:
         return kinds
+    budget = BUDGET if args.budget is None else args.budget
     with progress_line() as progress:
-        return tell_kinds(scenario, kinds, folder.failures[name].noise, args.budget, progress)
+        return tell_kinds(scenario, kinds, folder.failures[name].noise, budget, progress)

@@ -204,10 +204,7 @@ OPTIONS: dict[str, Options] = {
             {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
         ),
         "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
-        "--budget N": (
-            "rollouts for shrinking one of them (default 3000)",
-            {"type": at_least(2), "default": 3000},
-        ),
+        "--budget N": ("with --shrink: rollouts for each of them (default 3000)", {"type": at_least(2)}),
         **_OUTPUT,
     },
     "attribution": {
