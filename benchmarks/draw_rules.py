@@ -25,6 +25,7 @@ KINDS = ("pass", "fail", "boundary", "exempt")
 EGO, OTHER, PARKED = "#1b6ca8", "#6b7a8f", "#b0443c"
 VERDICT = {True: ("broken", "#b3261e"), False: ("kept", "#2e7d32")}
 ROAD, SIDE, LINE, TEXT = "#eceef0", "#dcdfe3", "#9aa3ad", "#4a5258"
+AREA = "#f2d9a8"
 PLATE = {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.6}
 LEAST_RANGE = 62.0
 LABEL = 0.02
@@ -37,12 +38,14 @@ def draw_rule(rule: str, folder: Path) -> Path:
     """Four panels below one another, as a PNG of few colours."""
     chosen = [next(s for s in SITUATIONS if (s.rule, s.kind) == (rule, kind)) for kind in KINDS]
     low, high = _range(chosen)
-    lanes = max(len(situation.road.lane_centres) for situation in chosen)
-    height = INCHES * ((3.5 * lanes + 0.4) / (high - low) + LABEL)
+    bottom, top = _sides(chosen)
+    height = INCHES * ((top - bottom + 0.4) / (high - low) + LABEL)
     figure = Figure(figsize=(INCHES, len(chosen) * (height + 0.42) + 0.3), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     for ax, situation in zip(figure.subplots(len(chosen), 1, sharex=True), chosen, strict=True):
         _draw_road(ax, situation, low, high)
+        _draw_crossings(ax, situation)
+        ax.set_ylim(bottom - 0.4, top + LABEL * (high - low))
         _draw_cars(ax, situation)
         _write(ax, situation)
     ax.tick_params(labelbottom=True)
@@ -59,6 +62,28 @@ def _range(situations: list[Situation]) -> tuple[float, float]:
     low, high = min(0.0, *ahead) - 7.0, max(0.0, *ahead) + 9.0
     room = max(LEAST_RANGE - (high - low), 0.0)
     return low - 0.25 * room, high + 0.75 * room
+
+
+def _sides(situations: list[Situation]) -> tuple[float, float]:
+    """Return the stretch across the road shown in all panels: its lanes, and cars beside them."""
+    found = [(s.road.lane_centres[0] - 1.75, s.road.lane_centres[-1] + 1.75) for s in situations]
+    crossed = [s for s in situations if s.road.crossings]
+    aside = [y for s in crossed for car in _relative(s).values() for _, y in car]
+    low, high = min(y for y, _ in found), max(y for _, y in found)
+    return min([low, *(y - 3.0 for y in aside)]), max([high, *(y + 3.5 for y in aside)])
+
+
+def _draw_crossings(ax: Any, situation: Situation) -> None:
+    ego = float(situation.ego.over(situation.steps, situation.dt)["x"][-1])
+    road = situation.road
+    for x in road.stop_signs:
+        ends = road.lane_centres[0] - 0.5 * road.lane_width, road.lane_centres[-1] + 0.5 * road.lane_width
+        ax.vlines(x - ego, *ends, color=TEXT, lw=2.5, zorder=1)
+    for one in road.crossings:
+        for begin, end, colour in ((-90.0, 90.0, ROAD), (one.line_begin, one.line_end, AREA)):
+            s, d = np.array([begin, end, end, begin]), one.half_width * np.array([-1.0, -1.0, 1.0, 1.0])
+            corners = np.stack(one.line.to_plane(s, d), axis=1) - (ego, 0.0)
+            ax.add_patch(Polygon(corners, fc=colour, ec="none", zorder=1.5))
 
 
 def _relative(situation: Situation) -> dict[str, list[tuple[float, float]]]:
@@ -94,7 +119,7 @@ def _draw_road(ax: Any, situation: Situation, low: float, high: float) -> None:
             ha="right",
             va="center",
         )
-    ax.set(xlim=(low, high), ylim=(bottom - 0.4, top + LABEL * (high - low)), yticks=[])
+    ax.set(xlim=(low, high), yticks=[])
     ax.set_aspect("equal", adjustable="box")
     ax.tick_params(labelsize=7, colors=TEXT, length=2)
     for spine in ax.spines.values():

@@ -1,5 +1,15 @@
 """Values of driving that simulators, perception, trackers, controllers and rules share."""
 
-from avrare.driving.values import Action, Lane, Observation, Prediction, Road, Scene, Vehicles, World
+from avrare.driving.values import (
+    Action,
+    Crossing,
+    Lane,
+    Observation,
+    Prediction,
+    Road,
+    Scene,
+    Vehicles,
+    World,
+)
 
-__all__ = ["Action", "Lane", "Observation", "Prediction", "Road", "Scene", "Vehicles", "World"]
+__all__ = ["Action", "Crossing", "Lane", "Observation", "Prediction", "Road", "Scene", "Vehicles", "World"]

@@ -10,6 +10,7 @@ N is the number of particles, V the number of other vehicles, H the number of pr
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,29 @@ class Lane:
     left: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """Conflict area of the ego's way and a way whose traffic has priority over the ego.
+
+    Attributes:
+        reason: Why it has priority: it comes from the right, signs say so, or the ego turns left before it.
+        begin: Least x of the area along the ego's way [m].
+        end: Greatest x of the area along the ego's way [m].
+        line: The other way, in the plane.
+        line_begin: Station on ``line`` where the area begins [m].
+        line_end: Station on ``line`` where it ends [m].
+        half_width: Half the width of the other way [m].
+    """
+
+    reason: Literal["right", "sign", "oncoming"]
+    begin: float
+    end: float
+    line: ReferenceLine
+    line_begin: float
+    line_end: float
+    half_width: float
+
+
 @dataclass(frozen=True)
 class Road:
     """Lanes along a reference line.
@@ -69,6 +93,8 @@ class Road:
         shoulder: Indices of the lanes that are a shoulder.
         opposing: Indices of the lanes whose traffic goes towards smaller x.
         broad_markings: Indices of the lanes whose left border is a broad marking.
+        stop_signs: x of the stop lines at which a stop sign stands [m].
+        crossings: Conflict areas in which others have priority over the ego.
     """
 
     lane_centres: tuple[float, ...]
@@ -81,6 +107,8 @@ class Road:
     shoulder: tuple[int, ...] = ()
     opposing: tuple[int, ...] = ()
     broad_markings: tuple[int, ...] = ()
+    stop_signs: tuple[float, ...] = ()
+    crossings: tuple[Crossing, ...] = ()
 
 
 @dataclass(frozen=True)

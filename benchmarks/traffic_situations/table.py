@@ -5,11 +5,15 @@ Units of robustness: 10 m along, 1.75 m across, 5 m/s, 2 m/s^2, 0.1 rad, 1 s; no
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
-from avrare.driving import Road
-from traffic_situations.situation import LEFT, RAMP, RIGHT, Car, Situation
+import numpy as np
+
+from avrare.driving import Crossing, Road
+from avrare.driving.reference_line import PolygonalLine
+from traffic_situations.situation import LEFT, RAMP, RIGHT, ROAD, Car, Situation
 
 # ego at 20 m/s: 400 / (2 * 10) m to stop, less 400 / (2 * 10.5) m of one ahead at 20 m/s, and 0.4 s to react
 _NEEDED = 400.0 / 20.0 - 400.0 / 21.0 + 20.0 * 0.4
@@ -186,6 +190,64 @@ _R_I5 = (
               options={"entering_time": 2.0}),
 )  # fmt: skip
 
+# a line across the lanes at x = 6 m; the front is 2 m before the centre
+_STOP = dataclasses.replace(ROAD, stop_signs=(6.0,))
+_STOPS = (3.5, 3.5, 3.5, 3.5, 6.0)  # 0.5 m before the line from 0 to 3 s, across it at 4 s
+
+_R_IN1 = (
+    Situation("R_IN1", "pass", "stands for 3 s", 0.1 / 5.0, "by 0.1 m/s; 0.5 m before the line count more",
+              ego=Car(x=_STOPS, speed=0.0), steps=5, road=_STOP),
+    Situation("R_IN1", "fail", "stands for 2 s", -0.5 / 10.0,
+              "2 s of 3 s; 0.5 m less and it had not passed the line",
+              ego=Car(x=(-1.0, *_STOPS[1:]), speed=0.0), steps=5, road=_STOP),
+    Situation("R_IN1", "boundary", "all but stands", 0.0, "0.1 m/s",
+              ego=Car(x=_STOPS, speed=0.1), nudge=("ego", "speed", -1), steps=5, road=_STOP),
+    Situation("R_IN1", "exempt", "no stop sign", math.inf, "nothing to stand for",
+              ego=Car(x=_STOPS, speed=0.0), steps=5),
+    Situation("R_IN1", "fail", "drives through", -2.0 / 10.0, "no standstill; 2 m across the line",
+              ego=Car(x=(2.0, 6.0), speed=4.0), steps=2, road=_STOP),
+)  # fmt: skip
+
+
+def _crossing(reason: Any, degrees: float) -> Road:
+    """A way 3.5 m wide in this direction through (20, 1.75); the area reaches 1.75 m from there on both."""
+    towards = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+    line = PolygonalLine(np.array([[20.0, RIGHT]]) + np.outer([-40.0, 40.0], towards))
+    return dataclasses.replace(ROAD, crossings=(Crossing(reason, 18.25, 21.75, line, 38.25, 41.75, 1.75),))
+
+
+def _right_of_way(rule: str, reason: Any, degrees: float) -> tuple[Situation, ...]:
+    def a(*before: float) -> dict[str, Car]:
+        cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        x, y = (tuple(c - b * part for b in before) for c, part in ((20.0, cos), (RIGHT, sin)))
+        return {"a": Car(x=x, y=y, heading=math.radians(degrees), speed=5.0)}
+
+    more: Any = {"road": _crossing(reason, degrees), "options": {"after_leaving": 1.0}}
+    inside, two = Car(x=20.0, speed=0.0), {"steps": 2, **more}
+    at = a(8.75)["a"]
+    edge = dataclasses.replace(inside, x=(16.25,), speed=5.0)  # its front where the area begins
+    return (
+        Situation(rule, "pass", "a is far enough", 5.0 / 10.0, "a's front is 5 m before the area",
+                  ego=inside, others={"a": at}, **more),
+        Situation(rule, "fail", "in a's way", -0.5 / 10.0, "the ego is 0.5 m into the area, a 3 m",
+                  ego=Car(x=16.75, speed=0.0), others=a(0.75), **more),
+        Situation(rule, "boundary", "at the edge of the area", 0.0, "the ego's front reaches the area",
+                  ego=edge, others=a(0.75), nudge=("ego", "x", -1), **more),
+        Situation(rule, "exempt", "waits before the area", 16.25 / 10.0,
+                  "the ego's front is 16.25 m before the area",
+                  ego=Car(speed=0.0), others=a(0.75), **more),
+        Situation(rule, "fail", "a comes within 1 s", -2.0 / 10.0,
+                  "a is 3 m before the area, then 2 m into it",
+                  ego=inside, others=a(6.75, 1.75), **two),
+        Situation(rule, "fail", "just after a", -2.0 / 10.0, "a was 2 m into the area 1 s ago",
+                  ego=inside, others=a(-1.75, -6.75), **two),
+    )  # fmt: skip
+
+
+_R_IN3 = _right_of_way("R_IN3", "right", 90.0)
+_R_IN4 = _right_of_way("R_IN4", "sign", -90.0)
+_R_IN5 = _right_of_way("R_IN5", "oncoming", -120.0)
+
 _NO_COLLISION = (
     Situation("no_collision", "pass", "20 m apart", 20.0, "24 m between centres, 4 m of cars",
               others={"a": Car(x=24.0)}),
@@ -246,5 +308,6 @@ _TTC = (
 SITUATIONS: tuple[Situation, ...] = (
     *(*_R_G1, *_R_G2, *_R_G3, *_R_G4),
     *(*_R_I1, *_R_I2, *_R_I3, *_R_I4, *_R_I5),
+    *(*_R_IN1, *_R_IN3, *_R_IN4, *_R_IN5),
     *(*_NO_COLLISION, *_RSS, *_TTC),
 )

@@ -64,9 +64,8 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
 def _read_drives(path: str, scenario: Any, road: Road | None) -> PlaneDrives:
     obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in scenario.obstacles}
     moving = tuple(sorted((str(one.obstacle_id) for one in scenario.dynamic_obstacles), key=int))
-    return PlaneDrives(
-        path, float(scenario.dt), obstacles, moving, tuple(scenario.lanelet_network.lanelets), road
-    )
+    network = scenario.lanelet_network
+    return PlaneDrives(path, float(scenario.dt), obstacles, moving, tuple(network.lanelets), road, network)
 
 
 def read_lanelets(path: str) -> tuple[Any, ...]:

@@ -51,15 +51,21 @@ def find_road(path: str, lanelets: Sequence[Any], positions: Floats, headings: F
         UsageError: The vehicle drives on no lanelet.
     """
     known = {int(one.lanelet_id): one for one in lanelets}
-    used = _count_samples(known, positions, headings)
-    if not used:
-        text = f"{path}: the ego drives on no lanelet, or against all that it touches"
-        raise UsageError(text, "choose another ego, or give the lanes with --lanes in the file's coordinates")
-    names = _find_path(known, used)
+    names = find_path(path, lanelets, positions, headings)
     line = _join_centres([known[name] for name in names])
     sections = _collect_sections(known, names, line)
     chains = [chain for way in (False, True) for chain in _chain(sections, names, way)]
     return _assemble(line, sorted(chains, key=_mean_offset))
+
+
+def find_path(path: str, lanelets: Sequence[Any], positions: Floats, headings: Floats) -> list[int]:
+    """Return the successive lanelets of a drive; the arguments and the error are those of ``find_road``."""
+    known = {int(one.lanelet_id): one for one in lanelets}
+    used = _count_samples(known, positions, headings)
+    if not used:
+        text = f"{path}: the ego drives on no lanelet, or against all that it touches"
+        raise UsageError(text, "choose another ego, or give the lanes with --lanes in the file's coordinates")
+    return _find_path(known, used)
 
 
 def _count_samples(known: Mapping[int, Any], positions: Floats, headings: Floats) -> dict[int, int]:
@@ -68,7 +74,7 @@ def _count_samples(known: Mapping[int, Any], positions: Floats, headings: Floats
     found = {}
     for name, lanelet in known.items():
         outline = np.concatenate([lanelet.left_vertices, lanelet.right_vertices[::-1]])
-        inside = _is_inside(outline[:, :2], positions)
+        inside = is_inside(outline[:, :2], positions)
         if inside.any():
             centre = np.asarray(lanelet.center_vertices)[:, :2]
             s, _ = (line := PolygonalLine(centre)).to_road(*positions[inside].T)
@@ -79,8 +85,8 @@ def _count_samples(known: Mapping[int, Any], positions: Floats, headings: Floats
     return found
 
 
-def _is_inside(outline: Floats, points: Floats) -> Bools:
-    # even-odd rule
+def is_inside(outline: Floats, points: Floats) -> Bools:
+    """Tell which (K, 2) points are inside an outline (M, 2), by the even-odd rule."""
     inside = np.zeros(len(points), dtype=np.bool_)
     near = ((points >= outline.min(axis=0)) & (points <= outline.max(axis=0))).all(axis=1)
     if near.any():

@@ -15,7 +15,8 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
-from avrare.results.recordings.lanelet_road import ASIDE
+from avrare.results.recordings.crossings import add_crossings, has_rules
+from avrare.results.recordings.lanelet_road import ASIDE, find_path
 from avrare.results.recordings.lanelet_road import find_road as find_lanelet_road
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
 from avrare.results.recordings.straight_road import find_straight_lanes, rotate
@@ -32,6 +33,7 @@ class PlaneDrives:
         names: The moving ones.
         lanelets: The network.
         road: The caller's own road, which comes first; None: that of the network.
+        network: The network with its signs and intersections; None: they are unknown.
     """
 
     path: str
@@ -40,6 +42,7 @@ class PlaneDrives:
     names: tuple[str, ...]
     lanelets: tuple[Any, ...]
     road: Road | None = None
+    network: Any = None
 
     def recording(self, ego: str | None) -> Recording:
         """Return the drive of one ego; UsageError if it is not there, has gaps, or is on no road."""
@@ -68,12 +71,22 @@ class PlaneDrives:
             return self.road, 0.0
         if self._straight is not None:
             return self._straight
-        return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+        drive = self.path, self.lanelets, ego.states[:2].T, ego.states[2]
+        road = find_lanelet_road(*drive)
+        if self._has_rules:
+            road = add_crossings(road, self.network, find_path(*drive))
+        return road, 0.0
+
+    @cached_property
+    def _has_rules(self) -> bool:
+        return self.network is not None and has_rules(self.network)
 
     @cached_property
     def _straight(self) -> tuple[Road, float] | None:
         if not self.lanelets:
             raise UsageError(f"{self.path}: there are no lanelets", "give --lanes")
+        if self._has_rules:  # which are read along the ego's way
+            return None
         try:
             return find_straight_lanes(self.path, self.lanelets)
         except UsageError:

@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from avrare.driving import Road, Scene
+from avrare.driving import Crossing, Road, Scene
+from avrare.driving.reference_line import PolygonalLine
 from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.rule import build
 
-ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,))
+ACROSS = PolygonalLine(np.array([[-30.0, -9.0], [30.0, 9.0]]))
+CROSSINGS = tuple(
+    Crossing(reason, 2.0, 12.0, ACROSS, 30.0, 42.0, 3.0) for reason in ("right", "sign", "oncoming")
+)
+ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,), stop_signs=(4.0,), crossings=CROSSINGS)
 NAMES = "abcdefgh"
 CALLS = (
     "brakes_abruptly(ego)", "preserves_flow(ego)", "on_access_ramp(ego)", "brakes(ego)", "slow({o})",

@@ -8,7 +8,7 @@ from avrare_traffic_rules.rulebook import shipped
 
 N, T, V = 8, 50, 4
 RULES = tuple(shipped().rules)
-LOOKS_AHEAD = {"R_I5"}
+LOOKS_AHEAD = {"R_I5", "R_IN3", "R_IN4", "R_IN5"}
 EVERY = pytest.mark.parametrize("name", RULES)
 DEFINITIONS = pytest.mark.parametrize("definitions", ["recommended", "published"])
 

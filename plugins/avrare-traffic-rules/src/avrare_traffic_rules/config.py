@@ -1,10 +1,11 @@
 """Parameters of the traffic rules, with units and sources.
 
 [M20] Maierhofer, Rettinger, Mayer, Althoff, "Formalization of interstate traffic rules in temporal logic",
-IV 2020, and the parameters that its authors publish. [I24] the code of Innes and Ramamoorthy, "Adaptive
-splitting of reusable temporal monitors for rare traffic violations". [S17] Shalev-Shwartz, Shammah, Shashua,
-"On a formal model of safe and scalable self-driving cars", 2017; it gives no numbers, those are the defaults
-of the RSS check of the simulator CARLA.
+IV 2020, and the parameters that its authors publish. [M22] Maierhofer, Moosbrugger, Althoff,
+"Formalization of intersection traffic rules in temporal logic", IV 2022. [I24] the code of Innes and
+Ramamoorthy, "Adaptive splitting of reusable temporal monitors for rare traffic violations". [S17]
+Shalev-Shwartz, Shammah, Shashua, "On a formal model of safe and scalable self-driving cars", 2017; it gives
+no numbers, those are the defaults of the RSS check of the simulator CARLA.
 """
 
 from __future__ import annotations
@@ -85,6 +86,17 @@ class Parameters(BaseModel):
         (), "", "lanes of the road that are a shoulder, counted from the right, from 0", "ours"
     )
     entering_time: float = _option(5.0, "s", "within which somebody enters", "[M20]", ge=0.0)
+    stop_time: float = _option(3.0, "s", "least standstill at a stop sign", "[M22]", ge=0.0)
+    stop_line_distance: float = _option(
+        1.0, "m", "nearer to the stop line is standing at it", "[M22]", gt=0.0
+    )
+    stop_speed: float = _option(0.1, "m/s", "slower either way is standing at a stop sign", "[M22]", gt=0.0)
+    before_entering: float = _option(
+        1.0, "s", "out of a conflict area before one with priority enters it", "[M22]", ge=0.0
+    )
+    after_leaving: float = _option(
+        0.5, "s", "not into a conflict area after one with priority leaves it", "[M22]", ge=0.0
+    )
     least_time_to_collision: float = _option(1.5, "s", "least time to a collision", "ours", ge=0.0)
     rss_response_time: float = _option(1.0, "s", "response time rho", "[S17], CARLA", ge=0.0)
     rss_acceleration: float = _option(3.5, "m/s^2", "most during the response", "[S17], CARLA", ge=0.0)

@@ -12,12 +12,15 @@ import numpy as np
 from avrare.driving import Road
 from avrare.driving.lanes import lane_borders, lane_exists
 from avrare.protocols import Floats
-from avrare_traffic_rules import positions, predicates
+from avrare_traffic_rules import intersections, positions, predicates
 from avrare_traffic_rules.traffic import Bodies, bounding_box, overlap
 from avrare_traffic_rules.vocabulary import Definitions, Setting, named, predicate
 
 RECOMMENDED = Definitions(
-    named(vars(positions)) | named(vars(predicates)), bounding_box, overlap, scaled=True
+    named(vars(positions)) | named(vars(predicates)) | named(vars(intersections)),
+    bounding_box,
+    overlap,
+    scaled=True,
 )
 
 
