@@ -67,6 +67,7 @@ class Crossing:
         line_begin: Station on ``line`` where the area begins [m].
         line_end: Station on ``line`` where it ends [m].
         half_width: Half the width of the other way [m].
+        users: Indices of the other vehicles that take this way, as seen afterwards; None: unknown, any may.
     """
 
     reason: Literal["right", "sign", "oncoming"]
@@ -76,6 +77,7 @@ class Crossing:
     line_begin: float
     line_end: float
     half_width: float
+    users: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from avrare.driving import Crossing, Road
-from avrare.driving.reference_line import PolygonalLine
+from avrare.driving.reference_line import PolygonalLine, ReferenceLine
 from avrare.protocols import Floats
 from avrare.results.recordings.lanelet_road import is_inside
 
@@ -42,13 +42,14 @@ def has_rules(network: Any) -> bool:
     return bool(network.intersections) or any("STOP" in _signs(network, one) for one in network.lanelets)
 
 
-def add_crossings(road: Road, network: Any, names: Sequence[int]) -> Road:
+def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequence[Sequence[int]]) -> Road:
     """Return the road of an ego with the stop signs and the conflict areas on its way.
 
     Args:
         road: Road along these lanelets, with a line.
         network: Network of commonroad-io.
         names: Successive lanelets of the ego's way.
+        routes: Those of each other vehicle.
     """
     assert road.line is not None
     known = {int(one.lanelet_id): one for one in network.lanelets}
@@ -58,7 +59,7 @@ def add_crossings(road: Road, network: Any, names: Sequence[int]) -> Road:
         for group in groups:
             for mine in (way for way in group if way.lanelet in names):
                 others = [way for other in groups if other is not group for way in other]
-                found += _meet(road.line, known, mine, others)
+                found += _meet(road.line, known, mine, others, routes)
     stops = (_stop_line(network, known[name]) for name in names)
     stations = [float(road.line.to_road(*point[:, None])[0][0]) for point in stops if point is not None]
     return dataclasses.replace(road, stop_signs=tuple(sorted(stations)), crossings=tuple(found))
@@ -97,7 +98,13 @@ def _prefer(mine: _Way, other: _Way) -> Reason | None:
     return "right" if 0.25 * math.pi < turned and not mine.lights else None
 
 
-def _meet(line: Any, known: Mapping[int, Any], mine: _Way, others: Sequence[_Way]) -> Iterator[Crossing]:
+def _meet(
+    line: ReferenceLine,
+    known: Mapping[int, Any],
+    mine: _Way,
+    others: Sequence[_Way],
+    routes: Sequence[Sequence[int]],
+) -> Iterator[Crossing]:
     points = _fill(known[mine.lanelet])
     for other in others:
         reason, lanelet = _prefer(mine, other), known[other.lanelet]
@@ -110,7 +117,9 @@ def _meet(line: Any, known: Mapping[int, Any], mine: _Way, others: Sequence[_Way
         way = PolygonalLine(np.asarray(lanelet.center_vertices)[:, :2])
         x, stations = line.to_road(*common.T)[0], way.to_road(*common.T)[0]
         apart = np.hypot(*(np.asarray(lanelet.left_vertices) - lanelet.right_vertices)[:, :2].T)
-        yield Crossing(reason, *_range(x), way, *_range(stations), 0.5 * float(np.median(apart)))
+        users = tuple(index for index, route in enumerate(routes) if other.lanelet in route)
+        half_width = 0.5 * float(np.median(apart))
+        yield Crossing(reason, *_range(x), way, *_range(stations), half_width, users)
 
 
 def _range(values: Floats) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -63,6 +63,9 @@ class PlaneDrives:
             text = f"{self.path}: obstacle {ego} leaves the road at step {at}"
             raise UsageError(text, f"it is more than {ASIDE:g} m from the line along its lanes")
         others = [track for name, track in tracks.items() if name != ego and track.present.any()]
+        if self._has_rules and self.road is None:
+            routes = [self._routes[track.name] for track in others]
+            road = add_crossings(road, self.network, self._routes[ego], routes)
         return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
 
     def find_road(self, ego: Obstacle) -> tuple[Road, float]:
@@ -71,11 +74,18 @@ class PlaneDrives:
             return self.road, 0.0
         if self._straight is not None:
             return self._straight
-        drive = self.path, self.lanelets, ego.states[:2].T, ego.states[2]
-        road = find_lanelet_road(*drive)
-        if self._has_rules:
-            road = add_crossings(road, self.network, find_path(*drive))
-        return road, 0.0
+        return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+
+    @cached_property
+    def _routes(self) -> Mapping[str, Sequence[int]]:
+        # successive lanelets of every obstacle; none of those that stand beside the road
+        return {name: self._find_route(one) for name, one in self.obstacles.items()}
+
+    def _find_route(self, one: Obstacle) -> Sequence[int]:
+        try:
+            return find_path(self.path, self.lanelets, one.states[:2].T, one.states[2])
+        except UsageError:
+            return ()
 
     @cached_property
     def _has_rules(self) -> bool:

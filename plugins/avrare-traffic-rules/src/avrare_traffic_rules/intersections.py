@@ -34,36 +34,37 @@ def stands_at_sign(s: Setting, a: Bodies) -> Floats:
 
 
 @predicate("mixed")
-def crosses_right_before_left(s: Setting, a: Bodies) -> Floats:
-    """A is where the ways of the ego and of traffic from its right meet, and signs prefer neither."""
-    return _in_area(s, a, "right")
+def crosses_right_before_left(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A is where the ways of a and b meet: one is the ego, the other comes from its right, at equal signs."""
+    return _in_area(s, a, b, "right")
 
 
 @predicate("mixed")
-def crosses_priority_road(s: Setting, a: Bodies) -> Floats:
-    """A is where the way of the ego meets that of traffic to which signs give priority over it."""
-    return _in_area(s, a, "sign")
+def crosses_priority_road(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A is where the ways of a and b meet: one is the ego, to the other signs give priority over it."""
+    return _in_area(s, a, b, "sign")
 
 
 @predicate("mixed")
-def crosses_oncoming(s: Setting, a: Bodies) -> Floats:
-    """A is where the ego's left turn meets the way of oncoming traffic that does not turn left."""
-    return _in_area(s, a, "oncoming")
+def crosses_oncoming(s: Setting, a: Bodies, b: Bodies) -> Floats:
+    """A is where the ways of a and b meet: one is the ego, turning left, the other oncoming and not."""
+    return _in_area(s, a, b, "oncoming")
 
 
-def _in_area(s: Setting, a: Bodies, reason: str) -> Floats:
-    areas = [one for one in s.road.crossings if one.reason == reason]
-    if not areas:
-        return _greatest(a, [])
-    own = [np.minimum(a.front - one.begin, one.end - a.rear) / s.scales.longitudinal for one in areas]
-    plain = Vehicles(a.x, a.y, a.heading, a.speed, a.acceleration)
-    plane = to_plane(s.road, plain)
-    theirs = [_on_way(s, a, plane, one) for one in areas]
-    return np.where(a.number < 0, _greatest(a, own), _greatest(a, theirs))
+def _in_area(s: Setting, a: Bodies, b: Bodies, reason: str) -> Floats:
+    number = np.maximum(a.number, b.number)  # of the other one
+    values = np.full(np.broadcast_shapes(a.x.shape, b.x.shape), -np.inf)
+    for area in (one for one in s.road.crossings if one.reason == reason):
+        own = np.minimum(a.front - area.begin, area.end - a.rear) / s.scales.longitudinal
+        here = np.where(a.number < 0, own, _on_way(s, a, area))
+        takes = True if area.users is None else np.isin(number, area.users)
+        values = np.maximum(values, np.where(takes & (a.number != b.number), here, -np.inf))
+    return values
 
 
-def _on_way(s: Setting, a: Bodies, plane: Vehicles, area: Crossing) -> Floats:
+def _on_way(s: Setting, a: Bodies, area: Crossing) -> Floats:
     # a vehicle on another way, or across this one, is not in the area; one without a foot on the line neither
+    plane = to_plane(s.road, Vehicles(a.x, a.y, a.heading, a.speed, a.acceleration))
     station, offset = area.line.to_road(plane.x, plane.y)
     turned = np.remainder(plane.heading - area.line.heading(station) + np.pi, 2.0 * np.pi) - np.pi
     half = 0.5 * a.length
