@@ -52,6 +52,13 @@ def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
     assert "<p>Lost at t = 1.0 s.</p>" in page
 
 
+def test_a_seventh_kind_has_a_colour_of_the_sheet(analysed):
+    stored = json.loads((analysed / "kinds.json").read_text())
+    stored["kinds"]["left"]["kinds"][0] |= {"kind": 7}
+    (analysed / "kinds.json").write_text(json.dumps(stored))
+    assert '<span class="number kind-0">7</span>' in render_report(analysed)
+
+
 def test_an_analysis_of_another_result_is_not_shown(analysed):
     stored = json.loads((analysed / "kinds.json").read_text())
     stored["kinds"]["left"]["probability"] *= 1.01

@@ -1,5 +1,6 @@
 """Charts beside the animation, on worlds made by hand."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -80,7 +81,9 @@ def test_a_moment_from_above_has_all_vehicles(rollout):
     picture = draw_moment(rollout)
     assert picture.count("<text") == 2
     assert 'class="ego"' in picture
-    assert "The road at 1.6 s" in picture
+    assert "The road at 1.6 s, at the first violation" in picture
+    worst = dataclasses.replace(rollout, result=dataclasses.replace(rollout.result, first=None))
+    assert "The road at 2.0 s, at the least robustness" in draw_moment(worst)
     assert draw_moment(SimpleNamespace(result=None)) is None
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_typeset, format_typeset_interval
-from avrare.report.html.kind_pictures import draw_map, draw_moment
+from avrare.report.html.kind_pictures import STYLES, draw_map, draw_moment
 from avrare.report.html.markup import Markup, tag
 from avrare.report.html.rollout_player import name_rollout
 from avrare.report.html.stored_rollouts import MonitoredRollout
@@ -89,7 +89,7 @@ def _render_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) 
     if rollout is not None:
         link = tag("a", link, href=f"#{name_rollout(name, kind.representative)}")
     head = tag(
-        "p", tag("span", f"{kind.kind}", class_=f"number kind-{kind.kind - 1}"),
+        "p", tag("span", f"{kind.kind}", class_=f"number kind-{(kind.kind - 1) % STYLES}"),
         tag("strong", format_typeset(kind.probability)), " ",
         tag("span", format_typeset_interval((kind.low, kind.high)), class_="interval"),
         f" · {describe_share(kind.share)} of the failures",

@@ -17,7 +17,8 @@ _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
 _TRAIL = 3.0
 """Time whose paths are drawn [s]."""
-_STYLES = 6
+STYLES = 6
+"""Colours of kinds; the seventh kind has that of the first."""
 
 
 def draw_moment(rollout: MonitoredRollout) -> Markup | None:
@@ -46,7 +47,8 @@ def draw_moment(rollout: MonitoredRollout) -> Markup | None:
         parts += _draw_vehicle(trail, "others", (0, v), size, begin, style, name)
     ego = float(scene.ego_length), float(scene.ego_width)
     parts += _draw_vehicle(trail, "ego", (0,), ego, begin, "ego", "ego")
-    words = f"The road at {result.recording.time(at):.1f} s, at the first violation"
+    moment = "first violation" if result.first is not None else "least robustness"
+    words = f"The road at {result.recording.time(at):.1f} s, at the {moment}"
     box = f"0 {_number(-high - 2.5)} {_BEHIND + _AHEAD:g} {_number(high - low + 5.0)}"
     return tag("svg", tag("title", words), parts, viewBox=box, role="img", aria_label=words, class_="moment")
 
@@ -88,7 +90,7 @@ def draw_map(kinds: StoredKinds) -> Markup | None:
     numbers = sorted(set(labels.tolist()))
     for number in numbers:
         chosen = points[labels == number]
-        chart.draw_dots(chosen[:, 0], chosen[:, 1], f"kind-{number % _STYLES}")
-    key = render_legend(*((f"dot kind-{number % _STYLES}", f"kind {number + 1}") for number in numbers))
+        chart.draw_dots(chosen[:, 0], chosen[:, 1], f"kind-{number % STYLES}")
+    key = render_legend(*((f"dot kind-{number % STYLES}", f"kind {number + 1}") for number in numbers))
     figure = chart.render("The failures: near ones are alike", key, height=140)
     return Markup(figure.replace('<figure class="chart">', '<figure class="chart bare">', 1))
