@@ -108,7 +108,7 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
         fresh: Results of the models that were run anew, by number.
     """
     share = _share(result, size, known, fresh)
-    errors = max([result.errors / max(result.rollouts, 1), *(_error_share(one) for one in fresh.values())])
+    errors = max(_error_share(one) for one in (result, *fresh.values()))
 
     def interval_at(confidence: float) -> Interval:
         low, high = share.interval(confidence)
@@ -136,7 +136,8 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
 
 
 def _error_share(result: Result) -> float:
-    return result.errors / max(result.rollouts, 1)
+    twin = result.diagnostics.get("twin", {})  # mfmc's rollouts are also those of the twin and of the pilot
+    return float(twin.get("error_share", result.errors / max(twin.get("counted", result.rollouts), 1)))
 
 
 def _share(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> ModelShare:

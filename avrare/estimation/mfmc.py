@@ -177,7 +177,8 @@ class _Work:
             failures=self._failures(chosen, violated, weights, record.robustness[:, column]),
             robustness=seen.robustness[:, column],
             health=result.health | self._check_errors(record, weights),
-            diagnostics={"twin": {**self._numbers(design, column), "tapes": count, "run_again": len(chosen)},
+            diagnostics={"twin": {**self._numbers(design, column), "tapes": count, "run_again": len(chosen),
+                                  "error_share": math.fsum(weights[error])},
                          "note": text},
         )  # fmt: skip
         return spent.added_to(told)

@@ -1,6 +1,7 @@
 """``mfmc``: a cheap twin saves rollouts, and the estimate stays that of the stack itself."""
 
 import json
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -10,6 +11,7 @@ import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.base.errors import UsageError
 from avrare.estimation import intervals
+from avrare.estimation.ensemble import combine
 from avrare.estimation.two_phase import plan_design, scaled
 from avrare.rollout.twin import measure_cost
 from avrare.testing.faulty_systems import Killed, Mortal
@@ -164,6 +166,11 @@ def test_breakdowns_of_the_stack_widen_the_interval_and_those_of_the_twin_do_not
     assert "errors" in broken.health
     assert broken.probability < whole.probability
     assert broken.interval[1] > 2e-2
+    share = broken.diagnostics["twin"]["error_share"]
+    assert share == pytest.approx(1.0 - NormalDist().cdf(2.2), rel=0.15)
+    none = replace(broken, diagnostics={"twin": {"error_share": 0.0}})
+    ends = [combine(one, 3, None, dict.fromkeys(range(3), one)).interval[1] for one in (none, broken)]
+    assert ends[1] - ends[0] == pytest.approx(share), "over an ensemble, too"
     other = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, 2.5)), "mfmc", rollouts=3000, seed=5)
     assert other.errors == 0
     assert other.interval[0] < 2e-2 < other.interval[1]
