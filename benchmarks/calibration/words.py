@@ -43,6 +43,8 @@ NOTES = """All shares are in percent; of few answers they are rough. Intervals, 
 ![coverage](calibration/coverage.png)
 
 Blue: a problem; red: all intervals of a tool; dotted: what they say. In brackets: problems with an interval.
+The tools did not meet the same problems, so the red bars must not be compared: `openturns line` answered on `late` and `flat` alone, which are made
+to hide a region, and has not met a problem with one region, for which it is made; `uqpy subset` has one answer on each of six problems.
 
 ![confidently wrong](calibration/wrong.png)
 
