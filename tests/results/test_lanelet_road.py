@@ -162,3 +162,16 @@ class TestMistakes:
         with pytest.raises(UsageError, match="in no lane at any time") as caught:
             open_commonroad(str(path), Road((1.75, 5.25), 3.5)).recording("1")
         assert "different coordinates" in caught.value.hint
+
+
+@pytest.mark.parametrize("line", [STRAIGHT, BEND])
+def test_lanelets_with_heights_are_those_without(drives, line):
+    text = scene(line, carriageway(line, 2), [car(line, 1, 20.0, 1.75, 20.0)])
+    lines = [
+        one.replace("</y></point>", "</y><z>1.5</z></point>") if one.startswith("<lanelet ") else one
+        for one in text.splitlines()
+    ]
+    assert "<z>" in "".join(lines)
+    flat, high = (drives(one).recording("1") for one in (text, "\n".join(lines)))
+    assert high.scene.road.lane_centres == flat.scene.road.lane_centres
+    np.testing.assert_array_equal(high.signals["ego_x"], flat.signals["ego_x"])

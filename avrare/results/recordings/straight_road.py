@@ -41,7 +41,7 @@ def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float
     """
     if not lanelets:
         raise UsageError(f"{path}: there are no lanelets", "give --lanes")
-    chords = (lanelet.center_vertices[-1] - lanelet.center_vertices[0] for lanelet in lanelets)
+    chords = ((one.center_vertices[-1] - one.center_vertices[0])[:2] for one in lanelets)  # heights aside
     chord = max(chords, key=lambda one: float(np.hypot(*one)))
     angle = math.atan2(chord[1], chord[0])
     segments = [_make_segment(lanelet, angle) for lanelet in lanelets]

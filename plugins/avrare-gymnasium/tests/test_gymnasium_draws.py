@@ -1,7 +1,9 @@
 """Drawn attributes of environments: physics of its own for every rollout."""
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.classic_control import PendulumEnv
 
 from avrare.base.errors import UsageError
 from avrare.scenario.load import load
@@ -52,3 +54,17 @@ def test_an_attribute_that_is_not_there_is_refused():
     with pytest.raises(UsageError, match=r"attributes\.masss: PendulumEnv has no number") as caught:
         build(GymnasiumConfig(env="Pendulum-v1", attributes={"masss": 1.0}))
     assert "known: dt, g, l, m" in caught.value.hint
+
+
+def test_an_attribute_that_is_computed_is_refused():
+    class Weighed(PendulumEnv):
+        @property
+        def weight(self):
+            return self.m * self.g
+
+    gymnasium.register("Weighed-v0", entry_point=Weighed)
+    try:
+        with pytest.raises(UsageError, match=r"attributes\.weight: Weighed computes it"):
+            build(GymnasiumConfig(env="Weighed-v0", attributes={"weight": 1.0}))
+    finally:
+        del gymnasium.registry["Weighed-v0"]

@@ -187,6 +187,11 @@ def _check_number(environment: Any, name: str) -> None:
         ]  # fmt: skip
         text = f"attributes.{name}: {type(environment).__name__} has no number of this name"
         raise UsageError(text, did_you_mean(name, known) or "it has none")
+    try:
+        setattr(environment, name, value)
+    except AttributeError:
+        text = f"attributes.{name}: {type(environment).__name__} computes it, so it cannot be set"
+        raise UsageError(text, "set the numbers that it is computed from") from None
 
 
 def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[Any, Any]:
