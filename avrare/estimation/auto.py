@@ -250,7 +250,7 @@ class _Work:
             return False
         cost = found.simulated_steps / problem.steps if problem.steps else found.rollouts
         gain = promised_gain(evidence, found.probability, found.relative_error, cost)
-        spent.append(_Attempt.of(found, f"a trial promises {gain:.2g} times less than Monte Carlo"))
+        spent.append(_Attempt.of(found, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
         return pays(gain)
 
     def _counted(self, name: str, problem: Problem, spent: list[_Attempt]) -> Result | None:
