@@ -2,10 +2,10 @@
 
 [M20] Maierhofer, Rettinger, Mayer, Althoff, "Formalization of interstate traffic rules in temporal logic",
 IV 2020, and the parameters that its authors publish. [M22] Maierhofer, Moosbrugger, Althoff,
-"Formalization of intersection traffic rules in temporal logic", IV 2022, read in a summary. [I24] the code of Innes and
-Ramamoorthy, "Adaptive splitting of reusable temporal monitors for rare traffic violations". [S17]
-Shalev-Shwartz, Shammah, Shashua, "On a formal model of safe and scalable self-driving cars", 2017; it gives
-no numbers, those are the defaults of the RSS check of the simulator CARLA.
+"Formalization of intersection traffic rules in temporal logic", IV 2022, read in a summary. [I24] the code
+of Innes and Ramamoorthy, "Adaptive splitting of reusable temporal monitors for rare traffic violations".
+[S17] Shalev-Shwartz, Shammah, Shashua, "On a formal model of safe and scalable self-driving cars", 2017; it
+gives no numbers, those are the defaults of the RSS check of the simulator CARLA.
 """
 
 from __future__ import annotations
