@@ -158,10 +158,8 @@ class Parameters:
         return self.values[parameter]
 
     def _parse(self, element: Element, name: str, written: str) -> ast.expr | float:
-        try:
+        with suppress(ValueError):
             return float(written)
-        except ValueError:
-            pass
         for parameter in _REFERENCE.findall(written):
             value = self._value(element, name, parameter)
             if not isinstance(value, float | int) and not _is_number(value):
