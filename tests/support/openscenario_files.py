@@ -6,7 +6,7 @@ import numpy as np
 
 from avrare.driving import Action
 
-SCENARIOS = Path(__file__).parents[3] / "scenarios"
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
 
 CAR = """<Vehicle name="car" vehicleCategory="car"><BoundingBox><Center x="{ahead}" y="0" z="0"/>
