@@ -126,6 +126,12 @@ def _run_phase(
                 found = [rundir.document(scenario, results)]
                 rundir.write(folder, scenario, found[0], results)
                 checkpoint.remove()
+        missing = set(catalogue.rules) - {one["specification"] for one in found[0]["estimates"]}
+        if missing:
+            raise UsageError(
+                f"{folder}: its result has no estimate of {', '.join(sorted(missing))}",
+                "remove this folder and --resume: its rollouts are run again",
+            )
         contents.append(found[0])
     return contents
 

@@ -9,6 +9,7 @@ import pytest
 from avrare.analysis.rates.catalogue import load_catalogue
 from avrare.analysis.rates.rates import compute, divide
 from avrare.base.errors import ExitCode, ScenarioError, UsageError
+from avrare.base.stored_files import seal
 from avrare.cli.main import main
 from avrare.estimation.budget import Budget
 
@@ -174,6 +175,17 @@ def test_another_budget_is_refused_with_that_reason(catalogue, capsys):
     assert main(["rate", path, "--resume", "out"]) == 4
     assert "begun with another budget, rollouts=400" in capsys.readouterr().err
     assert main(["rate", path, "--resume", "out", "--budget", "rollouts=400", "--quiet"]) == 0
+
+
+def test_a_kept_result_without_a_rule_is_refused(catalogue, capsys):
+    path = catalogue()
+    assert main(["rate", path, "--out", "out", "--budget", "rollouts=400", "--quiet"]) == 0
+    kept = next(Path("out/pilot").glob("*/result.json"))
+    content = json.loads(kept.read_text())
+    content["estimates"][0]["specification"] = "other"
+    kept.write_text(json.dumps(seal(content)))
+    assert main(["rate", path, "--resume", "out", "--budget", "rollouts=400", "--quiet"]) == 4
+    assert "has no estimate of" in capsys.readouterr().err
 
 
 def test_the_resume_command_is_whole(catalogue, capsys, monkeypatch):
