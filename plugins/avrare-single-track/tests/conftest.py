@@ -3,10 +3,10 @@
 import shutil
 
 import pytest
-from openscenario_files import SCENARIOS
 
 from avrare_single_track.config import OpenScenarioConfig
 from avrare_single_track.openscenario.simulator import OpenScenario
+from openscenario_files import SCENARIOS
 
 
 @pytest.fixture

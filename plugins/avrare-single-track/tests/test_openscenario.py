@@ -2,6 +2,10 @@
 
 import numpy as np
 import pytest
+
+from avrare.base.errors import ScenarioError, UsageError
+from avrare.scenario.load import load
+from avrare_single_track.openscenario.opendrive import read_opendrive
 from openscenario_files import (
     APART,
     AT_ONE,
@@ -20,10 +24,6 @@ from openscenario_files import (
     slow_down,
     state_of,
 )
-
-from avrare.base.errors import ScenarioError, UsageError
-from avrare.scenario.load import load
-from avrare_single_track.openscenario.opendrive import read_opendrive
 
 
 def test_the_shipped_road():

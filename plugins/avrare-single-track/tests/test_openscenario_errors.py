@@ -5,6 +5,15 @@ import shutil
 from pathlib import Path
 
 import pytest
+
+from avrare.base.errors import AvrareError, ScenarioError, UsageError
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+from avrare.scenario.safe_mode import safe_mode
+from avrare.stack.builder import build_stack
+from avrare_single_track.openscenario.distributions import read_distributions
+from avrare_single_track.openscenario.opendrive import read_opendrive
+from avrare_single_track.openscenario.xml_tree import read_xml
 from openscenario_files import (
     ACTION,
     EUCLIDEAN,
@@ -20,15 +29,6 @@ from openscenario_files import (
     slow_down,
     state_of,
 )
-
-from avrare.base.errors import AvrareError, ScenarioError, UsageError
-from avrare.scenario.fingerprint import fingerprint
-from avrare.scenario.load import load
-from avrare.scenario.safe_mode import safe_mode
-from avrare.stack.builder import build_stack
-from avrare_single_track.openscenario.distributions import read_distributions
-from avrare_single_track.openscenario.opendrive import read_opendrive
-from avrare_single_track.openscenario.xml_tree import read_xml
 
 
 def test_what_the_ego_is_told_to_do_is_refused_or_passed_over(build):
