@@ -69,7 +69,7 @@ class Design:
 
     @property
     def pays(self) -> bool:
-        """Whether a gain is foreseen that is worth taking, and no loss."""
+        """True where a gain is foreseen that is worth taking, and no loss."""
         known = self.gains[~np.isnan(self.gains)]
         return bool(len(known)) and bool(known.min() >= _LOSS) and float(np.log(known).mean()) >= np.log(GAIN)
 

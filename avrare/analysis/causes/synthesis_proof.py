@@ -48,7 +48,7 @@ class Proof:
 
     @property
     def moved(self) -> bool:
-        """Whether the probability is shown to have moved as it should."""
+        """True where the probability is shown to have moved as it should."""
         if self.counts:
             return self.counts[0].verdict(self.confidence) == ("worse" if self.maximise else "better")
         low, high = (self.before, self.after) if self.maximise else (self.after, self.before)
