@@ -7,9 +7,11 @@ probability follows from those of the chains.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, partial
+from statistics import NormalDist
 
 import numpy as np
 
@@ -17,7 +19,6 @@ from avrare import Problem, stl
 from avrare.base.special_functions import bisect
 from avrare.protocols import Floats, System
 from avrare.testing.exact_chain_probabilities import Chain, crossing, panels, survival
-from avrare.testing.normal import cdf
 
 STEPS = 20
 _WALK = Chain(scale=STEPS**-0.5)
@@ -154,16 +155,17 @@ class Regimes:
     ) -> None:
         self.calm, self.wild = calm, wild
         self.at_start, self.enter, self.leave = at_start, enter, leave
+        self.starts_below, self.enters_below, self.leaves_below = map(_quantile, (at_start, enter, leave))
 
     def initial(self, noise: Floats) -> Hidden:
         """Draw the regime."""
-        wild = _uniform(noise[:, 1]) < self.at_start
+        wild = noise[:, 1] < self.starts_below
         return Hidden(np.where(wild, self.wild.start, self.calm.start), wild * 1.0)
 
     def step(self, state: Hidden, noise: Floats) -> Hidden:
         """Change the regime, then move."""
-        uniform = _uniform(noise[:, 1])
-        wild = np.where(state.wild > 0.5, uniform >= self.leave, uniform < self.enter)
+        change = noise[:, 1]
+        wild = np.where(state.wild > 0.5, change >= self.leaves_below, change < self.enters_below)
         calm_x, wild_x = (
             chain.decay * state.x + chain.drift + chain.scale * noise[:, 0]
             for chain in (self.calm, self.wild)
@@ -205,8 +207,8 @@ class Regimes:
         return total
 
 
-def _uniform(normal: Floats) -> Floats:
-    return np.asarray(cdf(normal))
+def _quantile(probability: float) -> float:
+    return NormalDist().inv_cdf(probability) if probability > 0.0 else -math.inf
 
 
 @dataclass(frozen=True)
