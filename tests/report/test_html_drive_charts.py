@@ -1,6 +1,7 @@
 """Charts beside the animation, on worlds made by hand."""
 
 import dataclasses
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 import avrare
 from avrare.analysis.failures.lost import Continuations
 from avrare.analysis.monitor.monitoring import monitor_recording
-from avrare.driving import Observation, Road, Scene, Vehicles, World
+from avrare.driving import Lane, Observation, Road, Scene, Vehicles, World
+from avrare.driving.reference_line import CurvedLine, Piece
 from avrare.report.html.drive_charts import DriveCharts
 from avrare.report.html.kind_pictures import draw_map, draw_moment
 from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
@@ -85,6 +87,40 @@ def test_a_moment_from_above_has_all_vehicles(rollout):
     worst = dataclasses.replace(rollout, result=dataclasses.replace(rollout.result, first=None))
     assert "The road at 2.0 s, at the least robustness" in draw_moment(worst)
     assert draw_moment(SimpleNamespace(result=None)) is None
+
+
+def bent(rollout, road):
+    result = rollout.result
+    scene = dataclasses.replace(result.recording.scene, road=road)
+    recording = dataclasses.replace(result.recording, scene=scene)
+    return dataclasses.replace(rollout, result=dataclasses.replace(result, recording=recording))
+
+
+def test_a_moment_in_a_bend_is_drawn_bent(rollout):
+    line = CurvedLine((Piece(500.0, 0.02, 0.02),))  # a circle of 50 m to the left
+    picture = draw_moment(bent(rollout, Road((-1.75, 1.75), 3.5, line=line)))
+    number = r"([\d.-]+)"
+    place = rf'translate\({number} {number}\) rotate\({number}\)"'
+    [van] = re.findall(f'{place} class="other"', picture)
+    x, y, turn = map(float, van)
+    at = 0.02 * (30.0 - 16.0)  # angle on the circle between the ego at 16 m and the van at 30 m
+    assert x == pytest.approx(30.0 + 50.0 * np.sin(at), abs=0.01)  # the ego is 30 m from the picture's left
+    assert -y == pytest.approx(50.0 * (1.0 - np.cos(at)), abs=0.01)
+    assert -turn == pytest.approx(np.degrees(at), abs=0.01)
+    [ego] = re.findall(r'rotate\(([\d.-]+)\)" class="ego"', picture)
+    assert float(ego) == 0.0
+    assert picture.count('class="road"') == 2
+
+
+def test_lanes_that_end_are_drawn_so_far(rollout):
+    lanes = tuple(
+        Lane(np.array([-100.0, end]), np.full(2, y - 1.75), np.full(2, y + 1.75))
+        for y, end in ((-1.75, 20.0), (1.75, 200.0))
+    )
+    picture = draw_moment(bent(rollout, Road((-1.75, 1.75), 3.5, lanes=lanes)))
+    ends = [max(float(x) for x in re.findall(r"[ML]([\d.-]+) ", path)) for path in
+            re.findall(r'<path d="([^"]*)" class="road"', picture)]  # fmt: skip
+    assert ends == [pytest.approx(34.0, abs=1.0), pytest.approx(80.0)]
 
 
 def test_the_map_has_a_colour_for_each_kind():

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from avrare.driving import Road, Vehicles, World
+from avrare.driving.frames import to_plane
+from avrare.driving.lanes import lane_borders, lane_exists
+from avrare.protocols import Floats
 from avrare.report.html.line_chart import LineChart, make_linear_scale, render_legend
 from avrare.report.html.markup import Markup, tag
 from avrare.report.html.stored_rollouts import MonitoredRollout
-from avrare.report.plots.rollout_plot import Frame
 from avrare.results.stored_causes import StoredKinds
 
 _BEHIND, _AHEAD = 30.0, 50.0
@@ -22,56 +26,107 @@ STYLES = 6
 
 
 def draw_moment(rollout: MonitoredRollout) -> Markup | None:
-    """Return the first violation, or the decisive sample, seen from above; None without vehicles."""
+    """Return the first violation, or the decisive sample, seen from above; None without vehicles.
+
+    A road that bends is drawn in the plane, turned so that it leads to the right where the ego is.
+    """
     result = rollout.result
     decisive = None if result is None else result.first or result.worst
     if result is None or decisive is None or not rollout.frames or result.recording.scene is None:
         return None
     scene, at = result.recording.scene, decisive.sample
-    frame = rollout.frames[at]
-    road = scene.road
-    half = 0.5 * road.lane_width
-    low, high = road.lane_centres[0] - half, road.lane_centres[-1] + half
-    begin = float(frame.world.ego.x[0]) - _BEHIND
-    parts = [
-        tag("rect", x=0, y=_number(-high), width=_BEHIND + _AHEAD, height=_number(high - low), class_="road")
-    ]
-    for centre in road.lane_centres[:-1]:
-        parts.append(tag("path", d=f"M0 {_number(-centre - half)}H{_BEHIND + _AHEAD:g}", class_="lane"))
+    view = _View(scene.road, float(rollout.frames[at].world.ego.x[0]))
+    parts, low, high = _draw_road(view, scene.road)
     first = max(at - round(_TRAIL / result.recording.dt), 0)
-    trail = rollout.frames[first : at + 1]
+    trail = [view.place(one.world) for one in rollout.frames[first : at + 1]]
     names = set(decisive.vehicles.values())
     for v, name in enumerate(scene.names):
         style = "decides" if name in names else "other"
         size = float(scene.lengths[v]), float(scene.widths[v])
-        parts += _draw_vehicle(trail, "others", (0, v), size, begin, style, name)
+        parts += _draw_vehicle([others for _, others in trail], (0, v), size, style, name)
     ego = float(scene.ego_length), float(scene.ego_width)
-    parts += _draw_vehicle(trail, "ego", (0,), ego, begin, "ego", "ego")
+    parts += _draw_vehicle([one for one, _ in trail], (0,), ego, "ego", "ego")
     moment = "first violation" if result.first is not None else "least robustness"
     words = f"The road at {result.recording.time(at):.1f} s, at the {moment}"
     box = f"0 {_number(-high - 2.5)} {_BEHIND + _AHEAD:g} {_number(high - low + 5.0)}"
     return tag("svg", tag("title", words), parts, viewBox=box, role="img", aria_label=words, class_="moment")
 
 
+class _View:
+    """Plane of the picture, in which the road leads to the right at one station.
+
+    Attributes:
+        stations: x of the road's points that are drawn.
+    """
+
+    def __init__(self, road: Road, x: float) -> None:
+        self._road, self._x = road, np.array([x])
+        steps = 2 if road.line is None and not road.lanes else 81
+        self.stations = np.linspace(x - _BEHIND, x + _AHEAD, steps)
+
+    def _turned(self, vehicles: Vehicles) -> Vehicles:
+        if self._road.line is None:
+            return replace(vehicles, x=vehicles.x - self._x[0] + _BEHIND)
+        x, y, heading, _ = (part[0] for part in self._road.line.frame(self._x))
+        plane = to_plane(self._road, vehicles)
+        ahead, aside = plane.x - x, plane.y - y
+        cos, sin = np.cos(heading), np.sin(heading)
+        return replace(
+            plane,
+            x=ahead * cos + aside * sin + _BEHIND,
+            y=aside * cos - ahead * sin,
+            heading=plane.heading - heading,
+        )
+
+    def place(self, world: World) -> tuple[Vehicles, Vehicles]:
+        """Return ego and others in the picture; y is still to the left."""
+        return self._turned(world.ego), self._turned(world.others)
+
+    def curve(self, x: Floats, y: Floats) -> Floats:
+        """Return points (K, 2) of the road in the picture, y downwards."""
+        zeros = np.zeros_like(x)
+        there = self._turned(Vehicles(x, y, zeros, zeros, zeros))
+        return np.stack([there.x, -there.y], axis=1)
+
+
+def _draw_road(view: _View, road: Road) -> tuple[list[Markup], float, float]:
+    # Lanes as far as they are there, then their borders; and the least and greatest y to the left.
+    surfaces, lines, reach = [], [], []
+    there = lane_exists(road, view.stations)
+    right, left = (np.broadcast_to(border, there.shape) for border in lane_borders(road, view.stations))
+    for lane in np.flatnonzero(there.sum(axis=1) > 1).tolist():
+        x = view.stations[there[lane]]
+        borders = [view.curve(x, border[lane][there[lane]]) for border in (right, left)]
+        surfaces.append(tag("path", d=f"M{_join([*borders[0], *borders[1][::-1]])}Z", class_="road"))
+        if lane + 1 < len(there):
+            lines.append(tag("path", d=f"M{_join(borders[1])}", class_="lane"))
+        reach += [points[:, 1] for points in borders]
+    if not reach:
+        return [], 0.0, 0.0
+    every = np.concatenate(reach)
+    return [*surfaces, *lines], -float(every.max()), -float(every.min())
+
+
+def _join(points: Sequence[Floats]) -> str:
+    return "L".join(f"{_number(x)} {_number(y)}" for x, y in points)
+
+
 def _draw_vehicle(
-    trail: Sequence[Frame], who: str, at: tuple[int, ...], size: tuple[float, float], begin: float,
-    style: str, name: str,
-) -> list[Markup]:  # fmt: skip
-    states = [getattr(one.world, who) for one in trail]
-    points = [(float(one.x[at]) - begin, -float(one.y[at])) for one in states]
-    x, y = points[-1]
+    trail: Sequence[Vehicles], at: tuple[int, ...], size: tuple[float, float], style: str, name: str
+) -> list[Markup]:
+    points = [np.array([one.x[at], -one.y[at]]) for one in trail]
+    x, y = points[-1].tolist()
     if not -size[0] <= x <= _BEHIND + _AHEAD + size[0]:
         return []
-    turn = -math.degrees(float(states[-1].heading[at]))
+    turn = -math.degrees(float(trail[-1].heading[at]))
     length, width = size
     place = f"translate({_number(x)} {_number(y)}) rotate({_number(turn)})"
     body = tag(
         "rect", x=_number(-length / 2), y=_number(-width / 2), width=_number(length), height=_number(width),
         rx=0.4, transform=place, class_=style,
     )  # fmt: skip
-    path = "L".join(f"{_number(a)} {_number(b)}" for a, b in points)
     label = tag("text", name, x=_number(x), y=_number(y - width / 2 - 0.5), text_anchor="middle")
-    return [tag("path", d=f"M{path}", class_=f"trail {style}"), body, label]
+    return [tag("path", d=f"M{_join(points)}", class_=f"trail {style}"), body, label]
 
 
 def _number(value: float) -> str:
