@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -107,7 +107,7 @@ def _draw_road(view: _View, road: Road) -> tuple[list[Markup], float, float]:
     return [*surfaces, *lines], -float(every.max()), -float(every.min())
 
 
-def _join(points: Sequence[Floats]) -> str:
+def _join(points: Iterable[Floats]) -> str:
     return "L".join(f"{_number(x)} {_number(y)}" for x, y in points)
 
 

@@ -1,7 +1,8 @@
-"""Recordings in CommonRoad XML files: read with the package ``commonroad-io``, written without it.
+"""Recordings in CommonRoad files: read with the package ``commonroad-io``, written without it.
 
-Files are written in format 2020a. The road becomes one straight lanelet for each lane, and every vehicle a
-moving obstacle: the ego has id 1, the others 2, 3, ... in the order of the scene.
+XML of 2020a and the protobuf files of 2024 are read, format 2020a is written: the road as one straight
+lanelet for each lane, every vehicle as a moving obstacle, the ego with id 1, the others 2, 3, ... in the order of
+the scene.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from avrare.base.errors import PluginError, UsageError
 from avrare.base.visible_text import escape_xml
 from avrare.driving import Road
 from avrare.protocols import Floats
+from avrare.results.recordings.commonroad_2024 import SUFFIX, open_2024
 from avrare.results.recordings.plane_drives import Obstacle, PlaneDrives
 from avrare.results.recordings.recording import FIELDS, Recording
 
@@ -114,7 +116,11 @@ def _open_file(path: str) -> tuple[Any, Any]:
         raise PluginError(text, "pip install 'avrare[commonroad]'") from error
     try:
         open(path, "rb").close()
+        if path.lower().endswith(SUFFIX):
+            return open_2024(path)
         scenario, problems = reader.CommonRoadFileReader(path).open()
+    except UsageError:
+        raise
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
     except Exception as error:  # the reader raises whatever its XML parser or its assertions raise

@@ -9,10 +9,12 @@ from typing import Protocol
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.results.recordings.commonroad import open_commonroad, read_lanelets
+from avrare.results.recordings.commonroad_2024 import SUFFIX, is_companion
 from avrare.results.recordings.csv_recording import open_csv
 from avrare.results.recordings.drone_recording import is_drone_recording, open_drone_recording
 from avrare.results.recordings.recording import Recording
 
+_SUFFIXES = (".xml", SUFFIX, ".csv")
 _META = ("_tracksMeta.csv", "_recordingMeta.csv")
 
 
@@ -35,7 +37,7 @@ def open_drives(path: str, road: Road | None = None, network: str | None = None)
         road: The caller's road, which comes first.
         network: CommonRoad file whose lanelets are those of a recording without lanes.
     """
-    if path.lower().endswith(".xml"):
+    if path.lower().endswith((".xml", SUFFIX)):
         return open_commonroad(path, road)
     if is_drone_recording(Path(path)):
         return open_drone_recording(path, road, read_lanelets(network) if network is not None else ())
@@ -44,8 +46,10 @@ def open_drives(path: str, road: Road | None = None, network: str | None = None)
 
 def list_recordings(folder: Path) -> Sequence[Path]:
     """Return the CommonRoad and CSV files of a folder and those below, but no files of metadata, in order."""
-    found = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in (".xml", ".csv")]
+    found = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES]
     files = [path for path in found if path.is_file() and not path.name.endswith(_META)]
+    files = [path for path in files if not is_companion(path)]
     if not files:
-        raise UsageError(f"{folder}: no run folder, and no recording in it", "recordings end in .xml or .csv")
+        hint = "recordings end in .xml, .pb or .csv"
+        raise UsageError(f"{folder}: no run folder, and no recording in it", hint)
     return files
