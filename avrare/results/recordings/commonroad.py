@@ -1,8 +1,8 @@
 """Recordings in CommonRoad files: read with the package ``commonroad-io``, written without it.
 
 XML of 2020a and the protobuf files of 2024 are read, format 2020a is written: the road as one straight
-lanelet for each lane, every vehicle as a moving obstacle, the ego with id 1, the others 2, 3, ... in the order of
-the scene.
+lanelet for each lane, every vehicle as a moving obstacle, the ego with id 1, the others 2, 3, ...
+in the order of the scene.
 """
 
 from __future__ import annotations
