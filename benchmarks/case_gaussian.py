@@ -51,7 +51,7 @@ class Recording(NestedLevels):
         return super().init(plan)
 
     def tell(self, state: EssState, rollouts: Any) -> Any:
-        """A new population is one more level."""
+        """Count a new population as one more level."""
         before = state.level_pass.population
         after, info = super().tell(state, rollouts)
         found = after.level_pass.population

@@ -149,7 +149,7 @@ class DriftBlock:
 
 
 def _drifting(name: str, size: int) -> tuple[Any, Any]:
-    """A kernel and what it knows: for the surrogate something deliberately wrong."""
+    """Return a kernel and what it knows: for the surrogate something deliberately wrong."""
     from avrare_estimators.ess.kernels import bayesian, lipschitz, pcn, shrink, surrogate
 
     rng = np.random.default_rng(0)

@@ -49,7 +49,7 @@ def estimate(name: str, workers: int, folder: Path) -> None:
 
 
 def heldout(runs: int) -> None:
-    """The policy on starts that it was not trained on, with and without noise on its rays."""
+    """Try the policy on starts that it was not trained on, with and without noise on its rays."""
     loaded = avrare.load(SCENARIO)
     controller, config = loaded.stack.loop.controller, loaded.stack.loop.simulator.config
     for variance in (0.0, config.lidar.noise_variance):
@@ -110,7 +110,7 @@ def _bare(loop: Any, steps: int, rng: np.random.Generator) -> float:
 
 
 def _parts(loop: Any, steps: int, rng: np.random.Generator) -> float:
-    """The plugin's own road and lidar in a bare loop: no snapshots, no signals, no monitor."""
+    """Time the plugin's own road and lidar in a bare loop: no snapshots, no signals, no monitor."""
     simulator, network = loop.simulator, loop.controller.network
     environment, scene = simulator.environment, simulator.scene
     environment.reset(seed=284)
@@ -128,7 +128,7 @@ def _parts(loop: Any, steps: int, rng: np.random.Generator) -> float:
 
 
 def _within(problem: Any, loop: Any, tapes: Any, steps: int) -> float:
-    """The same with snapshots, signals and the formula's monitor."""
+    """Time the same with snapshots, signals and the formula's monitor."""
     monitor = problem.monitors[0]
     state, watch = loop.initial(tapes[:, 0]), monitor.start(len(tapes))
     begin = time.process_time()

@@ -112,7 +112,7 @@ def by_casadi(scene: Any, config: MpcConfig, given: Programmes, solve: Callable[
 
 
 def converged(scene: Any, config: MpcConfig) -> Callable[..., Any]:
-    """The reference: ipopt with a tolerance of 1e-9."""
+    """Return the reference solver: ipopt with a tolerance of 1e-9."""
     nlp = build_problem(config, scene)
     problem = {"x": nlp.variables, "p": nlp.parameters, "f": nlp.cost, "g": nlp.constraints}
     own = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 3000}

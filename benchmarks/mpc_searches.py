@@ -27,7 +27,7 @@ SCENARIO, BATCH = "scenarios/lane_change_published.yaml", 1000
 
 
 def rough(start: float) -> Tuning:
-    """A search that only finds out which minimum it is."""
+    """Return the tuning of a search that only finds out which minimum it is."""
     return Tuning(start=start, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
 
 
@@ -83,7 +83,7 @@ class BestOf:
 
 
 def main() -> None:
-    """A line for each way to search."""
+    """Print a line for each way to search."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("names", nargs="*", default=list(SEARCHES))
     parser.add_argument("--rollouts", type=int, default=5000)

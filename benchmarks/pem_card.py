@@ -115,14 +115,13 @@ def _scene(count: int) -> Scene:
 
 
 def _worlds(x: np.ndarray, y: np.ndarray) -> World:
-    """A resting ego and cars around it, (N, V) places."""
+    """Return a resting ego and cars around it, at (N, V) places."""
     none, nothing = np.zeros(len(x)), np.zeros_like(x)
     ego = Vehicles(none, none, none, none, none)
     return World(np.zeros(len(x), np.int64), ego, Vehicles(x, y, nothing, nothing, nothing), none)
 
 
 def main() -> None:
-    """The command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

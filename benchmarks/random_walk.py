@@ -36,7 +36,7 @@ class Walk:
         return {"x": state["x"] + 0.1 * noise[:, 0]}
 
     def signals(self, state: Any) -> Any:
-        """The position."""
+        """Return the position."""
         return state
 
 

@@ -47,7 +47,7 @@ def turn(executor: Executor, work: Work, count: int) -> tuple[float, bytes]:
 
 
 def main(count: int) -> None:
-    """A line for each way."""
+    """Print a line for each way."""
     problem = avrare.Problem(Walk(), avrare.stl("always (x < 2.5)"), STEPS)
     work = Work(problem, NoiseSource(0, 1), scored=False)
     single, first = turn(SerialExecutor(), work, 2)

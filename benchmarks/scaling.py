@@ -32,7 +32,7 @@ REPEATS = 3
 
 
 def problem() -> Problem:
-    """The lane change with all its rules."""
+    """Return the lane change with all its rules."""
     scenario = LoadedScenario(load(SCENARIO, SETTINGS))
     return scenario.problem(scenario.specifications)
 

@@ -84,7 +84,7 @@ class Sentil:
         self.signals = signals
 
     def trace(self, row: int, steps: int) -> Any:
-        """The first ``steps`` samples of a trajectory."""
+        """Return the first ``steps`` samples of a trajectory."""
         times = np.arange(float(steps))
         return self.make(times, {name: x[row, :steps] for name, x in self.signals.items()})
 

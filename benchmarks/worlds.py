@@ -58,7 +58,7 @@ def bare(env: Any, options: dict[str, Any] | None, todo: list[Course]) -> int:
 
 
 def abreast(envs: list[Any], options: dict[str, Any] | None, todo: list[Course]) -> None:
-    """The same steps, in the order in which a batch takes them."""
+    """Take the same steps in the order in which a batch takes them."""
     for first in range(0, len(todo), len(envs)):
         block = list(zip(envs, todo[first : first + len(envs)], strict=False))
         for env, (seed, _) in block:
@@ -79,7 +79,7 @@ def seconds(function: Callable[[], Any]) -> float:
 
 
 def compared(name: str, specification: str, rollouts: int) -> str:
-    """A line for one environment."""
+    """Return a line for one environment."""
     scenario = avrare.load(SCENARIOS / f"{name}.yaml", [STREAM])
     problem, config = scenario.problem(specification), scenario.definition.simulator.config
     todo, options = courses(problem, rollouts), config.reset or None
@@ -99,7 +99,7 @@ def compared(name: str, specification: str, rollouts: int) -> str:
 
 
 def main(rollouts: int) -> None:
-    """A line for each environment."""
+    """Print a line for each environment."""
     for name, specification in CASES.items():
         print(compared(name, specification, rollouts))
 

@@ -136,7 +136,7 @@ def _python() -> str:
 
 
 def _notebook(path: Path) -> str:
-    """A notebook with its stored outputs as a page."""
+    """Return a notebook with its stored outputs as a page."""
     parts = []
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         source = "".join(cell["source"])
@@ -170,7 +170,7 @@ _PARTS = {
 def _options(
     schema: dict[str, Any], first: tuple[str, ...] = (), types: Mapping[str, str] | None = None
 ) -> str:
-    """The properties of a JSON schema as a table, required ones first; ``types`` of some are given."""
+    """Return the properties of a JSON schema as a table, required ones first; ``types`` of some are given."""
     required = {*schema.get("required", []), *(schema.get("anyOf", [{}])[-1].get("required", []))}
     properties = schema.get("properties", {})
     if not properties:

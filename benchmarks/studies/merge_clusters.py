@@ -79,7 +79,7 @@ def features(runs: Runs) -> Floats:
 
 
 def components(values: Floats, count: int = COMPONENTS) -> tuple[Floats, Floats]:
-    """The first principal components (F, count) and each one's share of the variance."""
+    """Return the first principal components (F, count) and each one's share of the variance."""
     centred = values - values.mean(axis=0)
     left, sizes, _ = np.linalg.svd(centred, full_matrices=False)
     return left[:, :count] * sizes[:count], (sizes**2 / (sizes**2).sum())[:count]
@@ -117,7 +117,7 @@ def silhouette(points: Floats, labels: NDArray[np.int64]) -> float:
 
 
 def best_labels(points: Floats) -> tuple[NDArray[np.int64], dict[int, float]]:
-    """The labels with the greatest silhouette, and the silhouette of each number of clusters."""
+    """Return the labels with the greatest silhouette, and the silhouette of each number of clusters."""
     tried = {k: k_means(points, k) for k in range(2, MOST + 1)}
     worth = {k: silhouette(points, labels) for k, labels in tried.items()}
     return tried[max(worth, key=lambda k: worth[k])], worth
@@ -214,7 +214,7 @@ def _chart(path: Path, points: Floats, labels: Any, runs: Runs, usual: Runs) -> 
 
 
 def _top_views(path: Path, loop: Any, tape: Floats, worst: int) -> None:
-    """The run's top views up to a little after its slowest step, one below the other."""
+    """Draw the run's top views up to a little after its slowest step, one below the other."""
     from PIL import Image, ImageDraw
 
     worlds = roll(loop, tape)

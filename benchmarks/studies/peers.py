@@ -59,7 +59,7 @@ def blocks() -> Iterator[PeerBlock]:
 
 
 def splitting(name: str, seed: int) -> tuple[float, float]:
-    """An estimate of ten runs, and its cost in full simulations."""
+    """Return an estimate of ten runs, and its cost in full simulations."""
     reference = reference_problem(name)
     particles = PARTICLES[name]
     result = avrare.estimate(
@@ -69,7 +69,7 @@ def splitting(name: str, seed: int) -> tuple[float, float]:
 
 
 def single_runs(name: str, seed: int) -> dict[str, Any]:
-    """A block of estimates of one run each, made by one call, at their mean cost."""
+    """Make a block of estimates of one run each in one call, at their mean cost."""
     reference = reference_problem(name)
     particles = 10 * PARTICLES[name]
     result = avrare.estimate(
@@ -81,7 +81,7 @@ def single_runs(name: str, seed: int) -> dict[str, Any]:
 
 
 def subset_sampling(name: str, seed: int) -> tuple[float, float]:
-    """An estimate of OpenTURNS, NaN where it gives none, and the model evaluations that it made."""
+    """Return OpenTURNS' estimate, NaN where it gives none, and how often it evaluated the model."""
     import openturns
 
     reference = reference_problem(name)

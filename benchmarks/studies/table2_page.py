@@ -82,7 +82,7 @@ def read(results: Path, kept: dict[str, Any]) -> Study:
 
 
 def page(study: Study) -> str:
-    """The whole of docs/table2.md."""
+    """Return the whole of docs/table2.md."""
     text = TEMPLATE.read_text(encoding="utf-8")
     parts = {"table": _table(study), "accuracy": _accuracy(study, RULES, METHODS), "weights": _weights(study)}
     for name, lines in parts.items():

@@ -48,7 +48,7 @@ interval.
 
 
 def report(results: Path) -> str:
-    """The page."""
+    """Return the page."""
     return _PAGE.format(
         resolvable=RESOLVABLE, intervals=cells.INTERVALS, runs=cells.RUNS_OF_INTERVAL,
         level=peers.LEVEL_PROBABILITY, repetitions=peers.REPETITIONS, bias="\n".join(_bias(results)),

@@ -210,7 +210,7 @@ _R_IN1 = (
 
 
 def _crossing(reason: Any, degrees: float) -> Road:
-    """A way 3.5 m wide in this direction through (20, 1.75); the area reaches 1.75 m from there on both."""
+    """Return a way 3.5 m wide in this direction through (20, 1.75), and its conflict area, 3.5 m long."""
     towards = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
     line = PolygonalLine(np.array([[20.0, RIGHT]]) + np.outer([-40.0, 40.0], towards))
     return dataclasses.replace(ROAD, crossings=(Crossing(reason, 18.25, 21.75, line, 38.25, 41.75, 1.75),))

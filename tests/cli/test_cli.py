@@ -37,7 +37,7 @@ estimator: {plugin: toy}
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch, fake):
-    """A folder with one good scenario, and a registry that sees the fake plugin only."""
+    """Return a folder with one good scenario, and a registry that sees the fake plugin only."""
     monkeypatch.chdir(tmp_path)
     Path("good.yaml").write_text(GOOD)
     Path("formulas.yaml").write_text(GOOD.replace("{plugin: book, rule: R_G1}", '{stl: "always (gap > 2)"}'))

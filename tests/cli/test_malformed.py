@@ -106,7 +106,7 @@ def missing_key(data, choose):
 
 
 def wrong_option(data, choose):
-    """A number of a block becomes a nest, or the block loses its plugin."""
+    """Make a number of a block a nested mapping, or take the block's plugin away."""
     block = data[choose.choice([key for key in BLOCKS if isinstance(data.get(key), dict)])]
     numbers = [key for key, value in block.items() if type(value) in (int, float)]
     if numbers:
@@ -153,7 +153,7 @@ MUTATIONS = [
 
 
 def merged(path):
-    """A scenario as plain data, with everything that it extends."""
+    """Return a scenario as plain data, with everything that it extends."""
     return copy.deepcopy(_plain(str(path)))
 
 

@@ -117,7 +117,7 @@ def test_a_doubtful_formula_over_vehicles_gives_one_warning(monitor):
 
 
 def said(monitor, *words):
-    """The sentence with the verdict."""
+    """Return the sentence with the verdict."""
     out = monitor(*words)[1]
     return " ".join(re.search(r"^\w+ (violated|satisfied).*?(?=\n\n|\Z)", out, re.M | re.S)[0].split())
 
@@ -291,7 +291,7 @@ def test_a_commonroad_file(monitor):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The folder of a run in which one specification fails sometimes."""
+    """Return the folder of a run in which one specification fails sometimes."""
     folder = tmp_path_factory.mktemp("run")
     words = [
         "run",

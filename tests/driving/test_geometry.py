@@ -17,7 +17,7 @@ def random_rectangles(rng, shape, spread):
 
 
 def corners(rectangle, i):
-    """The four corners, by complex numbers."""
+    """Return the four corners, by complex numbers."""
     box = [complex(a * rectangle.length[i], b * rectangle.width[i]) for a in (-0.5, 0.5) for b in (-0.5, 0.5)]
     points = rectangle.x[i] + 1j * rectangle.y[i] + np.exp(1j * rectangle.heading[i]) * np.array(box)
     return np.stack([points.real, points.imag], axis=1)

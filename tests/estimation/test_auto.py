@@ -220,7 +220,7 @@ def test_the_pilot_forecasts_the_failures_at_which_it_stops():
 
 @pytest.mark.parametrize("part", ["is", "try-ams", "ams"])
 def test_a_part_that_breaks_is_told(part, monkeypatch):
-    """A disk that is full or a file that is damaged is no reason to take another estimator."""
+    """Pass the error on: a full disk or a damaged file is no reason to take another estimator."""
     monkeypatch.setattr("avrare.estimation.auto.pays", lambda gain: True)
     stuck = problem("always (x > 1)", system=Scrambled(5, 2e-3), steps=5)
 

@@ -112,7 +112,7 @@ def refused(content):
 
 
 def test_arrays_of_another_shape_type_or_value_are_refused():
-    """The sums of the file fit: it was written anew, with one array changed."""
+    """Write the file anew with one array changed, so that its checksums fit."""
     content, random = encode(OUTCOME, "key", 1.25), np.random.default_rng(25)
     for seed in range(300):
         changed = damage.damage_arrays(content, random)

@@ -27,7 +27,7 @@ def problem(lives=10**9, limit=1.5, steps=20):
 
 @pytest.fixture(scope="module")
 def estimate():
-    """A result to change: its own numbers do not matter."""
+    """Return a result to change: its own numbers do not matter."""
     return avrare.estimate(problem(), "mc", rollouts=200)
 
 

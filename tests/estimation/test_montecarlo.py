@@ -88,7 +88,7 @@ def test_counters_are_summed():
 
 
 def test_scores_over_time_are_not_kept():
-    """A long run must hold a few numbers a rollout, whatever the number of steps."""
+    """Hold a few numbers for each rollout, whatever the number of steps."""
     from avrare.estimation.loop import Settings, run
     from avrare.estimation.monte_carlo import MonteCarlo
     from avrare.rollout.executors.serial import SerialExecutor

@@ -173,7 +173,7 @@ def test_the_step_that_differs_is_named(tmp_path):
 
 
 def test_the_clock_continues_after_an_interruption(tmp_path, monkeypatch):
-    """A budget of seconds counts the time before the interruption, and seconds are those of both parts."""
+    """Count the time before the interruption in a budget of seconds and in the result."""
     now = [0.0]
 
     def estimate(stop=None):

@@ -20,7 +20,7 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "formulas.md").read_text(
 
 
 def rows(*header):
-    """The rows of the page's tables with this header, the backticked texts of each cell."""
+    """Return the rows of the page's tables with this header, the backticked texts of each cell."""
     found, inside = [], False
     for line in PAGE.splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]

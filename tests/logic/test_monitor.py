@@ -220,7 +220,7 @@ def test_nan_is_neither_violation_nor_progress():
     ["always[0,40] (eventually[0,3] p)", "always (eventually[1,4] p)", "always (p or eventually[0,3] p)"],
 )
 def test_nan_stays_in_windows_ahead(text, bad):
-    """A value that is not settled is NaN for good too, if it depends on a NaN."""
+    """Keep a value NaN for good that is not settled yet and depends on a NaN."""
     monitor = FormulaMonitor(stl(text))
     p = random_signals(9, 2, 12)["p"]
     p[0, bad] = math.nan

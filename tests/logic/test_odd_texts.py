@@ -29,7 +29,7 @@ PIECES = [
 
 
 def attempt(text):
-    """The formula, or the error; anything else than a FormulaError fails the test."""
+    """Return the formula, or the error; anything else than a FormulaError fails the test."""
     try:
         node, warnings = parse_with_warnings(text, 0.1)
     except FormulaError as error:

@@ -38,7 +38,7 @@ def run(folder, scenario, *words):
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory):
-    """A run of a system without vehicles, which fails."""
+    """Run a system without vehicles, which fails."""
     folder = tmp_path_factory.mktemp("plane")
     (folder / "plane.yaml").write_text(PLANE)
     return run(folder / "run", folder / "plane.yaml")
@@ -46,7 +46,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def split(tmp_path_factory):
-    """The same by splitting."""
+    """Run the same by splitting."""
     folder = tmp_path_factory.mktemp("split")
     (folder / "plane.yaml").write_text(PLANE)
     few = ("particles=40", "discard=4", "runs=4")
@@ -56,7 +56,7 @@ def split(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def lane_change(tmp_path_factory):
-    """A few drives with vehicles, seen, predicted and planned for."""
+    """Run a few drives with vehicles, seen, predicted and planned for."""
     folder = tmp_path_factory.mktemp("lane_change") / "run"
     return run(folder, LANE_CHANGE, "--set", "estimator.rollouts=8", "--set", "controller.backend=riccati")
 

@@ -254,7 +254,7 @@ def test_github_annotations(name, estimate):
 
 
 def shape(text):
-    """The kind of each line of Markdown, its columns, and whatever would be rendered as more than text."""
+    """Return the kind of each line of Markdown, its columns, and what would be rendered as more than text."""
     bare = re.sub(r"`[^`\n]*`", "code", re.sub(r"\\.", "", text))
     kinds = [(line[:1] if line[:1] in "#-|" else "text", line.count("|")) for line in bare.splitlines()]
     return kinds, re.findall(r"[<\[`]", bare)

@@ -27,7 +27,7 @@ thresholds: [{specification: near, probability: "< 0.9"}]
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory):
-    """A folder with a scenario, its run and its baseline, and the text of each of their files."""
+    """Return a folder with a scenario, its run and its baseline, and the text of each of their files."""
     folder = tmp_path_factory.mktemp("night")
     (folder / "walk.yaml").write_text(WALK)
     assert (
@@ -66,7 +66,7 @@ def leaves(value, path=()):
 
 
 def nudged(content, path):
-    """The same with the least change of one leaf."""
+    """Return the same with the least change of one leaf."""
     changed = copy.deepcopy(content)
     *way, last = path
     parent = changed

@@ -22,7 +22,7 @@ def write_highd(folder, rows, directions):
 
 
 def highd_rows(name, x, y, speed, frames, direction=1.0):
-    """A box of 4.5 m x 1.8 m about (x, y) of the picture, which moves on at a speed."""
+    """Return a box of 4.5 m x 1.8 m about (x, y) of the picture, which moves on at a speed."""
     return [
         f"{f},{name},{x + direction * speed * 0.04 * i - 2.25},{y - 0.9},4.5,1.8,{direction * speed},0,0,0,2"
         for i, f in enumerate(frames)

@@ -90,7 +90,7 @@ def test_the_missing_package_is_named(monkeypatch, tmp_path):
 
 
 def lanelet(number, points, width=3.5, kinds=()):
-    """A lanelet around a polyline."""
+    """Return a lanelet around a polyline."""
     centre = np.array(points, dtype=float)
     along = np.gradient(centre, axis=0)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]

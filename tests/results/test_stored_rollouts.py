@@ -25,7 +25,7 @@ SPECIFICATIONS = (
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The folder of a run in which one specification fails often, one sometimes, one never."""
+    """Return the folder of a run in which one specification fails often, one sometimes, one never."""
     folder = tmp_path_factory.mktemp("run")
     assert main(["run", LANE_CHANGE, *WORDS, "--set", SPECIFICATIONS, "--out", str(folder)]) == 0
     return folder

@@ -26,7 +26,7 @@ def fresh(rows, **keywords):
 
 
 def branches(parents, start):
-    """A request that branches row i of ``parents`` (which kept its carries) at step start[i], in stage 1."""
+    """Return a request that branches row i of ``parents`` (its carries are kept) at start[i], in stage 1."""
     carries = {t: carry for t, _, carry in parents.carries}
     pairs = tuple((int(t), batch.take(carries[int(t)], np.flatnonzero(start == t))) for t in np.unique(start))
     zeros = np.zeros(len(start), dtype=np.int64)

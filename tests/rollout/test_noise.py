@@ -22,7 +22,7 @@ KNOWN_ANSWERS = [
 
 @pytest.mark.parametrize(("counter", "key", "expected"), KNOWN_ANSWERS)
 def test_philox_known_answers(counter, key, expected):
-    """The test vectors of Random123 1.14 (kat_vectors, philox4x32 with ten rounds)."""
+    """Reproduce the test vectors of Random123 1.14 (kat_vectors, philox4x32 with ten rounds)."""
     arrays = [np.array([word], dtype=np.uint64) for word in (*counter, *key)]
     words = philox(tuple(arrays[:4]), tuple(arrays[4:]))
     assert " ".join(f"{int(word[0]):08x}" for word in words) == expected

@@ -80,7 +80,7 @@ def test_the_same_bits_in_chunks(size, missing, origins):
 
 
 def test_a_replay_that_does_not_repeat_is_reported():
-    """A system that breaks down on a way that it has come before depends on more than its noise."""
+    """Replay on a system that breaks down where the first one did not."""
     task = problem(FORMULAS[0], systems.Walk())
     request = branched(task, [4, 5])
     broken = problem(FORMULAS[0], systems.Fragile("nan", beyond=-9.0))

@@ -61,7 +61,7 @@ class Approach(systems.Walk):
 
 
 def test_margin_is_relative_to_the_noise_free_rollout():
-    """The robustness itself would be tied: the last sample decides it whatever the noise."""
+    """Spread particles whose robustness is tied: the last sample decides it whatever the noise."""
     outcome = simulate("margin", "always (x < 12.01)", system=Approach(), rows=200)
     failed = outcome.violated[:, 0]
     assert 0 < failed.sum() < 200

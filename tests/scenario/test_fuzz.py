@@ -83,7 +83,7 @@ def swapped(text, random):
 
 
 def outcome(read, *arguments):
-    """The error of loading a scenario, None if it loads; anything but an ``AvrareError`` goes through."""
+    """Return the error of loading a scenario, None if it loads; let anything but an ``AvrareError`` through."""
     try:
         read(*arguments)
     except AvrareError as error:

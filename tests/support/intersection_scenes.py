@@ -27,12 +27,12 @@ class Driver:
 
 
 def drives(arm: int, turn: str, start: float, speed: float = 8.0, steps: int = 80) -> Driver:
-    """A car at constant speed."""
+    """Return a car at constant speed."""
     return Driver(arm, turn, start + 0.1 * speed * np.arange(steps))
 
 
 def stops(arm: int, turn: str, at: float, seconds: float, speed: float = 5.0) -> Driver:
-    """A car that comes, stands with its centre at a station, and goes on."""
+    """Return a car that comes, stands with its centre at a station, and goes on."""
     step = 0.1 * speed
     before = at - step * np.arange(20, 0, -1)
     after = at + step * np.arange(1, 40)
@@ -42,7 +42,7 @@ def stops(arm: int, turn: str, at: float, seconds: float, speed: float = 5.0) ->
 def crossroads(
     cars: Sequence[Driver], signs: dict[int, str] | None = None, lights: bool = False, turn: float = 0.0
 ) -> str:
-    """The XML text of a scene; cars are numbered from 1, signs are German numbers by arm."""
+    """Return the XML text of a scene; cars are numbered from 1, signs are German numbers by arm."""
     signs = signs or {}
     cos, sin = np.cos(turn), np.sin(turn)
     rotate = np.array([[cos, sin], [-sin, cos]])

@@ -48,7 +48,7 @@ def constant(value: float) -> Callable[[np.ndarray], np.ndarray]:
 def section(
     line: ReferenceLine, name: int, begin: float, end: float, right, left, opposing=False, **more
 ) -> Section:
-    """A lanelet from station ``begin`` to ``end`` between offsets, numbers or functions of the station."""
+    """Return a lanelet between two stations and two offsets; these are numbers or functions of the station."""
     s = np.linspace(begin, end, max(2, int((end - begin) / 4.0) + 1))
     borders = [
         np.stack(line.to_plane(s, border(s) if callable(border) else np.full_like(s, border)), axis=1)
@@ -75,7 +75,7 @@ def neighbours(sections: Sequence[Section], right: int, left: int, same: bool = 
 
 
 def car(line: ReferenceLine, name: int, s: float, d, speed: float, steps: int = 40, **more) -> Car:
-    """A car that keeps its speed at an offset, a number or one for each step."""
+    """Return a car that keeps its speed at an offset, a number or one for each step."""
     offset = np.broadcast_to(np.asarray(d, dtype=float), (steps,))
     pace = speed / (1.0 - line.curvature(np.array([s])) * offset)
     return Car(name, s + np.cumsum(pace) * 0.1 - pace[0] * 0.1, offset, np.full(steps, abs(speed)), **more)
@@ -99,7 +99,7 @@ def carriageway(
 
 
 def scene(line: ReferenceLine, sections: Sequence[Section], cars: Sequence[Car], turn: float = 0.0) -> str:
-    """The XML text of a scene, turned about the origin."""
+    """Return the XML text of a scene, turned about the origin."""
     cos, sin = np.cos(turn), np.sin(turn)
     rotate = np.array([[cos, sin], [-sin, cos]])
     parts = [
@@ -226,7 +226,7 @@ def widening(turn: float = 0.0) -> str:
 
 
 def crossing(turn: float = 0.0) -> str:
-    """A road crossed by another, from which car 3 comes; 1 goes straight on behind 2."""
+    """Return a road crossed by another, from which car 3 comes; 1 goes straight on behind 2."""
     lanes = carriageway(STRAIGHT, 1)
     across = CurvedLine((Piece(200.0),), 150.0, -100.0, np.pi / 2)
     other = section(across, 800, 0.0, 200.0, -1.75, 1.75)

@@ -62,7 +62,7 @@ def test_our_own_computation_agrees(problem):
 
 
 def published_event(entry, noise):
-    """The failure of each tape (N,), from the published definition alone."""
+    """Return the failure of each tape (N,), from the published definition alone."""
     kind, w = entry["id"][:1], noise[:, 0]
     if kind == "a":
         return np.minimum(np.abs(w[:, 0]), w[:, 1]) + entry["beta"] >= 0
@@ -81,7 +81,7 @@ def published_event(entry, noise):
 
 
 def published_course(entry, w):
-    """The same for the problems with a course, from w (N, T)."""
+    """Return the same for the problems with a course, from w (N, T)."""
     x = np.stack(list(positions(entry, w)), axis=1)
     if "L" in entry:
         return (x[:, 1:] >= entry["L"]).any(axis=1)

@@ -73,7 +73,7 @@ def errors_hidden(result):
 
 
 def errors_dropped(result):
-    """The upper end without the errors: as if they could not have failed."""
+    """Return the upper end without the errors: as if they could not have failed."""
     high = result.probability * 3.0
     return replace(result, interval_at=lambda confidence: (0.0, high))
 

@@ -27,7 +27,7 @@ MANY = 6000
 
 
 def wrong_surface(size):
-    """A surface that is far off, and prefers high scores."""
+    """Return a surface that is far off, and prefers high scores."""
     rng = np.random.default_rng(0)
     linear_part, square = 0.5 + 0.3 * rng.normal(size=(1, size)), 0.2 * rng.normal(size=(1, size))
     return Surface(np.array([0.3]), linear_part, square, np.array([size / 4]), np.array([1.0]))
@@ -108,7 +108,7 @@ def test_mutants_are_detected():
 
 
 def _stepped(problem, kernel, known, points, rows):
-    """A whole step of the chains ``rows`` (of ``points``), as a batch of their own."""
+    """Take a whole step of the chains ``rows`` (of ``points``), as a batch of their own."""
     zeros = np.zeros(len(rows), dtype=np.int64)
     draw = Draw(NoiseSource(3, problem.noise_size), problem.steps, zeros, 1, rows)
     move = kernel.start(batch.take(known, zeros), batch.take(points, rows), np.zeros(len(rows)), draw)

@@ -110,7 +110,6 @@ def test_what_the_machine_cannot_hold_is_refused_at_once(monkeypatch, name, opti
 
 
 def test_without_the_option_a_large_run_is_not_refused(monkeypatch):
-    """A run that cannot be divided may take more memory than the default, as long as it is there."""
     monkeypatch.setattr("avrare.base.memory.MOST_BY_DEFAULT", 0.01)
     result = avrare.estimate(problem(0.3, steps=5), "ams", runs=2, particles=50, discard=10)
     assert result.probability > 0.0

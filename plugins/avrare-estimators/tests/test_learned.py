@@ -62,7 +62,7 @@ def test_inputs_are_what_the_ego_sees():
 
 
 def test_tilted_density_integrates_to_one():
-    """The mean weight of the target against a tilt of it, whatever the tilt."""
+    """Check the mean weight of the target against a tilt of it, whatever the tilt."""
     task = toy.final_only(4.0)
     result = avrare.estimate(
         task,

@@ -89,7 +89,7 @@ def first_at_or_above(scores, level):
 
 
 def suite(kind, **options):
-    """The conformance suite of an estimator that has no name."""
+    """Return the conformance suite of an estimator that has no name."""
 
     class Suite(EstimatorConformance):
         def estimate(self, problem, *, seed=0, **keywords):

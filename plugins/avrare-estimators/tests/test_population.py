@@ -9,7 +9,7 @@ from avrare_estimators.ams.state import Population
 
 
 def carry(x, score):
-    """A carry whose monitor state is ``score``; the same array as its verdict's score, or another."""
+    """Return a carry whose monitor state is ``score``; the same array as its verdict's score, or another."""
     return Carry({"x": x}, (x,), (Verdict(-score, score > 9.0, score),))
 
 

@@ -34,7 +34,7 @@ def fresh(rows, **fields):
 
 
 def second(first, **fields):
-    """The request that continues rows which stopped at ``AT``."""
+    """Return the request that continues rows which stopped at ``AT``."""
     alive = np.flatnonzero(~first.violated[:, 0] & ~first.error)
     ((t, rows, carry),) = first.carries
     assert t == AT

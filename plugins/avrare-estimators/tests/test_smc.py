@@ -313,7 +313,7 @@ def test_a_failure_that_breaks_down_later_counts_for_any_score():
 
 
 def test_without_structure_it_is_monte_carlo():
-    """The pilot's failures are not those that count: the interval is that of the latter alone."""
+    """Leave the pilot's failures out: the interval is that of the later rollouts alone."""
     for seed in range(3):
         result = estimate(scrambled(0.02), seed, runs=2)
         assert "Monte Carlo" in result.diagnostics["note"]

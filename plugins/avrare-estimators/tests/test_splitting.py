@@ -66,7 +66,7 @@ def test_failures_replay_bit_for_bit(problem):
 
 @pytest.mark.parametrize("score", [odd_systems.backwards, Lag(0.1)])
 def test_discarded_failures_are_not_lost(score):
-    """A score may put failures below other particles; they count, and their tapes are kept."""
+    """Count failures that a score puts below other particles, and keep their tapes."""
     task = walk(0.4, steps=6, score=score)
     result = estimate(task, particles=20, discard=5, runs=10)
     failures = result.failures
@@ -116,7 +116,7 @@ def test_interval_of_a_single_run_uses_its_genealogy():
 
 
 def test_interval_is_never_a_point():
-    """The unbiased estimate of a single run's variance may fall below zero."""
+    """Keep a width also where the unbiased estimate of a single run's variance falls below zero."""
     met = 0
     for seed in range(30):
         result = estimate(walk(0.3, steps=10), seed, particles=4, discard=1, runs=1)

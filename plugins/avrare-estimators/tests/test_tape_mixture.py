@@ -38,7 +38,7 @@ def direction(first, last, decay, start):
 
 
 def written_out(mixture, tapes):
-    """The density ratio q/p of the first steps, one normal law after the other."""
+    """Return the density ratio q/p of the first steps, one normal law after the other."""
     total, steps = np.zeros(len(tapes)), tapes.shape[1]
     for share, groups in mixture.components:
         factor = np.ones(len(tapes))

@@ -86,7 +86,7 @@ def test_ties_are_discarded_together_and_counted(ties):
 
 
 def test_the_weight_of_the_nominal_count_would_be_detected(ties):
-    """The regression that matters most: weights must use the number discarded, not K."""
+    """Show that weights by K, in place of the number discarded, would not pass."""
     values, truth = ties.run_probabilities, FEW_LEVELS.probability
     actual = np.array([np.prod([1 - k / 10 for k in run]) for run in ties.diagnostics["discarded"]])
     nominal = np.array([(1 - 2 / 10) ** len(run) for run in ties.diagnostics["discarded"]])

@@ -91,7 +91,7 @@ def test_a_law_of_another_size_is_refused():
 
 @pytest.mark.parametrize("estimator", ["mc", "ams", "ess"])
 def test_every_estimator_runs_on_physical_noise(estimator):
-    """The sum of three Exp(1) reaches 10: Erlang's law, 2.77e-3."""
+    """Estimate how often the sum of three Exp(1) reaches 10: Erlang's law, 2.77e-3."""
     problem = avrare.Problem(transformed(Total(3), Joint([Exponential()] * 3)), avrare.stl("total < 10"), 0)
     options = {"mc": {"rollouts": 100_000}, "ams": {"particles": 4000, "discard": 400}, "ess": {"runs": 20}}
     result = avrare.estimate(problem, estimator, seed=5, **options[estimator])

@@ -111,7 +111,7 @@ def test_an_exact_flow_has_weights_of_one():
 
 
 def test_weights_are_those_of_all_rows():
-    """A walk of five N(0, 1) steps drawn from N(0, 1.2^2); P(max >= 6) from the same walk under mc."""
+    """Draw a walk of N(0, 1) steps from N(0, 1.2^2); the truth is from N(0, 1) itself."""
     walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
     result = avrare.estimate(avrare.Problem(walk, avrare.stl("always (x < 6)"), 4), "ess", seed=3, runs=20)
     plain = avrare.Problem(transformed(Walk(), Joint([Normal()])), avrare.stl("always (x < 6)"), 4)

@@ -42,7 +42,7 @@ def make_world(others, ego=(0.0, 0.0, 0.0), n=1, speed=10.0):
 
 
 def turned(world, angle, shift=(0.0, 0.0)):
-    """The same world seen from a rotated and shifted world frame."""
+    """Return the same world seen from a rotated and shifted world frame."""
     cos, sin = np.cos(angle), np.sin(angle)
 
     def move(v):
@@ -74,7 +74,7 @@ def pointpillars():
 
 @pytest.fixture(params=["gp_pem", "parametric"])
 def build(request):
-    """A function of (scene, **options) that builds either model the way a scenario does."""
+    """Return a function of (scene, **options) that builds either model the way a scenario does."""
     import avrare_gp_pem
 
     component = next(c for c in avrare_gp_pem.avrare_components() if c.name == request.param)
@@ -123,6 +123,6 @@ def true_scales(distance):
 
 @pytest.fixture(scope="session")
 def drive():
-    """A function that makes up a table, with the true law as its attributes."""
+    """Return a function that makes up a table, with the true law as its attributes."""
     made_up_drive.detection, made_up_drive.scales = true_detection, true_scales
     return made_up_drive

@@ -18,7 +18,7 @@ RANGES = np.array([10.0, 25.0, 40.0, 50.0, 70.0])
 
 
 def quick(model):
-    """A plan that takes a second or two."""
+    """Return a plan that takes a second or two."""
     from avrare_gp_pem.training.fit_gp import Schedule
     from avrare_gp_pem.training.pipeline import RECIPES, FitPlan
 

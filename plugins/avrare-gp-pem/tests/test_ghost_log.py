@@ -76,7 +76,7 @@ def test_more_ghosts_than_can_be_drawn_are_refused():
 
 
 def ghost_log(make, options, rollouts=400, steps=60):
-    """The false detections of many drives, 100 s apart from one another."""
+    """Return the false detections of many drives, 100 s apart from one another."""
     model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(1))
     world = make.world([[20.0, 0.0, 0.0]], n=rollouts)
     rng = np.random.default_rng(7)

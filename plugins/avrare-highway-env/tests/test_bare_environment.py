@@ -14,7 +14,7 @@ SCENES = {"merge": {}, "highway": {"vehicles": 8}, "roundabout": {}}
 
 
 def bare(sim, seed):
-    """The environment as its users run it."""
+    """Return the environment as its users run it."""
     setting = scenes.setting_of(sim.config)
     own = {"simulation_frequency": 10, "policy_frequency": 10, "observation": {"type": "LidarObservation"}}
     with pytest.MonkeyPatch.context() as patch:
@@ -55,7 +55,6 @@ def test_the_same_rollout_as_highway_env_bit_for_bit(scene, seed):
 
 
 def test_the_class_of_the_other_scenes_is_unchanged():
-    """The intersection writes the model's parameters onto its drivers' class."""
     from avrare_highway_env.drivers import IntersectionDriver, MoodyDriver
 
     wanted = MoodyDriver.DISTANCE_WANTED

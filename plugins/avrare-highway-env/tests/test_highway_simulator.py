@@ -37,7 +37,7 @@ def test_a_restored_state_continues_identically(sim):
 
 
 def test_a_world_continues_in_another_process(sim):
-    """A simulator that never saw the run, and a world that has been through a pickle."""
+    """Step a pickled world by a simulator that never saw the run."""
     noise = tape(sim, 2, 30)
     worlds = run(sim, noise)
     other = type(sim)(sim.config)

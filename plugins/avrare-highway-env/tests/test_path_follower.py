@@ -108,7 +108,7 @@ def test_it_stops_and_does_not_reverse():
 
 
 def test_it_stays_on_a_bend():
-    """A quarter of a circle of 30 m by the bicycle model of highway-env, 0.1 s steps."""
+    """Follow a quarter of a circle of 30 m by the bicycle model of highway-env, in steps of 0.1 s."""
     driver, speed = follower(BEND), 8.0
     x, y, heading = 0.0, 0.0, 0.0
     for _ in range(50):

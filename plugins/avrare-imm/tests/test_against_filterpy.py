@@ -30,7 +30,7 @@ def oracle(models: ModelSet, state, probability):
 
 
 def track(models: ModelSet, states, probability) -> Mixture:
-    """The same start for a batch of (N, V, n) states."""
+    """Return the same start for a batch of (N, V, n) states."""
     m, n = models.offset.shape
     shape = states.shape[:2]
     return Mixture(

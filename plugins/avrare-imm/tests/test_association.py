@@ -41,13 +41,13 @@ def test_an_assignment_does_not_depend_on_its_batch():
 
 
 def cars(places, speed=20.0):
-    """A world with cars at (V, 2) places, in one particle."""
+    """Return a world with cars at (V, 2) places, in one particle."""
     x, y = np.asarray(places, float).T[:, None]
     return world(x, y, np.zeros_like(x), np.full_like(x, speed), np.zeros_like(x))
 
 
 def seen(places, speed=20.0):
-    """A list of detections at (S, 2) places; NaN: an empty slot."""
+    """Return a list of detections at (S, 2) places; NaN: an empty slot."""
     x, y = np.asarray(places, float).reshape(-1, 2).T[:, None]
     return Observation(~np.isnan(x), x, y, np.where(np.isnan(x), np.nan, speed))
 

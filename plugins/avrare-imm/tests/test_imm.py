@@ -24,7 +24,7 @@ def begin(models, rng, shape) -> Mixture:
 
 
 def lopsided(models, rng):
-    """The same models with a transition matrix that is not symmetric."""
+    """Return the same models with a transition matrix that is not symmetric."""
     matrix = models.transition + rng.uniform(0, 0.3, models.transition.shape)
     return replace(models, transition=matrix / matrix.sum(1, keepdims=True))
 

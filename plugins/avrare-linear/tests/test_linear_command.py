@@ -97,7 +97,6 @@ def test_a_rewritten_scenario_has_the_new_value(parameter, loop, tmp_path):
 
 
 def test_a_kalman_gain_does_not_follow_the_noise_that_was_synthesised(loop, tmp_path):
-    """The scenario written is the system that the command has estimated."""
     scenario = avrare.load(loop)
     system = system_of(scenario.problem("low"))
     changed = rewrite_scenario(scenario.definition.resolved, "measurement_noise", 0.1 * system.measurement)

@@ -36,7 +36,7 @@ def plane(mean, spread=(1.0, 1.0)):
 
 
 def four_squares(mean, spread=(1.0, 1.0)):
-    """The exact probability to lie in one of the squares."""
+    """Return the exact probability to lie in one of the squares."""
     tails = [Phi((m - 3.0) / s) + Phi((-m - 3.0) / s) for m, s in zip(mean, spread, strict=True)]
     return tails[0] * tails[1]
 
@@ -50,7 +50,7 @@ def observed():
 
 
 def reaches_limit(system):
-    """The exact probability that x is above the limit at the end."""
+    """Return the exact probability that x is above the limit at the end."""
     law = TrajectoryGaussian.of(system, T, ("x",))
     return Phi((law.mean[T, 0] - LIMIT) / np.sqrt(law.covariance[T, 0, T, 0]))
 
@@ -67,7 +67,7 @@ def exact_failures(law, many):
 
 
 def by_differences(build, value):
-    """The gradient of the logarithm of an exact probability."""
+    """Return the gradient of the logarithm of an exact probability."""
     step, found = 1e-5, np.empty(value.size)
     for k in range(value.size):
         ends = []
@@ -194,7 +194,7 @@ def test_descent_stops_at_its_target():
 
 
 def hessian_of(system, parameter, many):
-    """The estimate, the standard errors of its entries, and a function to systems with other values."""
+    """Return the estimate, its entries' standard errors, and a function to systems with other values."""
     law = TrajectoryGaussian.of(system, T, ("x",))
     value = getattr(system, parameter)
 

@@ -120,14 +120,14 @@ def lane_change():
 
 @pytest.fixture(scope="session")
 def quiet(lane_change):
-    """A controller and its drive without noise."""
+    """Return a controller and its drive without noise."""
     controller = build(MpcConfig(backend="casadi", search="follow"), SCENE)
     return controller, lane_change.drive(controller, np.zeros((1, 39, 3, 3)))
 
 
 @pytest.fixture(scope="session")
 def plain():
-    """The modules of the riccati backend as they are where numba is not installed."""
+    """Return the modules of the riccati backend as they are where numba is not installed."""
     prefix = "avrare_mpc.riccati"
     compiled = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith(prefix)}
     numba, sys.modules["numba"] = sys.modules.get("numba"), None
@@ -146,7 +146,7 @@ def plain():
 
 @pytest.fixture(scope="session")
 def interpreted(plain):
-    """A function (config, scene) -> solver that is not compiled."""
+    """Return a function (config, scene) -> solver that is not compiled."""
 
     def build_solver(config, scene):
         with warnings.catch_warnings():

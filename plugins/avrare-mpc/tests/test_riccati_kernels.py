@@ -94,7 +94,7 @@ def test_slacks_are_the_least(plain):
 
 
 def moved(plain, p, path, work, centre):
-    """A copy whose node 0 is at ``centre`` (x, y, v, h, a), the other nodes as they are, and its cost."""
+    """Copy the path with node 0 at ``centre`` (x, y, v, h, a); return the copy and its cost."""
     there = copy(plain, path)
     put(there.states[:4], centre[:4])
     there.inputs[0] = centre[4]
@@ -194,7 +194,7 @@ def test_sweep_solves_the_dense_newton_system(lane_change, plain, config, drawn)
 
 
 def driven(plain, p, path, work, flat):
-    """The path with other inputs."""
+    """Return the path with other inputs."""
     there = copy(plain, path)
     put(there.inputs, flat)
     simulate(plain, p, there, work)

@@ -75,7 +75,7 @@ def test_iterations_of_the_second_search_are_counted(both, programmes, lane_chan
 
 
 def test_the_second_search_helps_where_the_first_fails(lane_change, programmes):
-    """The first attempt failed all the same, and is counted."""
+    """Count the first attempt as failed all the same."""
     hasty = RiccatiSolver(MpcConfig(), lane_change.scene, quick=HASTY, patient=HASTY).solve(*programmes)
     alone = RiccatiSolver(MpcConfig(), lane_change.scene, HASTY, HASTY, near=None).solve(*programmes)
     assert not alone.found.any()

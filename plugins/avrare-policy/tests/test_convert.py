@@ -20,7 +20,7 @@ def chain(activation=torch.nn.Tanh):
 
 
 def archive(path, **layers):
-    """A stable-baselines3 archive: ``policy.pth`` beside files that nobody needs to read."""
+    """Write a stable-baselines3 archive: ``policy.pth`` beside files that nobody needs to read."""
     weights = {
         f"{name}.{part}": value
         for name, layer in layers.items()

@@ -20,7 +20,7 @@ def varint(value):
 
 
 def field(number, value):
-    """A field of a protocol buffer: integers as varint, everything else with its length."""
+    """Encode a field of a protocol buffer: integers as varint, everything else with its length."""
     if isinstance(value, int):
         return varint(number << 3) + varint(value)
     data = value.encode() if isinstance(value, str) else value

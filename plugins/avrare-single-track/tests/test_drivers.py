@@ -39,7 +39,7 @@ def simulator(*vehicles, ego=EGO, dt=0.1):
 
 
 def drive(sim, steps, n=1, seed=None):
-    """The worlds of a drive whose ego keeps its speed."""
+    """Return the worlds of a drive whose ego keeps its speed."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((steps + 1, n, sim.noise_size)) * (seed is not None)
     worlds = [sim.reset(noise[0])]

@@ -32,7 +32,7 @@ class Lab:
     road = ROAD
 
     def rule(self, name, count=1, moving=None, road=ROAD, sizes=None, **options):
-        """A rule over so many other vehicles, called a, b, c, ..."""
+        """Build a rule over so many other vehicles, called a, b, c, ..."""
         moving = np.ones(count, dtype=bool) if moving is None else np.array(moving)
         names = tuple(NAMES[:count])
         lengths, widths = sizes or (np.full(count, 4.0), np.full(count, 2.0))
@@ -48,14 +48,14 @@ class Lab:
         return signals
 
     def value(self, predicate, *others, road=ROAD, options=None, **ego):
-        """A predicate or definition of the ego and each other vehicle, (V,), or of the ego alone, (1,)."""
+        """Evaluate a predicate or definition, of the ego and each other vehicle (V,) or the ego alone (1,)."""
         call, signals = CALL.get(predicate, predicate), self.signals(*others, **ego)
         formulas = [call.format(o=name) for name in NAMES[: len(others)]] if "{o}" in call else [call]
         rules = [self.rule(None, len(others), road=road, formula=one, **(options or {})) for one in formulas]
         return np.array([self.run(rule, [signals]).robustness[0] for rule in rules])
 
     def run(self, rule, samples):
-        """The verdict after some samples, each of one row."""
+        """Return the verdict after some samples, each of one row."""
         state, verdict = rule.start(1), None
         for signals in samples:
             state, verdict = rule.update(state, signals)

@@ -40,7 +40,7 @@ def mine(tmp_path):
 
 
 def told(dt=0.1, **options):
-    """The only finding; building says the same."""
+    """Return the only finding, which is also what building says."""
     (finding,) = check(TrafficRuleConfig(**options), dt)
     return finding
 

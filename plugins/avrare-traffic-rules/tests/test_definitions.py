@@ -22,14 +22,14 @@ class Car:
     width: float
 
     def point(self, along, across):
-        """A point of the car: shares of its length and width from the centre."""
+        """Return a point of the car, given by shares of its length and width from the centre."""
         turn = np.exp(1j * self.heading)
         point = self.x + 1j * self.y + turn * (along * self.length + 1j * across * self.width)
         return point.real, point.imag
 
 
 def cars(samples, t, n, vehicles):
-    """The ego and the others of one sample and row."""
+    """Return the ego and the others of one sample and row."""
     fields = ("x", "y", "heading", "speed", "acceleration")
     ego = Car(*(samples[t][f"ego_{name}"][n] for name in fields), 4.0, 2.0)
     others = [

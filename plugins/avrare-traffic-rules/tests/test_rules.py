@@ -69,7 +69,7 @@ class TestSafeDistance:
         assert violations(lab, rule, [lab.signals(o) for o in cars]) == [6, 7, 8, 9, 16, 17, 18, 19]
 
     def test_a_cut_in_at_the_start_begins_there(self, lab):
-        """The weak previous: a cut-in that is under way at sample 0 begins there."""
+        """Try the weak previous: a cut-in that is under way at sample 0 begins there."""
         over = {"x": 9.0, "speed": 20.0, "y": 3.5, "heading": -0.05}
         samples = [lab.signals(over)] * 40
         assert violations(lab, lab.rule("R_G1"), samples) == list(range(31, 40))

@@ -43,7 +43,7 @@ class Platoon:
 
 
 def problem(lab, rule, scales=None, score="margin"):
-    """The problem of a rule by its name, or of a formula."""
+    """Return the problem of a rule by its name, or of a formula."""
     options = {"formula": rule} if "(" in rule else {}
     built = lab.rule(None if options else rule, 2, scales=scales or {}, **options)
     return avrare.Problem(Platoon(), built, STEPS, score)

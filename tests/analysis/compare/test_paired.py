@@ -30,11 +30,9 @@ class Fails:
     noise_size: int = 1
 
     def initial(self, noise):
-        """The noise."""
         return {"x": np.where(noise[:, 0] > self.breaks, np.nan, noise[:, 0])}
 
     def step(self, state, noise):
-        """Nothing."""
         return state
 
     def signals(self, state):
@@ -83,7 +81,7 @@ def outcomes(rollouts, worse, better):
     ],
 )  # fmt: skip
 def test_the_interval_covers_at_any_discordance(rollouts, worse, better, least):
-    """The coverage is a sum over all outcomes; treating the two counts as independent has .86 at .9."""
+    """Sum the coverage over all outcomes; treating the two counts as independent has .86 at .9."""
     covered = total = 0.0
     for pair, chance in outcomes(rollouts, worse, better):
         low, high = pair.interval(0.95)
@@ -108,7 +106,7 @@ def test_words_p_value_and_interval_agree(errors):
 
 
 def test_the_interval_ends_where_the_score_test_rejects():
-    """The statistic by its definition, with the likelihood maximised on a grid."""
+    """Compute the statistic by its definition, with the likelihood maximised on a grid."""
     for end in PairedCounts("", 0, 9, 12, 23).interval(0.95):
         share = np.linspace(max(0.0, -end) + 1e-9, (1.0 - end) / 2.0 - 1e-9, 200_001)
         likely = 9 * np.log(share) + 12 * np.log(share + end) + 23 * np.log(1.0 - 2.0 * share - end)

@@ -41,7 +41,7 @@ def pushed(linear):
 
 @pytest.fixture(scope="session")
 def drive_past():
-    """An ego that drives up to a parked car, seen by a detector."""
+    """Return an ego that drives up to a parked car, seen by a detector."""
     return avrare.load(DRIVE, PARKED)
 
 
@@ -68,7 +68,7 @@ class Sum:
 
 @pytest.fixture(scope="session")
 def weighted():
-    """The problem that a weighted sum of noise, weights (steps + 1, 3), stays below 3."""
+    """Return the problem that a weighted sum of noise, weights (steps + 1, 3), stays below 3."""
 
     def weighted(weights, formula="always (x < 3)", chunk=25, **breaks):
         system = Sum(weights, **breaks)

@@ -11,7 +11,7 @@ from avrare.testing.walk_problems import walk
 
 @pytest.fixture(scope="module")
 def rare():
-    """A walk of 20 steps that fails beyond 5 sigma: p = 4e-7, smallest norm exactly 5."""
+    """Return a walk of 20 steps that fails beyond 5 sigma: p = 4e-7, smallest norm exactly 5."""
     return walk(5.0 * 0.1 * np.sqrt(20.0), steps=20).problem()
 
 

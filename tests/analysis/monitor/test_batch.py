@@ -19,7 +19,7 @@ STEPS = 40
 
 
 def crowd(rng, count, steps=STEPS):
-    """An ego among cars at random, so that rules are broken and kept."""
+    """Place an ego among cars at random, so that rules are broken and kept."""
 
     def track(name, lane, x, speed):
         y = ROAD.lane_centres[lane] + rng.normal(0.0, 0.2, steps)

@@ -38,7 +38,6 @@ def heed_signals():
 
 @pytest.fixture(autouse=True)
 def _heeding():
-    """The same in this process."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

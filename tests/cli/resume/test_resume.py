@@ -226,7 +226,7 @@ def test_leftovers_of_a_killed_process_are_removed(night, interrupted):
 
 
 def test_the_saved_scenario_is_resumed(night, interrupted):
-    """The file that it came from may have changed, or be gone."""
+    """Resume although the file that it came from has changed, or is gone."""
     path = night.scenario()
     assert run(path, "--out", "whole") == 0
     interrupted(2, path, "--out", "torn")

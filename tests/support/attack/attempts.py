@@ -54,7 +54,7 @@ class Outcome:
     escaped: BaseException | None = None
 
     def told(self) -> str:
-        """The call and the end of what it said, in one paragraph."""
+        """Return the call and the end of what it said, in one paragraph."""
         end = self.err[-1500:] if self.escaped is None else repr(self.escaped)[:1500]
         return f"avrare {' '.join(map(repr, self.words))}"[:1000] + f"\nexit code {self.code}\n{end}"
 

@@ -243,7 +243,7 @@ def _strike_checkpoint(random) -> Words:
 
 
 def _same_bits(outcome) -> str | None:
-    """A damaged checkpoint is refused, or what it lacks is run again; never another number."""
+    """Tell when a damaged checkpoint was resumed to another number."""
     whole = result(material(Path("..").resolve(), f"whole_{Path('which').read_text()}"))
     return BITS if outcome.code == 0 and result("torn") != whole else None
 

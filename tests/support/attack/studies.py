@@ -45,7 +45,7 @@ def _damaged(path, random):
 
 
 def same_answer(outcome):
-    """A damaged search or catalogue's run is refused, or gives what it gave before."""
+    """Tell when a damaged search or catalogue's run was resumed to another answer."""
     home, place = Path("..").resolve(), Path("rates/rate.json")
     if (
         Path("sealed").exists()

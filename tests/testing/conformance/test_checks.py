@@ -72,7 +72,7 @@ def subject(kind, **changes):
 
 
 def registered(kind, monkeypatch, **changes):
-    """The subject under a name that ``avrare.estimate`` finds."""
+    """Register the subject under a name that ``avrare.estimate`` finds."""
     one = subject(kind, **changes)
 
     class Plugin:

@@ -100,7 +100,7 @@ def test_the_reference_names_everything():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The built site and what MkDocs said."""
+    """Build the site; return it and what MkDocs said."""
     pytest.importorskip("mkdocs")
     pytest.importorskip("material")
     folder = tmp_path_factory.mktemp("site")
