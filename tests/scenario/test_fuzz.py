@@ -83,7 +83,7 @@ def swapped(text, random):
 
 
 def outcome(read, *arguments):
-    """Return the error of loading a scenario, None if it loads; let anything but an ``AvrareError`` through."""
+    """Return the ``AvrareError`` of loading a scenario, None if it loads; other errors go through."""
     try:
         read(*arguments)
     except AvrareError as error:

@@ -48,7 +48,7 @@ def constant(value: float) -> Callable[[np.ndarray], np.ndarray]:
 def section(
     line: ReferenceLine, name: int, begin: float, end: float, right, left, opposing=False, **more
 ) -> Section:
-    """Return a lanelet between two stations and two offsets; these are numbers or functions of the station."""
+    """Return a lanelet between two stations and two offsets (numbers or functions of the station)."""
     s = np.linspace(begin, end, max(2, int((end - begin) / 4.0) + 1))
     borders = [
         np.stack(line.to_plane(s, border(s) if callable(border) else np.full_like(s, border)), axis=1)

@@ -48,7 +48,7 @@ class Lab:
         return signals
 
     def value(self, predicate, *others, road=ROAD, options=None, **ego):
-        """Evaluate a predicate or definition, of the ego and each other vehicle (V,) or the ego alone (1,)."""
+        """Evaluate a predicate or definition of the ego and each other vehicle (V,), or of one (1,)."""
         call, signals = CALL.get(predicate, predicate), self.signals(*others, **ego)
         formulas = [call.format(o=name) for name in NAMES[: len(others)]] if "{o}" in call else [call]
         rules = [self.rule(None, len(others), road=road, formula=one, **(options or {})) for one in formulas]

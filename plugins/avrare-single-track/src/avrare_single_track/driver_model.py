@@ -150,6 +150,33 @@ def _curve(across: float, share: float, time: float) -> tuple[float, float]:
     return way, across * 30.0 * share**2 * (1.0 - share) ** 2 / time
 
 
+# Arguments of ``advance``. It computes the model's acceleration itself: as a kernel of its own that would
+# take half as long again.
+#
+#     x: (N, V) positions along the road [m].
+#     y: (N, V) positions across it [m].
+#     v: (N, V) speeds [m/s].
+#     lengths: (V,) lengths [m].
+#     widths: (V,) widths [m].
+#     drivers: (V,) index of each vehicle among the drivers, -1 for others.
+#     places: (R,) index of each driver among the vehicles.
+#     table: (1 or N, R, 10) ``PARAMETERS``.
+#     limits: (R, 2) first and last lane that a driver may choose.
+#     ends: (R,) x at which the lane of its start ends [m], inf where it does not.
+#     forced: (R, 3) lane of a merge (-1: none), step from which it is wanted, lane of the start.
+#     brake: (B, 4) driver, first and last step, acceleration [m/s^2] of scripted braking.
+#     centres: (L,) lane centres [m].
+#     width: Lane width [m].
+#     dt: Step [s].
+#     step: (N,) steps so far.
+#     mood: (N, R) added to the model's acceleration [m/s^2].
+#     pause_after: Time after a change before the next [s].
+#     look: Time between two comparisons of the lanes [s].
+#     lane: (N, R) lane of each driver; changed in place, as the next three.
+#     base: (N, R) y from which a change began, or that is kept [m].
+#     clock: (N, R) time since a change began, -1 where none is under way [s].
+#     pause: (N, R) time until a change may begin [s].
+#     out: (5, N, R) x, y, heading, speed and acceleration after the step.
 @entry
 def advance(
     x: Floats, y: Floats, v: Floats, lengths: Floats, widths: Floats, drivers: Any, places: Any,
@@ -157,34 +184,7 @@ def advance(
     dt: float, step: Any, mood: Floats, pause_after: float, look: float, lane: Any, base: Floats,
     clock: Floats, pause: Floats, out: Floats,
 ) -> None:  # fmt: skip
-    """Advance R drivers among V vehicles (the ego is the last) by one step, in N particles.
-
-    Args:
-        x: (N, V) positions along the road [m].
-        y: (N, V) positions across it [m].
-        v: (N, V) speeds [m/s].
-        lengths: (V,) lengths [m].
-        widths: (V,) widths [m].
-        drivers: (V,) index of each vehicle among the drivers, -1 for others.
-        places: (R,) index of each driver among the vehicles.
-        table: (1 or N, R, 10) ``PARAMETERS``.
-        limits: (R, 2) first and last lane that a driver may choose.
-        ends: (R,) x at which the lane of its start ends [m], inf where it does not.
-        forced: (R, 3) lane of a merge (-1: none), step from which it is wanted, lane of the start.
-        brake: (B, 4) driver, first and last step, acceleration [m/s^2] of scripted braking.
-        centres: (L,) lane centres [m].
-        width: Lane width [m].
-        dt: Step [s].
-        step: (N,) steps so far.
-        mood: (N, R) added to the model's acceleration [m/s^2].
-        pause_after: Time after a change before the next [s].
-        look: Time between two comparisons of the lanes [s].
-        lane: (N, R) lane of each driver; changed in place, as the next three.
-        base: (N, R) y from which a change began, or that is kept [m].
-        clock: (N, R) time since a change began, -1 where none is under way [s].
-        pause: (N, R) time until a change may begin [s].
-        out: (5, N, R) x, y, heading, speed and acceleration after the step.
-    """
+    """Advance R drivers among V vehicles (the ego is the last) by one step, in N particles."""
     half = 0.5 * width - _MARGIN
     order, rank, lanes = np.empty_like(drivers), np.empty_like(drivers), np.empty_like(drivers)
     for n in range(len(x)):
@@ -211,7 +211,6 @@ def advance(
                 if chosen >= 0:
                     lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]
             changing = clock[n, r] >= 0.0
-            # The model's acceleration; as a kernel of its own it would take half as long again.
             ahead, gap = _ahead(at, lengths, order, rank, lanes, i, lane[n, r])
             a = _follow(speeds, i, ahead, gap, p)
             if changing:  # still between the lanes: the old one counts as well
