@@ -8,21 +8,9 @@ import pytest
 from avrare.cli.main import main
 from avrare.report.html.causes import render_causes
 from avrare.results.reader import read_run_folder
+from pushed_point import pushed_point
 
-PLANE = """
-name: plane
-steps: 10
-simulator:
-  plugin: linear
-  dt: 0.1
-  states: [x, v]
-  A: [[1, 0.1], [0, 1]]
-  process_noise: [0.0, 0.04]
-  initial: {mean: [0, 0], covariance: [0.04, 0.01]}
-specifications:
-  left: {stl: "always (x < 0.5)"}
-estimator: {plugin: mc, rollouts: 400}
-"""
+PLANE = pushed_point(0.5, steps=10, variance=0.04)
 
 
 @pytest.fixture(scope="module")

@@ -5,22 +5,9 @@ import json
 import pytest
 
 from avrare.cli.main import main
+from pushed_point import pushed_point
 
-PLANE = """
-name: plane
-steps: 20
-simulator:
-  plugin: linear
-  dt: 0.1
-  states: [x, v]
-  A: [[1, 0.1], [0, 1]]
-  process_noise: [0.0, 0.04]
-  initial: {mean: [0, 0], covariance: [0.01, 0.01]}
-specifications:
-  left: {stl: "always (x < 1.0)"}
-  kept: {stl: "always (x < 90)"}
-estimator: {plugin: mc, rollouts: 400}
-"""
+PLANE = pushed_point(1.0, specifications='  kept: {stl: "always (x < 90)"}\n')
 
 
 @pytest.fixture(scope="module")

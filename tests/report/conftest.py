@@ -9,26 +9,18 @@ import pytest
 
 from avrare.base.stored_files import CHECKSUM, seal
 from avrare.cli.main import main
+from pushed_point import pushed_point
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change_published.yaml")
-PLANE = """\
-name: plane
+PLANE = pushed_point(
+    1.0,
+    specifications='  slow: {stl: "always (v < 1.5 or x < 0)"}\n',
+    more="""\
 description: A point that is pushed about
-steps: 20
-simulator:
-  plugin: linear
-  dt: 0.1
-  states: [x, v]
-  A: [[1, 0.1], [0, 1]]
-  process_noise: [0.0, 0.04]
-  initial: {mean: [0, 0], covariance: [0.01, 0.01]}
-specifications:
-  left: {stl: "always (x < 1.0)"}
-  slow: {stl: "always (v < 1.5 or x < 0)"}
-estimator: {plugin: mc, rollouts: 400}
 thresholds:
   - {specification: left, probability: "< 0.9"}
-"""
+""",
+)
 
 
 def run(folder, scenario, *words):

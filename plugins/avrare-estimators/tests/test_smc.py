@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from interruptions import estimate_through_interruptions
 
 import avrare
-from avrare.base.errors import Interrupted, UsageError
+from avrare.base.errors import UsageError
 from avrare.estimation import intervals
 from avrare.estimation.estimate_problem import _estimator
 from avrare.estimation.loop import Settings, run
@@ -93,30 +94,14 @@ def test_the_same_bits_for_any_workers_and_memory(batches):
 @pytest.mark.slow
 @pytest.mark.parametrize("proposal", ["learned", "none"])
 def test_killed_again_and_again(tmp_path, proposal):
-    calls = []
-
-    def dies(system, limit):
-        step = system.step
-
-        def counted(state, noise):
-            calls.append(1)
-            if len(calls) > limit:
-                raise Interrupted("killed")
-            return step(state, noise)
-
-        system.step = counted
-
-    whole, deaths = plain(estimate(problem(chunk=100), proposal=proposal)), 0
-    while True:
-        tried = problem(chunk=100)
-        calls.clear()
-        dies(tried.system, 100 + 40 * deaths)
-        try:
-            result = estimate(tried, proposal=proposal, checkpoint=tmp_path / "kept")
-            break
-        except Interrupted:
-            deaths += 1
-    assert deaths > 2
+    whole = plain(estimate(problem(chunk=100), proposal=proposal))
+    result, interruptions = estimate_through_interruptions(
+        lambda: problem(chunk=100),
+        lambda tried: estimate(tried, proposal=proposal, checkpoint=tmp_path / "kept"),
+        first=100,
+        further=40,
+    )
+    assert interruptions > 2
     assert plain(result) == whole
 
 

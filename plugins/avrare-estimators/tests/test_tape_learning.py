@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from interruptions import estimate_through_interruptions
 from outlier_systems import STEPS, Outliers, outliers, peak, wide
 from scipy.stats import beta
 
 import avrare
-from avrare.base.errors import Interrupted, UsageError
+from avrare.base.errors import UsageError
 from avrare.stack.noise_names import find_noise_names
 from avrare.testing.problems import reference_problem
 from avrare_estimators.config import IsConfig
@@ -175,32 +176,14 @@ def plain(result):
 def test_same_bits_for_workers_chunks_and_after_a_stop(one_outlier, tmp_path):
     assert plain(estimate(outliers("always (first < 4)", chunk=97))) == plain(one_outlier)
     assert plain(estimate(outliers("always (first < 4)"), workers=2)) == plain(one_outlier)
-    calls = []
-
-    def dies(system, limit):
-        step = system.step
-
-        def counted(state, noise):
-            calls.append(1)
-            if len(calls) > limit:
-                raise Interrupted("killed")
-            return step(state, noise)
-
-        system.step = counted
-        return system
-
-    problem = outliers("always (first < 4)", chunk=500)
-    whole, steps = plain(estimate(problem)), 0  # each attempt may live a little longer than the last
-    while True:
-        tried = outliers("always (first < 4)", chunk=500)
-        calls.clear()
-        dies(tried.system, 60 + 60 * steps)
-        try:
-            result = estimate(tried, checkpoint=tmp_path / "kept")
-            break
-        except Interrupted:
-            steps += 1
-    assert steps > 0
+    whole = plain(estimate(outliers("always (first < 4)", chunk=500)))
+    result, interruptions = estimate_through_interruptions(
+        lambda: outliers("always (first < 4)", chunk=500),
+        lambda tried: estimate(tried, checkpoint=tmp_path / "kept"),
+        first=60,
+        further=60,
+    )
+    assert interruptions > 0
     assert plain(result) == whole
 
 

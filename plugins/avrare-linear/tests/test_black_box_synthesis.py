@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+from feedback_loop import feedback_loop
 
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
@@ -19,24 +20,7 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare_linear.estimator import LinearLevels
 from avrare_linear.estimator_config import LinearEssConfig
 
-LOOP = """
-name: loop
-steps: 8
-seed: 3
-simulator:
-  plugin: linear
-  states: [x, v]
-  inputs: [a]
-  A: [[1, 0.3], [0, 1]]
-  B: [[0.0], [0.3]]
-  process_noise: [0.02, 0.04]
-  initial: {mean: [0, 0], covariance: [[0.02, 0.0], [0.0, 0.02]]}
-  feedback: {gain: [[0.3, 0.4]]}
-specifications:
-  near: {stl: "always (x < 1.3)"}
-  slow: {stl: "always (abs(v) < 1.2)"}
-estimator: {plugin: mc, rollouts: 4000}
-"""
+LOOP = feedback_loop(4000, '  slow: {stl: "always (abs(v) < 1.2)"}\n')
 GAIN = "simulator.feedback.gain"
 
 

@@ -3,28 +3,12 @@
 import json
 
 import pytest
+from feedback_loop import feedback_loop
 
 from avrare.cli.main import main
 from avrare.estimation import estimate_problem
 
-LOOP = """
-name: loop
-steps: 8
-seed: 3
-chunk: 500
-simulator:
-  plugin: linear
-  states: [x, v]
-  inputs: [a]
-  A: [[1, 0.3], [0, 1]]
-  B: [[0.0], [0.3]]
-  process_noise: [0.02, 0.04]
-  initial: {mean: [0, 0], covariance: [[0.02, 0.0], [0.0, 0.02]]}
-  feedback: {gain: [[0.3, 0.4]]}
-specifications:
-  near: {stl: "always (x < 1.3)"}
-estimator: {plugin: mc, rollouts: 2000}
-"""
+LOOP = feedback_loop(2000)
 DRAWS = "ensemble: {simulator.feedback.gain: [[[0.3, 0.4]], [[0.2, 0.4]], [[0.4, 0.4]]]}\n"
 
 

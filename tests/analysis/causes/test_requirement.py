@@ -13,6 +13,7 @@ from avrare.base.stored_files import seal
 from avrare.cli.main import main
 from avrare.estimation.intervals import clopper_pearson
 from noisy_loop import exact
+from pushed_point import pushed_point
 
 ROOT = bisect(lambda scale: exact(scale).p, 0.01, 0.2, 5.0)
 
@@ -81,20 +82,7 @@ def test_the_root_is_inside_in_95_of_100_repetitions():
     assert np.median([one.broken / one.kept for one in found if one.kept and one.broken]) < 1.6
 
 
-PLANE = """
-name: plane
-steps: 10
-simulator:
-  plugin: linear
-  dt: 0.1
-  states: [x, v]
-  A: [[1, 0.1], [0, 1]]
-  process_noise: [0.0, 0.04]
-  initial: {mean: [0.0, 0], covariance: [0.04, 0.01]}
-specifications:
-  left: {stl: "always (x < 1.0)"}
-estimator: {plugin: mc, rollouts: 400}
-"""
+PLANE = pushed_point(1.0, steps=10, variance=0.04)
 WORDS = ["--parameter", "simulator.initial.mean.0", "--probability", "< 0.05", "--between", "-0.5,0.9"]
 
 

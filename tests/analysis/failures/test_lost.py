@@ -8,6 +8,7 @@ import pytest
 import avrare
 from avrare.analysis.failures.lost import Continuations, continue_without_noise
 from avrare.cli.main import main
+from pushed_point import pushed_point
 
 LIMIT = 3.0
 
@@ -124,13 +125,7 @@ def test_an_infinite_margin_is_kept():
 
 def test_replay_says_when_it_was_lost(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "plane.yaml").write_text(
-        "name: plane\nsteps: 20\n"
-        "simulator: {plugin: linear, dt: 0.1, states: [x, v], A: [[1, 0.1], [0, 1]],\n"
-        "  process_noise: [0.0, 0.04], initial: {mean: [0, 0], covariance: [0.01, 0.01]}}\n"
-        'specifications: {left: {stl: "always (x < 1.0)"}}\n'
-        "estimator: {plugin: mc, rollouts: 200}\n"
-    )
+    (tmp_path / "plane.yaml").write_text(pushed_point(1.0, rollouts=200))
     assert main(["run", "plane.yaml", "--out", "run", "--no-pictures"]) == 0
     capsys.readouterr()
     assert main(["replay", "--run", "run", "--lost"]) == 0
