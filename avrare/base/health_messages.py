@@ -54,7 +54,7 @@ MESSAGES = {
     "estimators_disagree": "{estimator} gives {own}, but its cross-check by {other} gives {others}: at "
     "least one of them misses failures, and neither can be trusted; repeat both with more particles or "
     "chains, or with another score",
-    "model_unknown": "a model of the ensemble met no failure: its part of the interval is a rough one; use "
+    "model_unknown": "a member of the ensemble met no failure: its part of the interval is a rough one; use "
     "more rollouts",
     "unreached": "after {stages} stages the elite has not reached failure: the proposal is unsuitable; use "
     "more stages or more rollouts",

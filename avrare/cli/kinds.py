@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.kind_descriptions import describe_kinds
 from avrare.analysis.causes.kinds import Kinds, find_kinds
-from avrare.analysis.causes.telling import tell_kinds
 from avrare.analysis.failures.shrink import BUDGET
 from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
@@ -50,4 +50,4 @@ def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:
         return kinds
     budget = BUDGET if args.budget is None else args.budget
     with progress_line() as progress:
-        return tell_kinds(scenario, kinds, folder.failures[name].noise, budget, progress)
+        return describe_kinds(scenario, kinds, folder.failures[name].noise, budget, progress)

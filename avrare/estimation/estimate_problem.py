@@ -306,7 +306,7 @@ def _member_runner(
     scenario: LoadedScenario, budget: Budget | None, start_executor: Callable[[], Executor], watch: Watch,
     seed: int, journal: Callable[[str], Journal] | None, stop: Callable[[], bool] | None,
 ) -> Callable[[int, str], Result]:  # fmt: skip
-    """Return what estimates a specification under a draw of the model; the draws share the budget again."""
+    """Return a function that estimates a specification under a member; all of them share the budget anew."""
     members = scenario.definition.members
     paid = None if budget is None else dataclasses.replace(budget, amount=budget.amount / len(members))
 

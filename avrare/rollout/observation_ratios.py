@@ -1,8 +1,6 @@
-"""Score function: derivatives of log p from failing tapes, for parameters of the perception error model.
+"""Density ratios of nearby perception error models for what is observed along given rollouts.
 
-With the density f of what the noise makes one observe, d log p / d parameter is the mean over failures of
-d log f / d parameter, summed over the observations (stl-ess, Eq. 33, corrected). The terms after the verdict
-is final have mean zero and are left out. The derivative of log f is a central difference without noise.
+They reweigh failures for other models; their derivatives are the score function of the model's parameters.
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ def log_ratios(problem: Problem, others: list[Any], tapes: Floats) -> Floats:
     """
     loop = problem.system
     if not isinstance(loop, ClosedLoop):
-        raise UsageError("the score function needs a closed loop with a perception error model")
+        raise UsageError("density ratios need a closed loop with a perception error model")
     total = np.zeros((len(tapes), len(others)))
     for at in range(0, len(tapes), problem.chunk):
         part = tapes[at : at + problem.chunk]

@@ -144,6 +144,11 @@ def derive_by_score(
 ) -> Sensitivity:  # fmt: skip
     """Derive log p by the score function, from failing tapes.
 
+    With the density f of what the noise makes one observe, d log p / d parameter is the mean over failures of
+    d log f / d parameter, summed over the observations (stl-ess, Eq. 33, corrected). The terms after the
+    verdict is final have mean zero and are left out. The derivative of log f is a central difference without
+    noise.
+
     Args:
         problem: Problem with a closed loop.
         sample: Its failures.

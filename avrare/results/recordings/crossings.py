@@ -37,7 +37,7 @@ class _Way:
     lights: bool
 
 
-def has_rules(network: Any) -> bool:
+def has_right_of_way(network: Any) -> bool:
     """Tell whether a network has intersections or stop signs."""
     return bool(network.intersections) or any("STOP" in _signs(network, one) for one in network.lanelets)
 
@@ -59,7 +59,7 @@ def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequen
         for group in groups:
             for mine in (way for way in group if way.lanelet in names):
                 others = [way for other in groups if other is not group for way in other]
-                found += _meet(road.line, known, mine, others, routes)
+                found += _find_crossings(road.line, known, mine, others, routes)
     stops = (_stop_line(network, known[name]) for name in names)
     stations = [float(road.line.to_road(*point[:, None])[0][0]) for point in stops if point is not None]
     return dataclasses.replace(road, stop_signs=tuple(sorted(stations)), crossings=tuple(found))
@@ -98,14 +98,14 @@ def _prefer(mine: _Way, other: _Way) -> Reason | None:
     return "right" if 0.25 * math.pi < turned and not mine.lights else None
 
 
-def _meet(
+def _find_crossings(
     line: ReferenceLine,
     known: Mapping[int, Any],
     mine: _Way,
     others: Sequence[_Way],
     routes: Sequence[Sequence[int]],
 ) -> Iterator[Crossing]:
-    points = _fill(known[mine.lanelet])
+    points = _list_points(known[mine.lanelet])
     for other in others:
         reason, lanelet = _prefer(mine, other), known[other.lanelet]
         if reason is None or other.lanelet == mine.lanelet:
@@ -126,7 +126,7 @@ def _range(values: Floats) -> tuple[float, float]:
     return float(np.nanmin(values)), float(np.nanmax(values))
 
 
-def _fill(lanelet: Any) -> Floats:
+def _list_points(lanelet: Any) -> Floats:
     # points inside a lanelet, a grid length apart or less
     left, right = (np.asarray(side)[:, :2] for side in (lanelet.left_vertices, lanelet.right_vertices))
     length = max(np.hypot(*np.diff(side, axis=0).T).sum() for side in (left, right))

@@ -15,7 +15,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
-from avrare.results.recordings.crossings import add_crossings, has_rules
+from avrare.results.recordings.crossings import add_crossings, has_right_of_way
 from avrare.results.recordings.lanelet_road import ASIDE, find_path
 from avrare.results.recordings.lanelet_road import find_road as find_lanelet_road
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
@@ -63,7 +63,7 @@ class PlaneDrives:
             text = f"{self.path}: obstacle {ego} leaves the road at step {at}"
             raise UsageError(text, f"it is more than {ASIDE:g} m from the line along its lanes")
         others = [track for name, track in tracks.items() if name != ego and track.present.any()]
-        if self._has_rules and self.road is None:
+        if self._has_right_of_way and self.road is None:
             routes = [self._routes[track.name] for track in others]
             road = add_crossings(road, self.network, self._routes[ego], routes)
         return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
@@ -88,14 +88,14 @@ class PlaneDrives:
             return ()
 
     @cached_property
-    def _has_rules(self) -> bool:
-        return self.network is not None and has_rules(self.network)
+    def _has_right_of_way(self) -> bool:
+        return self.network is not None and has_right_of_way(self.network)
 
     @cached_property
     def _straight(self) -> tuple[Road, float] | None:
         if not self.lanelets:
             raise UsageError(f"{self.path}: there are no lanelets", "give --lanes")
-        if self._has_rules:  # which are read along the ego's way
+        if self._has_right_of_way:  # which are read along the ego's way
             return None
         try:
             return find_straight_lanes(self.path, self.lanelets)

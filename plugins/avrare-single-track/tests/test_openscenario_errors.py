@@ -53,6 +53,7 @@ def test_what_the_ego_is_told_to_do_is_refused_or_passed_over(build):
         ('entityRef="Car"', 'entityRef="Cat"', "there is no entity 'Cat'"),
         ('revMajor="1"', 'revMajor="2"', r"only OpenSCENARIO XML 1\.x"),
         ('laneId="-3"', 'laneId="0"', "nobody drives on lane 0|there is no lane 0"),
+        ('length="4.5"', 'length="nan"', "Dimensions: length should be a number, found 'nan'"),
         ("<SimulationTimeCondition", "<TimeOfDayCondition", "TimeOfDayCondition: is not read"),
     ],
 )  # fmt: skip

@@ -234,7 +234,7 @@ class SingleTrackConfig(_Options):
         return self
 
 
-class HandedConfig(_Options):
+class HandedOverConfig(_Options):
     """Recorded vehicles that a driver model takes over, from their state at the start.
 
     Each desires the highest speed that it was recorded with.
@@ -271,7 +271,7 @@ class RecordedConfig(BaseModel):
         default_factory=dict,
         description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
     )
-    drivers: HandedConfig | None = Field(
+    drivers: HandedOverConfig | None = Field(
         default=None, description="recorded vehicles that react; default: all repeat what was recorded"
     )
 

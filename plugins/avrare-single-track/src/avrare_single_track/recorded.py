@@ -17,7 +17,7 @@ from avrare.results.recordings.recording import VehicleTrack
 from avrare_single_track.config import (
     DriverConfig,
     EgoConfig,
-    HandedConfig,
+    HandedOverConfig,
     RecordedConfig,
     SingleTrackConfig,
     VehicleConfig,
@@ -80,7 +80,7 @@ class RecordedScene(SingleTrack):
         if config.drivers is not None:
             self._hand_over(path, config.drivers, others)
 
-    def _hand_over(self, path: str, drivers: HandedConfig, tracks: list[VehicleTrack]) -> None:
+    def _hand_over(self, path: str, drivers: HandedOverConfig, tracks: list[VehicleTrack]) -> None:
         if not has_constant_lanes(self.scene.road):
             raise UsageError(
                 f"{path}: drivers need lanes of constant widths and offsets", "leave out `drivers`"

@@ -10,7 +10,7 @@ from avrare.protocols import Floats
 from avrare_traffic_rules.traffic import Bodies
 from avrare_traffic_rules.vocabulary import Setting, predicate
 
-_WITH = 0.25 * np.pi  # largest angle between a vehicle and the way that it drives on [rad]
+_ALIGNED = 0.25 * np.pi  # largest angle between a vehicle and the way that it drives on [rad]
 
 
 @predicate("longitudinal")
@@ -72,7 +72,7 @@ def _on_way(s: Setting, a: Bodies, area: Crossing) -> Floats:
     parts = (
         along / s.scales.longitudinal,
         (area.half_width - np.abs(offset)) / s.scales.lateral,
-        (_WITH - np.abs(turned)) / s.scales.heading,
+        (_ALIGNED - np.abs(turned)) / s.scales.heading,
     )
     least = np.minimum.reduce(parts)
     return np.where(np.isnan(least), -np.inf, least)

@@ -40,8 +40,8 @@ class GhostLaw:
         speed_sd: Standard deviation of its observed speed [m/s].
         with_ego: Ghosts move with the ego; False: they stand on the road.
         ranges: (2, 2) least and greatest distance ahead and to the left [m], where ``points`` is empty.
-        points: (P, 2) places ahead and to the left [m], equally likely, and around each one a normal law
-        width: of this standard deviation [m].
+        points: (P, 2) places ahead and to the left of the ego [m], equally likely.
+        width: Standard deviation of the normal law around each of them [m].
     """
 
     rate: float

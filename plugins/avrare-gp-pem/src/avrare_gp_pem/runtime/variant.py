@@ -190,8 +190,8 @@ class MeasuredGhosts:
     Attributes:
         rate: Mean number in a frame.
         persistence: Mean time that one lasts [s]; 0 where the data had no tracks of them.
-        points: (P, 2) places ahead and to the left of the ego [m], equally likely; around each a normal law
-        width: of this standard deviation [m].
+        points: (P, 2) places ahead and to the left of the ego [m], equally likely.
+        width: Standard deviation of the normal law around each of them [m].
     """
 
     rate: float

@@ -17,7 +17,7 @@ from avrare_single_track.openscenario.story import FORMS, LaneChange, SpeedChang
 
 Integers = NDArray[np.int64]
 _PEAKS = {"step": 0.0, "linear": 1.0, "cubic": 1.5, "sinusoidal": 0.5 * np.pi}
-"""Highest rate of a transition, in its mean one."""
+"""Highest rate of a transition over its mean rate."""
 _AT_REST = 1e-3
 """Speed below which a vehicle stands still [m/s]."""
 _CRAWL = 0.5
@@ -29,7 +29,7 @@ class Course:
     """Transitions under way, of one quantity of V vehicles in N particles.
 
     Attributes:
-        deed: (N, V) index of the deed, -1: none.
+        action: (N, V) index of the action, -1: none.
         start: (N, V) value at its begin.
         target: (N, V) value at its end.
         clock: (N, V) time or way since its begin [s or m].
@@ -38,7 +38,7 @@ class Course:
         by_way: (N, V) whether it goes by the way driven.
     """
 
-    deed: Integers
+    action: Integers
     start: Floats
     target: Floats
     clock: Floats
@@ -54,17 +54,17 @@ class Course:
         form, by_way = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
         return cls(np.full(shape, -1), start, target, clock, span, form, by_way)
 
-    def begin(self, deed: int, vehicle: int, rows: Bools, **values: Floats | int | bool) -> Course:
+    def begin(self, action: int, vehicle: int, rows: Bools, **values: Floats | int | bool) -> Course:
         """Return the courses with a new one of one vehicle in some rows."""
         fields = {name: np.array(part) for name, part in vars(self).items()}
-        for name, value in {"deed": deed, "clock": 0.0, **values}.items():
+        for name, value in {"action": action, "clock": 0.0, **values}.items():
             fields[name][:, vehicle] = np.where(rows, value, fields[name][:, vehicle])
         return Course(**fields)
 
-    def stop(self, deeds: Sequence[int], rows: Bools) -> Course:
-        """Return the courses without some deeds in some rows."""
-        stopped = np.isin(self.deed, list(deeds)) & rows[:, None]
-        return replace(self, deed=np.where(stopped, -1, self.deed))
+    def stop(self, actions: Sequence[int], rows: Bools) -> Course:
+        """Return the courses without some actions in some rows."""
+        stopped = np.isin(self.action, list(actions)) & rows[:, None]
+        return replace(self, action=np.where(stopped, -1, self.action))
 
     def advance(self, dt: float, way: Floats) -> tuple[Course, Floats, Floats]:
         """Return the courses a step later, the values there, and their change by second or metre."""
@@ -74,8 +74,8 @@ class Course:
         done, rate = _transition(self.form, share)
         value = np.where(share >= 1.0 - 1e-9, self.target, self.start + (self.target - self.start) * done)
         slope = np.where(lasting & (share < 1.0 - 1e-9), (self.target - self.start) * rate, 0.0)
-        deed = np.where(share >= 1.0 - 1e-9, -1, self.deed)
-        return replace(self, clock=clock, deed=deed), value, slope / np.where(lasting, self.span, 1.0)
+        action = np.where(share >= 1.0 - 1e-9, -1, self.action)
+        return replace(self, clock=clock, action=action), value, slope / np.where(lasting, self.span, 1.0)
 
 
 @dataclass(frozen=True)
@@ -222,59 +222,59 @@ class ActedTraffic:
                     ended[:, other] = np.where(running, step, ended[:, other])
                     memory = replace(
                         memory,
-                        speed=memory.speed.stop(one.deeds, running),
-                        across=memory.across.stop(one.deeds, running),
+                        speed=memory.speed.stop(one.actions, running),
+                        across=memory.across.stop(one.actions, running),
                     )
         memory = replace(memory, begun=begun, ended=ended)
-        for number in event.deeds:
-            deed = self.story.deeds[number]
-            if isinstance(deed, SpeedChange):
-                memory = replace(memory, speed=self._begin_speed(memory, number, deed, rows, every))
+        for number in event.actions:
+            action = self.story.actions[number]
+            if isinstance(action, SpeedChange):
+                memory = replace(memory, speed=self._begin_speed(memory, number, action, rows, every))
             else:
-                memory = replace(memory, across=self._begin_across(memory, number, deed, rows, every))
+                memory = replace(memory, across=self._begin_across(memory, number, action, rows, every))
         return memory
 
     def _begin_speed(
-        self, memory: StoryMemory, number: int, deed: SpeedChange, rows: Bools, every: Vehicles
+        self, memory: StoryMemory, number: int, action: SpeedChange, rows: Bools, every: Vehicles
     ) -> Course:
-        now, target = every.speed[:, deed.actor], memory.table[:, deed.target]
-        if deed.other >= 0:
-            theirs = every.speed[:, deed.other]
-            target = target * theirs if deed.factor else target + theirs
-        target, value = np.maximum(target, 0.0), memory.table[:, deed.transition.value]
+        now, target = every.speed[:, action.actor], memory.table[:, action.target]
+        if action.other >= 0:
+            theirs = every.speed[:, action.other]
+            target = target * theirs if action.factor else target + theirs
+        target, value = np.maximum(target, 0.0), memory.table[:, action.transition.value]
         if (
-            deed.transition.form != "step" and deed.transition.dimension == "distance"
+            action.transition.form != "step" and action.transition.dimension == "distance"
         ):  # as long as the way takes, at the mean of both speeds
             with np.errstate(divide="ignore", invalid="ignore"):
                 span = 2.0 * value / (now + target)
         else:
-            span = _span(deed.transition, target - now, value)
-        form = FORMS.index(deed.transition.form)
+            span = _span(action.transition, target - now, value)
+        form = FORMS.index(action.transition.form)
         return memory.speed.begin(
-            number, deed.actor, rows, start=now, target=target, span=span, form=form, by_way=False
+            number, action.actor, rows, start=now, target=target, span=span, form=form, by_way=False
         )
 
     def _begin_across(
-        self, memory: StoryMemory, number: int, deed: LaneChange, rows: Bools, every: Vehicles
+        self, memory: StoryMemory, number: int, action: LaneChange, rows: Bools, every: Vehicles
     ) -> Course:
-        now, lane = every.y[:, deed.actor], np.full(len(rows), deed.lane)
-        if deed.other >= 0:
-            along = np.sign(np.cos(every.heading[:, deed.other])).astype(np.int64)
-            lane = nearest_lane(self.roads, every.y[:, deed.other]) + along * deed.lane
-        target = lane_middle(self.roads, lane) + memory.table[:, deed.offset]
-        span = _span(deed.transition, target - now, memory.table[:, deed.transition.value])
+        now, lane = every.y[:, action.actor], np.full(len(rows), action.lane)
+        if action.other >= 0:
+            along = np.sign(np.cos(every.heading[:, action.other])).astype(np.int64)
+            lane = nearest_lane(self.roads, every.y[:, action.other]) + along * action.lane
+        target = lane_middle(self.roads, lane) + memory.table[:, action.offset]
+        span = _span(action.transition, target - now, memory.table[:, action.transition.value])
         return memory.across.begin(
-            number, deed.actor, rows, start=now, target=target, span=span,
-            form=FORMS.index(deed.transition.form), by_way=deed.transition.dimension == "distance",
+            number, action.actor, rows, start=now, target=target, span=span,
+            form=FORMS.index(action.transition.form), by_way=action.transition.dimension == "distance",
         )  # fmt: skip
 
     def _move(self, memory: StoryMemory, others: Vehicles) -> tuple[StoryMemory, Vehicles]:
-        active = memory.speed.deed >= 0
+        active = memory.speed.action >= 0
         course, wanted, _ = memory.speed.advance(self.dt, np.zeros_like(others.speed))
         speed = np.where(active, wanted, others.speed)
         begin = np.where(active & (memory.speed.span <= 0.0), speed, others.speed)  # a step has no way
         way = 0.5 * (begin + speed) * self.dt
-        changing = memory.across.deed >= 0
+        changing = memory.across.action >= 0
         across, aside, slope = memory.across.advance(self.dt, way)
         y = np.where(changing, aside, others.y)
         direction = np.where(np.cos(memory.heading) < 0.0, -1.0, 1.0)
@@ -292,7 +292,7 @@ class ActedTraffic:
         for index, event in enumerate(self.story.events):
             busy = np.zeros(len(ended), np.bool_)
             for course in (memory.speed, memory.across):
-                busy |= np.isin(course.deed, list(event.deeds)).any(axis=1)
+                busy |= np.isin(course.action, list(event.actions)).any(axis=1)
             over = (memory.begun[:, index] >= 0) & (ended[:, index] < 0) & ~busy
             ended[:, index] = np.where(over, step, ended[:, index])
         return replace(memory, ended=ended)

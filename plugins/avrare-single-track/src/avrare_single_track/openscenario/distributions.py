@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from typing import Any
 
-import numpy as np
-
 from avrare_single_track.openscenario.xml_tree import Element
 
 _KNOWN = "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram"
@@ -45,16 +43,19 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
 def _read_law(one: Element) -> dict[str, Any]:
     match one.tag:
         case "NormalDistribution":
-            mean, sd = _number(one, "expectedValue"), _number(one, "variance") ** 0.5
+            mean, sd = one.number("expectedValue"), _not_negative(one, "variance") ** 0.5
             return _cut(one, {"law": "normal", "mean": mean, "sd": sd})
         case "LogNormalDistribution":
-            mean, sd = _number(one, "expectedValue"), _number(one, "variance") ** 0.5
+            mean, sd = one.number("expectedValue"), _not_negative(one, "variance") ** 0.5
             return _cut(one, {"law": "lognormal", "mean": mean, "sd": sd})
         case "UniformDistribution":
             return {"law": "uniform", **_range(one.child("Range"))}
         case "Histogram":
             parts: list[dict[str, Any]] = [
-                {"weight": _number(part, "weight"), "of": {"law": "uniform", **_range(part.child("Range"))}}
+                {
+                    "weight": _not_negative(part, "weight"),
+                    "of": {"law": "uniform", **_range(part.child("Range"))},
+                }
                 for part in one.list("Bin")
             ]
             parts = [part for part in parts if part["weight"] != 0.0]
@@ -70,15 +71,11 @@ def _cut(one: Element, law: dict[str, Any]) -> dict[str, Any]:
 
 
 def _range(bounds: Element) -> dict[str, float]:
-    return {"low": _number(bounds, "lowerLimit"), "high": _number(bounds, "upperLimit")}
+    return {"low": bounds.number("lowerLimit"), "high": bounds.number("upperLimit")}
 
 
-def _number(element: Element, name: str) -> float:
-    text = element.attribute(name)
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value) or (name in ("variance", "weight") and value < 0.0):
-        raise element.error(f"{name}: {text[:40]!r} is no number that it can be")
+def _not_negative(element: Element, name: str) -> float:
+    value = element.number(name)
+    if value < 0.0:
+        raise element.error(f"{name} should not be below 0, found {value:g}")
     return value

@@ -68,7 +68,7 @@ def read_opendrive(path: str) -> RoadMap:
     for road in chain:
         begins[road.attribute("id")] = at
         for geometry in road.child("planView").list("geometry"):
-            x, y, heading = (_number(geometry, name) for name in ("x", "y", "hdg"))
+            x, y, heading = (geometry.number(name) for name in ("x", "y", "hdg"))
             if before is not None:
                 _check_joint(geometry, before, x, y, heading)
             start = start or (x, y, heading)
@@ -125,17 +125,17 @@ def _chain(top: Element, roads: list[Element]) -> list[Element]:
 
 def _read_piece(geometry: Element) -> Piece:
     geometry.get("s")
-    shape, length = geometry.choice(), _number(geometry, "length")
+    shape, length = geometry.choice(), geometry.number("length")
     if length <= 0.0:
         raise geometry.error("the length should be above 0")
     match shape.tag:
         case "line":
             return Piece(length)
         case "arc":
-            curvature = _number(shape, "curvature")
+            curvature = shape.number("curvature")
             return Piece(length, curvature, curvature)
         case "spiral":
-            return Piece(length, _number(shape, "curvStart"), _number(shape, "curvEnd"))
+            return Piece(length, shape.number("curvStart"), shape.number("curvEnd"))
     raise shape.unknown("line, arc, spiral")
 
 
@@ -168,7 +168,7 @@ def _read_section(section: Element, offset: float) -> list[tuple[int, str, float
     for side in ("left", "center", "right"):
         for block in section.list(side):
             for lane in block.list("lane"):
-                lanes[int(_number(lane, "id"))] = lane
+                lanes[int(lane.number("id"))] = lane
     count = sum(
         len(block.list("lane")) for side in ("left", "center", "right") for block in section.list(side)
     )
@@ -205,20 +205,9 @@ def _is_broad(lane: Element) -> bool:
 def _constant(polynomial: Element) -> float:
     for name in ("s", "sOffset"):
         polynomial.get(name)
-    if any(_number(polynomial, name) for name in "bcd"):
+    if any(polynomial.number(name) for name in "bcd"):
         raise polynomial.error("changes along the road", "only constant widths and offsets are read")
-    return _number(polynomial, "a")
-
-
-def _number(element: Element, name: str) -> float:
-    text = element.attribute(name)
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise element.error(f"{name} should be a number, found {text[:40]!r}")
-    return value
+    return polynomial.number("a")
 
 
 def _assemble(

@@ -12,7 +12,7 @@ from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import read_place
 from avrare_single_track.openscenario.story import Place, Storyboard
 from avrare_single_track.openscenario.story_reader import StoryReader
-from avrare_single_track.openscenario.xml_tree import Element, read_xml
+from avrare_single_track.openscenario.xml_tree import Element, parse_number, read_xml
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,7 @@ def _read_body(entity: Element, parameters: Parameters) -> Body:
 
 
 def _constant(parameters: Parameters, element: Element, name: str) -> float:
-    text = parameters.text(element, name)
-    try:
-        return float(text)
-    except ValueError:
-        raise element.error(f"{name} should be a number, found {text[:40]!r}") from None
+    return parse_number(element, name, parameters.text(element, name))
 
 
 def _read_starts(

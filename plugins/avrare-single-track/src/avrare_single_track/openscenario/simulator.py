@@ -50,7 +50,7 @@ class OpenScenario(SingleTrack):
         *others, ego = file.bodies
         super().__init__(SingleTrackConfig(dt=config.dt, ego=_build_ego(config, file, ego)))
         self.acted = ActedTraffic(file, config.dt)
-        driven = {deed.actor for deed in file.story.deeds}
+        driven = {action.actor for action in file.story.actions}
         speeds = file.parameters.table({}, 1)[0, list(file.story.speeds)]
         self.scene = Scene(
             config.dt,
@@ -110,7 +110,7 @@ class OpenScenario(SingleTrack):
         return {"others": others, "story": story}
 
     def faults(self, world: World) -> Bools:
-        """Tell (N,) which rows have a vehicle whose state, or a number of the file that is not finite."""
+        """Return (N,) True where the state of a vehicle or a number of the file is not finite."""
         lost = ~(np.isfinite(world.others.x) & np.isfinite(world.others.y) & np.isfinite(world.others.speed))
         assert isinstance(world, StoryWorld)
         assert world.story is not None

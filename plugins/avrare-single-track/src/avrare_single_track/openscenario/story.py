@@ -90,7 +90,7 @@ class LaneChange:
     other: int = -1
 
 
-Deed: TypeAlias = SpeedChange | LaneChange
+Action: TypeAlias = SpeedChange | LaneChange
 
 
 @dataclass(frozen=True)
@@ -139,14 +139,14 @@ Trigger: TypeAlias = tuple[tuple[int, ...], ...]
 
 @dataclass(frozen=True)
 class Event:
-    """Deeds that begin together.
+    """Actions that begin together.
 
     Attributes:
         name: Name in the file.
         act: Index of its act.
         maneuver: Index of its maneuver.
         trigger: Its start; empty: with the act.
-        deeds: Indices of its deeds.
+        actions: Indices of its actions.
         overrides: Whether it ends the other events of its maneuver.
     """
 
@@ -154,7 +154,7 @@ class Event:
     act: int
     maneuver: int
     trigger: Trigger
-    deeds: tuple[int, ...]
+    actions: tuple[int, ...]
     overrides: bool
 
 
@@ -167,7 +167,7 @@ class Storyboard:
         speeds: Its speed at the start.
         acts: Start of each act.
         events: Events of all acts.
-        deeds: Deeds of all events.
+        actions: Actions of all events.
         conditions: Conditions of all triggers.
     """
 
@@ -175,5 +175,5 @@ class Storyboard:
     speeds: tuple[Number, ...]
     acts: tuple[Trigger, ...]
     events: tuple[Event, ...]
-    deeds: tuple[Deed, ...]
+    actions: tuple[Action, ...]
     conditions: tuple[Condition, ...]

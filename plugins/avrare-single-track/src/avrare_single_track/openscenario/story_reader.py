@@ -14,8 +14,8 @@ from avrare_single_track.openscenario.place_reader import find_entity, find_lane
 from avrare_single_track.openscenario.story import (
     DIMENSIONS,
     FORMS,
+    Action,
     Condition,
-    Deed,
     Edge,
     Event,
     LaneChange,
@@ -59,7 +59,7 @@ class StoryReader:
     ) -> None:
         self.parameters, self.roads, self.names, self.dt = parameters, roads, names, dt
         self.ignore_ego = ignore_ego
-        self.deeds: list[Deed] = []
+        self.actions: list[Action] = []
         self.events: list[Event] = []
         self.conditions: list[Condition] = []
         self.acts: list[Trigger] = []
@@ -78,7 +78,7 @@ class StoryReader:
         for index, element in self._waiting:
             self._resolve_state(index, element)
         return Storyboard(
-            places, speeds, tuple(self.acts), tuple(self.events), tuple(self.deeds), tuple(self.conditions)
+            places, speeds, tuple(self.acts), tuple(self.events), tuple(self.actions), tuple(self.conditions)
         )
 
     @contextmanager
@@ -134,37 +134,37 @@ class StoryReader:
         priority = event.get("priority") or "parallel"
         if priority not in ("override", "overwrite", "parallel"):
             raise event.error(f"the priority {priority!r} is not read", "override or parallel")
-        first, number = len(self.deeds), len(self.events)
-        actions = event.list("Action")
-        for action in actions:
-            path = (*self._path, action.get("name") or "")
-            self.elements.append(_Named("action", path, (number,), alone=len(actions) == 1))
+        first, number = len(self.actions), len(self.events)
+        elements = event.list("Action")
+        for element in elements:
+            path = (*self._path, element.get("name") or "")
+            self.elements.append(_Named("action", path, (number,), alone=len(elements) == 1))
             for actor in actors:
-                self.deeds.append(self._read_action(action, actor))
+                self.actions.append(self._read_action(element, actor))
             if not actors:
-                action.skip()
+                element.skip()
         start = event.find("StartTrigger")
         trigger = () if start is None else self._read_trigger(start)
-        deeds = tuple(range(first, len(self.deeds)))
+        actions = tuple(range(first, len(self.actions)))
         name = event.attribute("name")
-        self.events.append(Event(name, act, self.maneuvers, trigger, deeds, priority != "parallel"))
+        self.events.append(Event(name, act, self.maneuvers, trigger, actions, priority != "parallel"))
 
-    def _read_action(self, action: Element, actor: int) -> Deed:
-        kind = action.choice()
+    def _read_action(self, element: Element, actor: int) -> Action:
+        kind = element.choice()
         if kind.tag != "PrivateAction":
             raise kind.unknown("PrivateAction")
         domain = kind.choice()
         if domain.tag not in ("LongitudinalAction", "LateralAction"):
             raise domain.unknown("SpeedAction in a LongitudinalAction, LaneChangeAction in a LateralAction")
-        deed = domain.choice()
-        match deed.tag:
+        action = domain.choice()
+        match action.tag:
             case "SpeedAction":
-                return self._read_speed_change(deed, actor)
+                return self._read_speed_change(action, actor)
             case "LaneChangeAction":
-                return self._read_lane_change(deed, actor)
+                return self._read_lane_change(action, actor)
             case "LaneOffsetAction":
-                return self._read_lane_offset(deed, actor)
-        raise deed.unknown("SpeedAction, LaneChangeAction, LaneOffsetAction")
+                return self._read_lane_offset(action, actor)
+        raise action.unknown("SpeedAction, LaneChangeAction, LaneOffsetAction")
 
     def _read_transition(self, element: Element) -> Transition:
         form = self.parameters.text(element, "dynamicsShape")

@@ -7,6 +7,7 @@ its depth and its declarations are bounded.
 
 from __future__ import annotations
 
+import math
 import xml.parsers.expat
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -90,6 +91,10 @@ class Element:
             raise self.error(f"lacks the attribute {name}")
         return value
 
+    def number(self, name: str) -> float:
+        """Return an attribute that must be a finite number."""
+        return parse_number(self, name, self.attribute(name))
+
     def skip(self) -> None:
         """Count the element and all within it as understood: it changes nothing."""
         for one in self._walk():
@@ -120,6 +125,17 @@ class Element:
         yield self
         for child in self.children:
             yield from child._walk()
+
+
+def parse_number(element: Element, name: str, text: str) -> float:
+    """Return the finite number that an attribute stands for."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise element.error(f"{name} should be a number, found {text[:40]!r}")
+    return value
 
 
 def read_xml(path: str, root: str) -> Element:

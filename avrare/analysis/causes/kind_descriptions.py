@@ -15,7 +15,7 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import replay_tape
 
 
-def tell_kinds(
+def describe_kinds(
     scenario: LoadedScenario,
     kinds: Kinds,
     noise: Floats,
@@ -31,11 +31,13 @@ def tell_kinds(
         budget: Rollouts to shrink each of these failures.
         progress: Called after each chunk of rollouts.
     """
-    told = tuple(_tell(scenario, kinds.specification, kind, noise, budget, progress) for kind in kinds.kinds)
+    told = tuple(
+        _describe(scenario, kinds.specification, kind, noise, budget, progress) for kind in kinds.kinds
+    )
     return replace(kinds, kinds=told)
 
 
-def _tell(
+def _describe(
     scenario: LoadedScenario,
     specification: str,
     kind: Kind,
