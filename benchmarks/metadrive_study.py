@@ -1,60 +1,78 @@
-"""Case study: the driver that MetaDrive ships behind 240 noisy lidar rays, by Monte Carlo and splitting.
+"""Case study: MetaDrive's own driver behind 240 noisy lidar rays, by Monte Carlo, splitting and slices.
 
-    OMP_NUM_THREADS=1 python benchmarks/metadrive_study.py estimate mc|ams [--workers 2]
+    OMP_NUM_THREADS=1 python benchmarks/metadrive_study.py estimate mc|ams|ess [--parts 10]
     OMP_NUM_THREADS=1 python benchmarks/metadrive_study.py cost
     OMP_NUM_THREADS=1 python benchmarks/metadrive_study.py picture
     python benchmarks/metadrive_study.py report
 
-Runs in the environment of ``docs/metadrive.md``. ``estimate`` keeps its result and the failing tapes in the
-results folder; interrupted, it goes on from there. ``picture`` draws from them (it needs matplotlib),
-``report`` prints the table. All estimates take about 5 CPU minutes.
+Runs in the environment of ``docs/metadrive.md``. An estimate consists of parts: ``estimate`` runs those that
+the results folder lacks, so that a later call with more parts adds to it; ``report`` prints the table of all.
+``picture`` draws from the failing tapes (it needs matplotlib and scikit-learn).
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import os
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import case_table, metadrive_picture
+from studies import kept, metadrive_parts, metadrive_picture
 
 import avrare
+from avrare_metadrive import world
+from avrare_metadrive.config import MetaDriveConfig
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "merge_metadrive.yaml"
+PICTURES = ROOT / "docs" / "metadrive"
+KEPT = PICTURES / "results.zip"
+LEAST_SPEED, LEAST_REWARD = 5.0, 192.5
+"""Of the scenario's formula."""
+PACE = 1.3
+"""Most reward of a step; the arrival gives more, once."""
 OPTIONS: dict[str, dict[str, Any]] = {
-    "mc": {"seed": 1, "rollouts": 200},
-    "ams": {"seed": 5, "particles": 60, "discard": 12, "runs": 3},
+    "mc": {"rollouts": 50},
+    "ams": {"particles": 40, "discard": 8, "runs": 1},
+    "ess": {"chains": 8, "level_probability": 0.25, "runs": 1},
 }
+"""Of a part."""
 
 
-def danger(signals: Any, t: int) -> Any:
-    """Score that splitting orders by, in m/s: how slow the last five samples, or how near the others.
+def danger(usual: Any) -> Any:
+    """Score that splitting orders by: -1 at full speed without delay, 0 at a failure.
 
-    Centimetres are weighed so that who passes at 1.85 m (the least without a collision) is as near to failing
-    as who falls to 5.6 m/s; what has not failed stays below 0.
+    How slow the last five samples are, or how far the reward lags behind ``usual`` (T + 1,), that of a run
+    whose noise is at its median. A lag shows early; what lacks at the end would leave nothing to branch.
     """
-    slow = 5.0 - signals["speed"][:, -5:].max(axis=1) if t >= 34 else -5.0
-    near = 4.0 * (1.7 - signals["nearest"][:, -1])
-    return np.where(signals["crashed"][:, -1] > 0.5, 1.0, np.maximum(slow, near))
+    steps = np.clip(np.diff(usual), 0.0, PACE)
+    steady = np.concatenate([[0.0], np.cumsum(steps)])
+    allowed = steady[-1] - LEAST_REWARD
+
+    def score(signals: Any, t: int) -> Any:
+        fastest = signals["speed"][:, -5:].max(axis=1) if t >= 34 else np.inf
+        late = (steady[t] - signals["reward"][:, -1]) / allowed - 1.0
+        found = np.maximum(late, (LEAST_SPEED - fastest) / 4.0)
+        return np.where(signals["crashed"][:, -1] > 0.5, 0.0, found)
+
+    return score
 
 
-def estimate(name: str, workers: int, folder: Path) -> None:
-    """One estimate, unless it has been made already."""
-    if (folder / f"{name}.json").exists():
-        return
+def estimate(name: str, parts: int, folder: Path) -> None:
+    """Run the missing parts."""
+    world.ENGINE = "studies.metadrive_clock"  # before the scenario starts its first process
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     problem = avrare.load(SCENARIO).problem("keeps_up")
-    problem = problem.rescored(danger) if name == "ams" else problem
-    folder.mkdir(parents=True, exist_ok=True)
-    result = avrare.estimate(
-        problem, name, workers=workers, checkpoint=folder / f"{name}-chunks", **OPTIONS[name]
-    )
-    np.savez(folder / f"{name}.npz", noise=result.failures.noise)
-    (folder / f"{name}.json").write_text(json.dumps(json.loads(result.to_json()), indent=1))
-    print(name, result.probability, result.interval, result.rollouts, result.simulated_steps, result.health)
+    start, _ = world._root_process(_config())
+
+    def clock() -> float:
+        return time.process_time() + float(start.call("seconds"))
+
+    if name == "ams":
+        problem = problem.rescored(danger(problem.trace()["reward"]))
+    metadrive_parts.run(problem, name, OPTIONS[name], parts, folder, clock)
 
 
 def cost(steps: int = 150) -> None:
@@ -62,50 +80,53 @@ def cost(steps: int = 150) -> None:
     import psutil  # comes with MetaDrive
 
     def used() -> float:
-        times = [one.cpu_times() for one in psutil.Process().children(recursive=True)]
-        return sum(one.user + one.system for one in times)
+        times = [each.cpu_times() for each in psutil.Process().children(recursive=True)]
+        return sum(each.user + each.system for each in times)
 
-    simulator, driver = _parts()
-    world = simulator.settings[0]()
-    noise = np.random.default_rng(0).standard_normal((steps + 1, world.noise_size))
-    world.reset(noise[0])
+    driver = avrare.load(SCENARIO).stack.loop.controller
+    one = world.MetaDriveWorld(_config())
+    noise = np.random.default_rng(0).standard_normal((steps + 1, one.noise_size))
+    one.reset(noise[0])
     here, there = time.process_time(), used()
     for row in noise[1:]:
-        action, _ = driver.act(None, world.observation()[None], None)
-        world.step(action[0], row)
+        action, _ = driver.act(None, one.observation()[None], None)
+        one.step(action[0], row)
     here, there = time.process_time() - here, used() - there
     print(f"a step: {1e3 * there / steps:.2f} ms in MetaDrive's process, {1e3 * here / steps:.2f} ms here")
     before = used()
-    copies = [world.snapshot() for _ in range(40)]
+    copies = [one.snapshot() for _ in range(40)]
     print(f"a copy: {1e3 * (used() - before) / len(copies):.1f} ms")
-    own = sorted(one.memory_full_info().uss / 2**20 for one in psutil.Process().children(recursive=True))
+    own = sorted(each.memory_full_info().uss / 2**20 for each in psutil.Process().children(recursive=True))
     print(f"memory of its own: {np.median(own):.1f} MB a copy, {own[-1]:.1f} MB the largest process")
 
 
-def _parts() -> tuple[Any, Any]:
-    """Simulator and driver of the scenario."""
-    loop = avrare.load(SCENARIO).stack.loop
-    return loop.simulator, loop.controller
+def _config() -> MetaDriveConfig:
+    """Options of the scenario's simulator."""
+    config: Any = avrare.load(SCENARIO).definition.blocks["simulator"].config
+    return config
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("what", choices=["estimate", "cost", "picture", "report"])
     parser.add_argument("name", nargs="?", choices=list(OPTIONS))
-    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--parts", type=int, default=1, help="parts of each estimate that there shall be")
     parser.add_argument("--results", type=Path, default=ROOT / "runs" / "metadrive")
+    parser.add_argument("--keep", action="store_true", help=f"write the results into {KEPT.name}")
     given = parser.parse_args()
+    kept.unpack(KEPT, given.results)
     match given.what:
         case "estimate":
             for name in [given.name] if given.name else OPTIONS:
-                estimate(name, given.workers, given.results)
+                estimate(name, given.parts, given.results)
         case "cost":
             cost()
         case "picture":
-            tapes = np.load(given.results / "mc.npz", allow_pickle=False)["noise"]
-            metadrive_picture.draw(*_parts(), tapes, ROOT / "docs" / "metadrive")
+            metadrive_picture.draw(SCENARIO, given.results, PICTURES, LEAST_SPEED, LEAST_REWARD)
         case "report":
-            case_table.show(given.results, OPTIONS)
+            print(metadrive_parts.table(given.results, OPTIONS))
+    if given.keep:
+        kept.pack(KEPT, given.results)
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ NOT_RUN = {
     r"python (benchmarks/|-m benchmarks\.).*": "a study of minutes to hours, whose results the page shows",
     r"export .*": "sets a variable of the reader's shell",
     r"avrare run .* --executor ray .*": "needs a cluster; plugins/avrare-ray has tests of the executor",
-    r"avrare run scenarios/merge_metadrive.yaml": "needs MetaDrive in an environment of its own",
+    r"avrare run scenarios/merge_metadrive.yaml( .*)?": "needs MetaDrive in an environment of its own",
     r"avrare policy convert ppo_merge.zip .*": "needs a trained archive; avrare-policy's tests convert some",
     r"avrare pem fit .*": "a fit of minutes; avrare-gp-pem's tests fit logs",
     r"avrare run mine.yaml --set perception.model=models/model.npz .*": "needs the fit before it",

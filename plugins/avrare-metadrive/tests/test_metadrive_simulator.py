@@ -134,10 +134,15 @@ def test_full_throttle_ends_off_the_road_or_in_a_crash_and_stands_still(driver):
 
 @pytest.mark.parametrize(
     ("estimator", "options"),
-    [("mc", {"rollouts": 8}), ("ams", {"particles": 6, "discard": 2, "runs": 2})],
+    [
+        ("mc", {"rollouts": 8}),
+        ("ams", {"particles": 6, "discard": 2, "runs": 2}),
+        ("ess", {"chains": 3, "level_probability": 0.5, "runs": 1, "second_pass": False}),
+    ],
 )
 def test_the_same_bits_in_one_process_and_in_two(estimator, options):
-    changes = ["steps=30", 'specifications.keeps_up.stl="always (speed < 8.52)"', "chunk=3"]
+    formula = 'specifications.keeps_up={"stl": "always (speed < 8.52)"}'
+    changes = ["steps=30", "simulator.start_seed=14", formula, "chunk=3"]
     problem = avrare.load(SCENARIO, changes).problem("keeps_up")
     one, two = (avrare.estimate(problem, estimator, seed=5, workers=workers, **options) for workers in (1, 2))
     assert one.probability == two.probability
@@ -149,6 +154,9 @@ def test_the_same_bits_in_one_process_and_in_two(estimator, options):
     assert (problem.robustness(one.failures.noise[-4:]) <= 0.0).all()  # driven again from the start
 
 
-def test_the_case_study_has_48_000_numbers():
+def test_the_case_study_has_48_000_numbers_and_a_reward_in_metres(driver):
     study = avrare.load(SCENARIO)
     assert study.stack.loop.noise_size * study.steps == 48_000
+    trace = study.problem("keeps_up").trace(np.zeros((1, 201, 240)))
+    reward, remaining = trace["reward"], trace["remaining"]
+    assert reward[60] - reward[40] == pytest.approx(remaining[40] - remaining[60], rel=0.15)
