@@ -49,7 +49,6 @@ class Outcome:
 
 
 def main() -> None:
-    """One study or the other."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rollouts", type=int, default=6000)
     parser.add_argument("--only", metavar="DETECTION,POSITION", help="one of the settings")
@@ -78,7 +77,7 @@ def print_setting(seed: int, detection: float, position: float, rollouts: int) -
 
 
 def drive(scenario: LoadedScenario, seed: int, rollouts: int) -> Outcome:
-    """Rollouts in chunks, with what was missed at every step."""
+    """Drive rollouts in chunks, with what was missed at every step."""
     stack, steps = scenario.stack, scenario.steps
     parts = []
     for begin in range(0, rollouts, CHUNK):
@@ -93,7 +92,7 @@ def drive(scenario: LoadedScenario, seed: int, rollouts: int) -> Outcome:
 
 
 def missed(found: Rollouts, vehicles: int) -> NDArray[np.bool_]:
-    """(N, steps, vehicles) from the kept states."""
+    """Return (N, steps, vehicles) from the kept states."""
     observed = [(rows, carry.system.observation) for t, rows, carry in found.carries if t > 0]
     result = np.zeros((len(found.error), len(observed), vehicles), dtype=bool)
     for step, (rows, observation) in enumerate(observed):
@@ -103,13 +102,13 @@ def missed(found: Rollouts, vehicles: int) -> NDArray[np.bool_]:
 
 
 def runs(missed: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Lengths of all runs of misses in rows (M, steps), in steps."""
+    """Return lengths of all runs of misses in rows (M, steps), in steps."""
     edges = np.diff(np.pad(missed, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     return np.argwhere(edges < 0)[:, 1] - np.argwhere(edges > 0)[:, 1]
 
 
 def describe_misses(missed: NDArray[np.bool_], names: tuple[str, ...]) -> str:
-    """Share missed, mean length of a run and rollouts with a long one, of each vehicle."""
+    """Return share missed, mean length of a run and rollouts with a long one, of each vehicle."""
     words = []
     for vehicle, name in enumerate(names):
         mine = missed[:, :, vehicle]
@@ -122,21 +121,21 @@ def describe_misses(missed: NDArray[np.bool_], names: tuple[str, ...]) -> str:
 
 
 def describe_rule(violated: NDArray[np.bool_], error: NDArray[np.bool_]) -> str:
-    """Failures, probability, 95 % interval."""
+    """Return failures, probability, 95 % interval."""
     failures, errors, total = int((violated & ~error).sum()), int(error.sum()), len(error)
     low, high = clopper_pearson(failures, total, 0.95, errors=errors)
     return f"{failures}/{total} = {failures / total:.3%} ({low:.3%}, {high:.3%}), {errors} errors"
 
 
 def print_lengths() -> None:
-    """Mean lengths of runs of misses [steps of 0.1 s] in the steady state, exactly."""
+    """Print mean lengths of runs of misses [steps of 0.1 s] in the steady state, exactly."""
     for seconds in (0.0, 0.2, 0.5, 1.0):
         lengths = (mean_run(share, seconds) for share in (0.05, 0.2, 0.5))
         print(f"{seconds:g} s: " + ", ".join(f"{length:.2f}" for length in lengths))
 
 
 def mean_run(share: float, seconds: float, dt: float = 0.1) -> float:
-    """Each run ends once: share / P(missed now, seen next)."""
+    """Return the mean length of a run: each ends once, so it is share / P(missed now, seen next)."""
     from scipy.stats import multivariate_normal, norm
 
     correlation = np.exp(-dt / seconds) if seconds else 0.0

@@ -46,7 +46,7 @@ class Recording(NestedLevels):
     """Nested levels that keep the samples of every level of the pass that counts."""
 
     def init(self, plan: Any) -> Any:
-        """Nothing is kept yet."""
+        """Begin with nothing kept."""
         self.tapes: list[Floats] = []
         return super().init(plan)
 
@@ -90,7 +90,7 @@ def levels(picture: Path) -> None:
 
 
 def estimates(beta: float) -> dict[str, Any]:
-    """Ten repetitions of each method; Monte Carlo has as many rollouts as nested levels have used."""
+    """Make ten repetitions of each method; Monte Carlo has as many rollouts as nested levels have used."""
     problem = corner_problem(beta)
     options = {"runs": REPETITIONS, "chains": 50}
     seed = round(-100.0 * beta)
@@ -154,7 +154,7 @@ def squares(picture: Path) -> None:
 
 
 def spread() -> None:
-    """True relative variance of 200 runs over what Eq. 21 says, for N and for effective sizes."""
+    """Compare the true relative variance of 200 runs with what Eq. 21 says, for N and for effective sizes."""
     print("| beta | chains x length | skip | relative variance | over Eq. 21, N | over Eq. 21, effective |")
     print("|---" * 6 + "|")
     for beta in (-2.0, -3.0):

@@ -35,7 +35,7 @@ INCHES = 9.0
 
 
 def draw_rule(rule: str, folder: Path) -> Path:
-    """Four panels below one another, as a PNG of few colours."""
+    """Draw four panels below one another, as a PNG of few colours."""
     chosen = [next(s for s in SITUATIONS if (s.rule, s.kind) == (rule, kind)) for kind in KINDS]
     low, high = _range(chosen)
     bottom, top = _sides(chosen)
@@ -87,7 +87,7 @@ def _draw_crossings(ax: Any, situation: Situation) -> None:
 
 
 def _relative(situation: Situation) -> dict[str, list[tuple[float, float]]]:
-    """Car -> (x, y) at each sample, x counted from the ego."""
+    """Return car -> (x, y) at each sample, x counted from the ego."""
     ego = situation.ego.over(situation.steps, situation.dt)
     tracks = {name: car.over(situation.steps, situation.dt) for name, car in situation.others.items()}
     return {

@@ -177,7 +177,7 @@ DRIFTING = (
 
 
 def blocks() -> Iterator[RunBlock | DriftBlock]:
-    """All blocks, the cheap studies first."""
+    """Return all blocks, the cheap studies first."""
     for kernel in DRIFTING:
         for region in REGIONS:
             if not (kernel == "lipschitz" and region == "c"):  # its slope has no bound
@@ -211,7 +211,7 @@ def main(argv: list[str]) -> None:
 
 
 def run_missing(results: Path, only: str, workers: int) -> None:
-    """Every block that has no file yet."""
+    """Run every block that has no file yet."""
     chosen = [block for block in blocks() if only in block.cell]
     missing = [(results, block) for block in chosen if not (results / block.file).exists()]
     print(f"{len(chosen) - len(missing)} of {len(chosen)} blocks are there", flush=True)

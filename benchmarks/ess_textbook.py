@@ -50,12 +50,12 @@ class Setting:
 
 
 def corners(beta: float) -> Callable[[Floats], Floats]:
-    """Family a."""
+    """Return the score of family a."""
     return lambda u: np.asarray(np.minimum(np.abs(u[..., 0]), u[..., 1]) + beta)
 
 
 def four_branch(u: Floats) -> Floats:
-    """Family c, k = 7."""
+    """Return the score of family c, k = 7."""
     a, b, root = u[..., 0], u[..., 1], np.sqrt(2.0)
     bowl = 3.0 + 0.1 * (a - b) ** 2
     score: Floats = -np.minimum(
@@ -83,18 +83,18 @@ class Chains:
         self.case, self.setting, self.rng, self.cost = case, setting, rng, cost
 
     def scored(self, x: Floats, owner: NDArray[np.int64]) -> Floats:
-        """Scores, paid for."""
+        """Return scores, paid for."""
         np.add.at(self.cost, owner, 1.0)
         return self.case.score(x)
 
     def pcn(self, x: Floats, level: Floats, owner: NDArray[np.int64]) -> Floats:
-        """One step with a fixed rho."""
+        """Take one step with a fixed rho."""
         rho = self.setting.rho
         new = rho * x + np.sqrt(1.0 - rho**2) * self.rng.standard_normal(x.shape)
         return np.where((self.scored(new, owner) > level)[:, None], new, x)
 
     def shrink(self, x: Floats, level: Floats, owner: NDArray[np.int64]) -> Floats:
-        """One step of Murray, Adams and MacKay (2010); a narrower bracket lies about 0 at random."""
+        """Take one step of Murray, Adams and MacKay (2010); a narrower bracket lies about 0 at random."""
         width = self.setting.width
         other, end, wait = self.rng.standard_normal(x.shape), x.copy(), np.arange(len(x))
         angle = width * self.rng.uniform(size=len(x))
@@ -115,7 +115,7 @@ class Chains:
 
 
 def block(case: Case, setting: Setting, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Estimates and evaluations (BLOCK,) of as many runs."""
+    """Return estimates and evaluations (BLOCK,) of as many runs."""
     many, seeding = setting.samples, setting.chains
     found, weight, cost = np.zeros(BLOCK), np.ones(BLOCK), np.full(BLOCK, float(many))
     step, live = getattr(Chains(case, setting, rng, cost), setting.kernel), np.arange(BLOCK)

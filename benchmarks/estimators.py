@@ -39,7 +39,7 @@ def main(argv: list[str]) -> None:
 
 
 def run_missing(results: Path, only: str, workers: int) -> None:
-    """Every block that has no file yet, the cheap cells first."""
+    """Run every block that has no file yet, the cheap cells first."""
     blocks = [block for block in [*cells.blocks(), *peers.blocks()] if only in block.cell]
     missing = [(results, block) for block in blocks if not (results / block.file).exists()]
     print(f"{len(blocks) - len(missing)} of {len(blocks)} blocks are there", flush=True)

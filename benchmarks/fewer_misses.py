@@ -94,7 +94,6 @@ def follow(scenario: Any, problem: Problem, rows: Any) -> dict[str, Floats]:
 
 
 def main() -> None:
-    """Drive, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rollouts", type=int, default=1000)
     count = parser.parse_args().rollouts

@@ -36,7 +36,7 @@ class Total(Static):
     """The physical numbers added up."""
 
     def signals(self, state: Values) -> dict[str, Floats]:
-        """``total`` (N,)."""
+        """Return ``total`` (N,)."""
         return {"total": row_sum(state.values)}
 
 
@@ -44,7 +44,7 @@ class Product(Static):
     """The physical numbers multiplied."""
 
     def signals(self, state: Values) -> dict[str, Floats]:
-        """``total`` (N,), of their logarithms."""
+        """Return ``total`` (N,), of their logarithms."""
         with np.errstate(divide="ignore"):
             return {"total": row_sum(np.log(state.values))}
 
@@ -63,11 +63,11 @@ class Stretched:
         return self.law.noise_size
 
     def physical(self, z: Floats) -> Floats:
-        """Physical rows."""
+        """Return physical rows."""
         return self.law.physical(self.factor * z)
 
     def warp(self, z: Floats) -> tuple[Floats, Floats]:
-        """Physical rows and log |det|."""
+        """Return physical rows and log |det|."""
         x, log_det = self.law.warp(self.factor * z)
         return x, log_det + self.noise_size * math.log(self.factor)
 

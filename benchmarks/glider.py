@@ -56,7 +56,7 @@ class Recording(NestedLevels):
     """Nested levels that keep the samples of every level of the pass that counts."""
 
     def init(self, plan: Any) -> Any:
-        """Nothing is kept yet."""
+        """Begin with nothing kept."""
         self.tapes: list[Floats] = []
         return super().init(plan)
 
@@ -166,7 +166,7 @@ def pictures(folder: Path) -> None:
 
 
 def flights(start: Flights, actuator: Flights, picture: Path) -> None:
-    """All the way, and the last metre for both kinds of noise."""
+    """Simulate all the way, and the last metre for both kinds of noise."""
     figure, (whole, *near) = _figure(12.0, 3.4, 3, widths=(2.2, 1.0, 1.0))
     path = nominal().states
     whole.plot(path[:, 0], path[:, 1], color=_BLUE, lw=1.6)
@@ -187,7 +187,7 @@ def _paths(ax: Axes, some: Flights, rows: Any, colour: str, width: float) -> Non
 
 
 def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
-    """Fuselage and elevator, to scale but for the elevator, which is drawn longer."""
+    """Draw fuselage and elevator, to scale but for the elevator, which is drawn longer."""
     hinge = x - 0.27 * np.cos(pitch), z - 0.27 * np.sin(pitch)
     ax.plot([x + 0.1 * np.cos(pitch), hinge[0]], [z + 0.1 * np.sin(pitch), hinge[1]], color="black", lw=1.8)
     angle = pitch + elevator
@@ -196,7 +196,7 @@ def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
 
 
 def starts(sample: Flights, picture: Path) -> None:
-    """Fig. 12: where failing flights start, by nested levels and by Monte Carlo."""
+    """Draw Fig. 12: where failing flights start, by nested levels and by Monte Carlo."""
     problem = problem_of("start")
     recorder = Recording(EssConfig(chains=300, runs=1, second_pass=False))
     recorder.tapes = []
@@ -227,7 +227,7 @@ def _start(tapes: Floats) -> Floats:
 
 
 def reasons(sample: Flights, picture: Path) -> None:
-    """Fig. 13 (a): the mean noise of failing flights, and where they lie along it."""
+    """Draw Fig. 13 (a): the mean noise of failing flights, and where they lie along it."""
     figure, (left, right) = _figure(10.0, 4.0, 2)
     tapes, t = sample.tapes[:, 1:, 0], 0.01 * np.arange(sample.tapes.shape[1] - 1)
     lost = tapes[sample.fails]
@@ -256,7 +256,7 @@ def reasons(sample: Flights, picture: Path) -> None:
 
 
 def cures(sample: Flights, picture: Path) -> None:
-    """Fig. 13 (b): which failing flights would perch if the noise of one moment had the other sign."""
+    """Draw Fig. 13 (b): which failing flights would perch if the noise of one moment had the other sign."""
     problem, lost = problem_of("actuator"), sample.tapes[sample.fails]
     steps = lost.shape[1] - 1
     turned = np.repeat(lost[:, None], steps, axis=1)

@@ -72,7 +72,7 @@ def heldout(runs: int) -> None:
 
 
 def overhead(repeats: int = 5, steps: int = 120) -> None:
-    """CPU time a step of the closed loop against a bare loop of environment and policy, turn by turn."""
+    """Compare CPU time a step of the closed loop and of environment and policy alone, turn by turn."""
     loaded = avrare.load(SCENARIO, ["simulator.start_seed=284"])
     loop, problem = loaded.stack.loop, loaded.problem("keeps_up")
     rng, times = np.random.default_rng(0), dict.fromkeys(("bare", "parts", "avrare 1", "avrare 10"), 0.0)
@@ -89,7 +89,7 @@ def overhead(repeats: int = 5, steps: int = 120) -> None:
 
 
 def _bare(loop: Any, steps: int, rng: np.random.Generator) -> float:
-    """highway-env as its users run it: its own lidar, noise on the rays, the same network, no monitor."""
+    """Time highway-env as its users run it: own lidar, noise on the rays, the same network, no monitor."""
     setting, network = loop.simulator.setting, loop.controller.network
     lidar = {"type": "LidarObservation", "cells": 240}
     options = {**setting.options, "observation": lidar, "simulation_frequency": 10, "policy_frequency": 10}

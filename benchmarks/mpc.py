@@ -76,7 +76,7 @@ class Answers:
 
 
 def collect(path: Path, rollouts: int, seed: int, settings: list[str]) -> tuple[Any, MpcConfig, Programmes]:
-    """Every programme but the first of ``rollouts`` closed loops."""
+    """Return every programme but the first of ``rollouts`` closed loops."""
     scenario = LoadedScenario(load(path, [*settings, "controller.backend=casadi"]))
     loop, scene = scenario.stack.loop, scenario.stack.scene
     config, controller = scenario.definition.controller.config, loop.controller
@@ -139,7 +139,7 @@ def by_riccati(solver: RiccatiSolver, given: Programmes) -> tuple[Answers, Any]:
 
 
 def lost_constraints(config: MpcConfig, answers: Answers) -> int:
-    """Plans said to be found that leave a hard bound."""
+    """Return plans said to be found that leave a hard bound."""
     a, w = np.abs(answers.inputs).max(axis=1).T
     speed, heading = answers.states[:, 1:, 2], np.abs(answers.states[:, 1:, 3])
     out = (a > config.acceleration_max + SLACK) | (w > config.turn_rate_max + SLACK)
@@ -152,7 +152,7 @@ def lost_constraints(config: MpcConfig, answers: Answers) -> int:
 
 
 def row(name: str, config: MpcConfig, answers: Answers, reference: Answers) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     with np.errstate(invalid="ignore"):
         gap = answers.cost - reference.cost
         close = np.minimum(np.abs(gap), np.abs(gap / reference.cost)) < SAME
@@ -222,7 +222,7 @@ def block_file(scenario: Scenario, seed: int, block: int) -> str:
 
 
 def drive_block(scenario: LoadedScenario, seed: int, block: int, file: Path) -> None:
-    """``BLOCK`` rollouts of one system, into ``file``."""
+    """Drive ``BLOCK`` rollouts of one system, into ``file``."""
     problem = scenario.problem(scenario.specifications)
     noise, index = NoiseSource(seed, problem.noise_size), np.arange(block * BLOCK, (block + 1) * BLOCK)
     began = time.process_time()

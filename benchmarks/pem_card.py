@@ -39,13 +39,13 @@ WORLDS, VEHICLES, REPEATS = 250, 3, 1000
 
 
 def held_out(model: str, data: CleanedData) -> None:
-    """Scores on the rows that training leaves out."""
+    """Print scores on the rows that training leaves out."""
     for line in summary({name: one.scores for name, one in evaluate(load(locate(model)), data).items()}):
         print(line)
 
 
 def counts(model: str, data: CleanedData) -> None:
-    """Large errors and misses by range, in training and held-out rows, and misses after misses."""
+    """Print large errors and misses by range, in training and held-out rows, and misses after misses."""
     fitted = load(locate(model))
     parts = [data.train.take(data.oblique), data.test.take(data.test_oblique)]
     for pair in zip(*(count_events(fitted, rows) for rows in parts), strict=True):
@@ -61,7 +61,7 @@ def counts(model: str, data: CleanedData) -> None:
 
 
 def straight_ahead(model: str) -> None:
-    """Detection and errors of an aligned car at several ranges."""
+    """Print detection and errors of an aligned car at several ranges."""
     pem = build_gp(GpPemConfig(model=model), _scene(1))
     print("range [m]   P(detect)   sd along [m]   sd across [m]   mean along [m]")
     for distance in RANGES:
@@ -78,7 +78,7 @@ def straight_ahead(model: str) -> None:
 
 
 def timing(model: str) -> None:
-    """Least time of many repeats, visibility apart."""
+    """Return least time of many repeats, visibility apart."""
     rng = np.random.default_rng(0)
     shape = (WORLDS, VEHICLES)
     world, scene = _worlds(rng.uniform(5, 60, shape), rng.uniform(-10, 10, shape)), _scene(VEHICLES)

@@ -28,11 +28,11 @@ class Walk:
     noise_size = 1
 
     def initial(self, noise: Any) -> Any:
-        """All at zero."""
+        """Begin at zero."""
         return {"x": np.zeros(len(noise))}
 
     def step(self, state: Any, noise: Any) -> Any:
-        """One increment."""
+        """Add one increment."""
         return {"x": state["x"] + 0.1 * noise[:, 0]}
 
     def signals(self, state: Any) -> Any:

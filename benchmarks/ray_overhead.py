@@ -28,14 +28,14 @@ STEPS, ROWS, WORKERS, TURNS = 300, 25_000, 2, 3
 
 
 def requests(count: int, rows: int) -> list[Request]:
-    """Chunks of so many rollouts each."""
+    """Return chunks of so many rollouts each."""
     index = np.arange(count * rows)
     whole = Request.from_start(np.zeros_like(index), index)
     return [whole.slice(at, at + rows) for at in range(0, len(index), rows)]
 
 
 def turn(executor: Executor, work: Work, count: int) -> tuple[float, bytes]:
-    """Seconds for ``count`` chunks, and what came out."""
+    """Return seconds for ``count`` chunks, and what came out."""
     executor.open(work)
     try:
         list(executor.map(requests(4 * WORKERS, 50)))

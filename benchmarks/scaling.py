@@ -38,14 +38,14 @@ def problem() -> Problem:
 
 
 def chunks(first: int, rollouts: int, size: int) -> list[Request]:
-    """Rollouts ``first`` and following, in chunks."""
+    """Return rollouts ``first`` and following, in chunks."""
     index = np.arange(first, first + rollouts)
     whole = Request.from_start(np.zeros_like(index), index)
     return [whole.slice(at, at + size) for at in range(0, rollouts, size)]
 
 
 def drive(executor: Executor, task: Problem, rollouts: int) -> float:
-    """Seconds for the rollouts, without the start."""
+    """Return seconds for the rollouts, without the start."""
     executor.open(Work(task, NoiseSource(0, task.noise_size), scored=False))
     try:
         list(executor.map(chunks(0, 8 * 25, 25)))  # every worker gets some
@@ -57,7 +57,7 @@ def drive(executor: Executor, task: Problem, rollouts: int) -> float:
 
 
 def bare(first: int, rollouts: int, barrier: Barrier) -> None:
-    """One of two processes on its own."""
+    """Run one of two processes on its own."""
     task = problem()
     work = Work(task, NoiseSource(0, task.noise_size), scored=False)
     work.run(chunks(0, 25, 25)[0])
@@ -68,7 +68,7 @@ def bare(first: int, rollouts: int, barrier: Barrier) -> None:
 
 
 def side_by_side(rollouts: int) -> float:
-    """Seconds of two bare processes with half of the rollouts each."""
+    """Return seconds of two bare processes with half of the rollouts each."""
     context = multiprocessing.get_context("spawn")
     barrier, half = context.Barrier(3), rollouts // 2
     processes = [context.Process(target=bare, args=(i * half, half, barrier)) for i in (0, 1)]
@@ -84,7 +84,7 @@ def side_by_side(rollouts: int) -> float:
 
 
 def main(rollouts: int) -> None:
-    """Each way in turn, several times; the fastest of each counts, as the machine has other work too."""
+    """Time each way in turn, several times; the fastest of each counts, as the machine has other work too."""
     task = problem()
     ways: dict[str, Callable[[], float]] = {
         "one process": lambda: drive(SerialExecutor(), task, rollouts),

@@ -23,7 +23,7 @@ PROBLEMS = [
 
 
 def study(problem: avrare.Problem, steps: int, truth: float, runs: int) -> str:
-    """One row of the table."""
+    """Return one row of the table."""
     result = avrare.estimate(problem, "ams", particles=PARTICLES, discard=DISCARD, runs=runs, seed=SEED)
     ratio = result.run_probabilities / truth
     error, cost = ratio.std(ddof=1) / runs**0.5, result.simulated_steps / steps / runs

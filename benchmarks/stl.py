@@ -38,7 +38,7 @@ Signals = dict[str, np.ndarray]
 
 
 def cpu_ms(work: Callable[[], Any], repeat: int) -> tuple[float, Any]:
-    """Least CPU time of ``repeat`` calls, and what the last returned."""
+    """Return least CPU time of ``repeat`` calls, and what the last returned."""
     best, value = float("inf"), None
     for _ in range(repeat):
         began = time.process_time()
@@ -48,7 +48,7 @@ def cpu_ms(work: Callable[[], Any], repeat: int) -> tuple[float, Any]:
 
 
 def traces() -> Signals:
-    """Slow random walks: both operands change sign now and then."""
+    """Return slow random walks: both operands change sign now and then."""
     rng = np.random.default_rng(0)
     return {name: np.cumsum(rng.normal(scale=0.3, size=(ROWS, STEPS)), axis=1) + 0.5 for name in "pq"}
 
@@ -104,7 +104,7 @@ def sentil_prefixes(text: str, signals: Signals) -> tuple[float, np.ndarray]:
 
 
 def sentil_alone(mode: str, text: str, signals: Signals) -> float:
-    """CPU ms of evaluation alone, with every trace built beforehand."""
+    """Return CPU ms of evaluation alone, with every trace built beforehand."""
     peer = Sentil(text, signals)
     ends = [STEPS] if mode == "offline" else range(1, STEPS + 1)
     evaluate = peer.formula.robustness_signal if mode == "offline" else peer.formula.robustness
@@ -126,7 +126,7 @@ class Rtamt:
         self.signals = signals
 
     def at_start(self, row: int, steps: int) -> float:
-        """Robustness at sample 0 of the first ``steps`` samples."""
+        """Return robustness at sample 0 of the first ``steps`` samples."""
         data = {name: x[row, :steps].tolist() for name, x in self.signals.items()}
         return float(self.spec.evaluate({"time": list(range(steps))} | data)[0][1])
 
@@ -185,7 +185,7 @@ def compare(console: Console, mode: str, signals: Signals) -> None:
 
 
 def rule_step(console: Console) -> None:
-    """One step of R_G1 with its predicates for 1,000 particles and three vehicles."""
+    """Time one step of R_G1 with its predicates for 1,000 particles and three vehicles."""
     rng = np.random.default_rng(1)
     road = Road((-1.75, 1.75, 5.25), 3.5, (0,))
     size = np.array([4.5, 4.5, 4.5]), np.array([1.8, 1.8, 1.8])

@@ -103,7 +103,7 @@ def settings_of(scenario: str) -> tuple[str, ...]:
 
 
 def cells(scenario: str, truth: dict[str, Any]) -> Iterator[Cell]:
-    """All of them: the repetitions in turn, so that an interrupted study is a fair one; then the figures'."""
+    """Yield all of them: repetitions in turn, so that an interrupted study is fair; then the figures'."""
     digest, published = truth["fingerprint"], truth["scenario"] == PUBLISHED
     rules = RULES if published else table2_page.rules_of(truth)
     for number in range(REPEAT):

@@ -45,7 +45,7 @@ def courses(problem: avrare.Problem, rollouts: int) -> list[Course]:
 
 
 def bare(env: Any, options: dict[str, Any] | None, todo: list[Course]) -> int:
-    """Steps taken."""
+    """Return the steps taken."""
     steps = 0
     for seed, actions in todo:
         env.reset(seed=seed, options=options)
@@ -72,7 +72,7 @@ def abreast(envs: list[Any], options: dict[str, Any] | None, todo: list[Course])
 
 
 def seconds(function: Callable[[], Any]) -> float:
-    """CPU time of a call."""
+    """Return CPU time of a call."""
     began = time.process_time()
     function()
     return time.process_time() - began

@@ -19,7 +19,7 @@ _PLUGIN_LINK = re.compile(r"\[([^\]]*)\]\(\.\./plugins/[^)]*\)")
 
 
 def pages() -> dict[str, str]:
-    """Path below ``docs/`` -> Markdown of every reference page."""
+    """Return path below ``docs/`` -> Markdown of every reference page."""
     return {
         "reference/cli.md": _commands(),
         "reference/scenario.md": _scenario(),

@@ -19,7 +19,7 @@ HEAVY = {
 
 
 def imported(path):
-    """Top-level packages that a module imports anywhere."""
+    """Return top-level packages that a module imports anywhere."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (name.name.split(".")[0] for name in node.names)
@@ -28,7 +28,7 @@ def imported(path):
 
 
 def loaded_by(code):
-    """Modules that are loaded after running ``code`` in a fresh interpreter."""
+    """Return modules that are loaded after running ``code`` in a fresh interpreter."""
     script = f"{code}\nimport sys\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     return set(done.stdout.splitlines()[-1].split())

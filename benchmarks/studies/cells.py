@@ -70,7 +70,7 @@ class Block:
 
 
 def blocks() -> Iterator[Block]:
-    """All blocks of the studies of bias and coverage."""
+    """Return all blocks of the studies of bias and coverage."""
     for reference in reference_problems():
         if reference.family in FAMILIES:
             for particles, discard in SETTINGS:

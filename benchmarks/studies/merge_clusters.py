@@ -72,7 +72,7 @@ def drive(loop: Any, tapes: Floats) -> Runs:
 
 
 def features(runs: Runs) -> Floats:
-    """(F, 40) means of the pushes over each second."""
+    """Return (F, 40) means of the pushes over each second."""
     count, steps, kinds = runs.pushes.shape
     seconds = runs.pushes.reshape(count, steps // SECOND, SECOND, kinds).mean(axis=2)
     return np.asarray(seconds.reshape(count, -1))
@@ -86,7 +86,7 @@ def components(values: Floats, count: int = COMPONENTS) -> tuple[Floats, Floats]
 
 
 def k_means(points: Floats, k: int, tries: int = 20) -> NDArray[np.int64]:
-    """(F,) labels of the best of several starts, the largest cluster first."""
+    """Return (F,) labels of the best of several starts, the largest cluster first."""
     rng, best, labels = np.random.default_rng(0), np.inf, np.zeros(len(points), dtype=np.int64)
     for _ in range(tries):
         centres = points[rng.choice(len(points), k, replace=False)]
@@ -103,7 +103,7 @@ def k_means(points: Floats, k: int, tries: int = 20) -> NDArray[np.int64]:
 
 
 def silhouette(points: Floats, labels: NDArray[np.int64]) -> float:
-    """Mean silhouette: 1 for far and tight clusters, 0 for none (Rousseeuw 1987)."""
+    """Return mean silhouette: 1 for far and tight clusters, 0 for none (Rousseeuw 1987)."""
     distance = np.sqrt(((points[:, None] - points) ** 2).sum(axis=2))
     kinds = range(int(labels.max()) + 1)
     own = np.array([(labels == kind).sum() for kind in kinds])[labels]
@@ -124,12 +124,12 @@ def best_labels(points: Floats) -> tuple[NDArray[np.int64], dict[int, float]]:
 
 
 def slowest(runs: Runs) -> NDArray[np.int64]:
-    """(F,) the step after the grace at which the fastest of five samples is least."""
+    """Return (F,) the step after the grace at which the fastest of five samples is least."""
     return np.asarray(GRACE + _fastest_of_five(runs).argmin(axis=1))
 
 
 def fails(runs: Runs) -> NDArray[np.bool_]:
-    """(F,) the scenario's formula."""
+    """Return (F,) the scenario's formula."""
     too_slow = (_fastest_of_five(runs) < THRESHOLD).any(axis=1)
     return too_slow | ~runs.over[:, -1] | runs.crashed
 
@@ -180,7 +180,7 @@ def _describe(kind: int, members: Any, runs: Runs, usual: Runs) -> None:
 
 
 def _chart(path: Path, points: Floats, labels: Any, runs: Runs, usual: Runs) -> None:
-    """Components, speeds and pushes, one colour a cluster."""
+    """Draw components, speeds and pushes, one colour a cluster."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -235,7 +235,7 @@ def _top_views(path: Path, loop: Any, tape: Floats, worst: int) -> None:
 
 
 def bare_merge(options: dict[str, Any]) -> Any:
-    """highway-env's merge with nothing changed but what continuous actions need."""
+    """Return highway-env's merge with nothing changed but what continuous actions need."""
     from highway_env.envs.merge_env import ConnectedLaneMergeEnv
 
     from avrare_highway_env.scenes import Steered

@@ -42,7 +42,7 @@ class PeerBlock:
         return f"{self.cell}-{self.number:03d}.npz"
 
     def outcome(self) -> dict[str, Any]:
-        """Estimates and their costs in full simulations."""
+        """Return estimates and their costs in full simulations."""
         if self.method == "ams-one":
             return single_runs(self.problem, self.number)
         repeat = {"ams": splitting, "openturns": subset_sampling}[self.method]
@@ -51,7 +51,7 @@ class PeerBlock:
 
 
 def blocks() -> Iterator[PeerBlock]:
-    """All blocks."""
+    """Return all blocks."""
     for problem in PROBLEMS:
         for method in METHODS:
             for number in range(REPETITIONS // BLOCK):

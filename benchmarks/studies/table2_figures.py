@@ -40,7 +40,7 @@ def _axes(columns: int) -> tuple[Any, Any]:
 
 
 def _stages(study: Study, file: Path) -> None:
-    """Margin left, estimate and failures of each stage of learning; the first repetition of each rule."""
+    """Draw margin left, estimate and failures of each stage of learning, first repetition of each rule."""
     figure, axes = _axes(3)
     for rule in RULES:
         found = study.outcomes.get((rule, "Imp-CE"))

@@ -168,7 +168,7 @@ def _values(study: Study, rule: str, method: str) -> np.ndarray:
 
 
 def _truth(study: Study, rule: str) -> tuple[float, float]:
-    """Probability and its standard error."""
+    """Return probability and its standard error."""
     entry = study.truth[rule]
     p = entry["probability"]
     return p, math.sqrt(p * (1.0 - p) / entry["rollouts"])

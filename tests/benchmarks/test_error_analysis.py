@@ -17,13 +17,13 @@ from avrare_estimators.ess.levels import effective_samples, r_hat
 
 
 def products(levels, samples, share, many=200_000, seed=0):
-    """Estimates over the truth, of independent samples at fixed levels."""
+    """Return estimates over the truth, of independent samples at fixed levels."""
     counts = np.random.default_rng(seed).binomial(samples, share, size=(many, levels))
     return (counts / (samples * share)).prod(axis=1)
 
 
 def stuck(chains, length, stay, seed=0, many=1):
-    """Chains of hits of share 0.3 that keep their value with probability ``stay``."""
+    """Return chains of hits of share 0.3 that keep their value with probability ``stay``."""
     rng = np.random.default_rng(seed)
     hit = rng.random((many, length, chains)) < 0.3
     for p in range(1, length):

@@ -26,7 +26,7 @@ def script():
 
 
 def write(folder, n, seed=0):
-    """Made-up rows: seen up to 40 m and hardly beyond, errors that grow with range."""
+    """Write made-up rows: seen up to 40 m and hardly beyond, errors that grow with range."""
     rng = np.random.default_rng(seed)
     distance, bearing = rng.uniform(3, 80, n), rng.uniform(-np.pi, np.pi, n)
     yaw = rng.uniform(-np.pi, np.pi, n)

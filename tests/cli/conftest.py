@@ -9,7 +9,7 @@ from avrare.plugin.registry import default_registry
 
 @pytest.fixture
 def fake(monkeypatch):
-    """The folder of an installed plugin, on the path; no other plugin is let in."""
+    """Return the folder of an installed plugin, on the path; no other plugin is let in."""
     folder = Path(__file__).parents[1] / "plugin" / "fake"
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("AVRARE_PLUGINS", "fake")
@@ -32,7 +32,7 @@ chunk: 1000
 
 @pytest.fixture
 def drive(monkeypatch, tmp_path):
-    """A scenario of the toy plugin in the current folder; called with lines to add."""
+    """Return a scenario of the toy plugin in the current folder; called with lines to add."""
     monkeypatch.syspath_prepend(str(TOY))
     monkeypatch.chdir(tmp_path)
     default_registry.cache_clear()

@@ -209,7 +209,7 @@ class Fails:
         self.error = error
 
     def add_arguments(self, parser):
-        """None."""
+        """Add none."""
 
     def execute(self, args):
         raise self.error

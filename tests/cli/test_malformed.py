@@ -163,7 +163,7 @@ def _plain(path):
 
 
 def malformed(number):
-    """(what was done, content) of file ``number``; the same for the same ``SEED``."""
+    """Return (what was done, content) of file ``number``; the same for the same ``SEED``."""
     choose = random.Random(SEED * 10_000 + number)
     path, mutation = PATHS[number % len(PATHS)], MUTATIONS[number // len(PATHS) % len(MUTATIONS)]
     return f"seed {SEED}, file {number}: {mutation.__name__} of {path.name}", mutation(merged(path), choose)
@@ -171,7 +171,7 @@ def malformed(number):
 
 @contextmanager
 def not_hanging(what):
-    """Ends what computes for more than ``LONGEST`` seconds."""
+    """End what computes for more than ``LONGEST`` seconds."""
 
     def stop(*_):
         raise TimeoutError(f"{what} hangs")

@@ -37,7 +37,7 @@ def make(kind, folder, name):
 
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
-    """One package of each kind: kind -> source folder; each with the metadata of an installed one."""
+    """Write one package of each kind: kind -> source folder; each with the metadata of an installed one."""
     folder = tmp_path_factory.mktemp("packages")
     sources = {kind: make(kind, folder, f"q{kind}") for kind in KINDS}
     sources["plain"] = make("controller --no-driving", folder, "qplain")

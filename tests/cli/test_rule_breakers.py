@@ -26,7 +26,7 @@ estimator: {plugin: ams, particles: 20, discard: 4, runs: 2}
 
 @pytest.fixture
 def scenario(tmp_path, monkeypatch):
-    """A scenario of a simulator that changes its state in place."""
+    """Return a scenario of a simulator that changes its state in place."""
     step = LinearSimulator.step
 
     def in_place(self, world, action, noise):

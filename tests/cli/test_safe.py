@@ -58,7 +58,7 @@ COMMANDS = {
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with a stranger's scenario and run folder."""
+    """Return a folder with a stranger's scenario and run folder."""
     monkeypatch.chdir(tmp_path)
     Path("s.yaml").write_text(HOSTILE)
     Path("honest.yaml").write_text(HONEST)

@@ -24,7 +24,7 @@ def corners(rectangle, i):
 
 
 def brute_force(a, b, i):
-    """Distance of the origin from {p - q: p in a, q in b}, negative inside: metres to the nearest edge."""
+    """Return the distance [m] of the origin from the edge of {p - q: p in a, q in b}, negative inside."""
     differences = (corners(a, i)[:, None] - corners(b, i)).reshape(-1, 2)
     hull = ConvexHull(differences)
     depth = hull.equations[:, 2].max()

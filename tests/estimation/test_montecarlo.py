@@ -22,7 +22,7 @@ def walk(limit=2.5, system=None, steps=100, **keywords):
 
 
 def coin(probability):
-    """Fails with a given probability, at once."""
+    """Return a problem that fails with a given probability, at once."""
     return linear(-NormalDist().inv_cdf(probability), dim=1).problem()
 
 

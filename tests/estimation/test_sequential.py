@@ -14,7 +14,7 @@ from avrare.testing.problems import linear
 
 
 def coin(probability, chunk=4096):
-    """Fails with the given probability, at once."""
+    """Return a problem that fails with the given probability, at once."""
     return linear(-NormalDist().inv_cdf(probability), dim=1).problem(chunk=chunk)
 
 

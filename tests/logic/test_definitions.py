@@ -176,7 +176,7 @@ def random_atom(rng):
 
 
 def random_signals(seed, rows, steps):
-    """Small whole numbers, so that ties and exact thresholds are frequent."""
+    """Return small whole numbers, so that ties and exact thresholds are frequent."""
     rng = np.random.default_rng(seed)
     return {name: rng.integers(-3, 4, (rows, steps)).astype(float) for name in "pq"}
 

@@ -190,7 +190,7 @@ def make(node, until="closed"):
 
 
 def random_signals(seed, rows=3, steps=STEPS):
-    """Small whole numbers, so that ties and exact thresholds are frequent."""
+    """Return small whole numbers, so that ties and exact thresholds are frequent."""
     rng = np.random.default_rng(seed)
     shapes = {"p": (), "q": (), "near(others, ego)": (VEHICLES,), "ahead(others, others)": (VEHICLES,) * 2}
     return {name: rng.integers(-2, 3, (rows, steps, *shape)).astype(float) for name, shape in shapes.items()}

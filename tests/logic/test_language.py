@@ -279,7 +279,7 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False).map(f.Number)
 
 
 def terms(bound):
-    """Random terms; ``bound``: the quantified vehicles, outermost first, and their groups."""
+    """Return random terms; ``bound``: the quantified vehicles, outermost first, and their groups."""
     vehicles = st.lists(st.sampled_from(["ego", "bus", *(name for name, _ in bound)]), min_size=1, max_size=3)
     leaves = (
         NUMBERS | st.sampled_from(NAMES).map(f.Signal) | vehicles.map(lambda words: relation(words, bound))

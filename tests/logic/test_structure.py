@@ -11,7 +11,7 @@ ROOM = Path(parser.__file__).parents[1]
 
 
 def imports(path):
-    """Modules of the room that a module imports, also inside functions and under TYPE_CHECKING."""
+    """Return modules of the room that a module imports, also inside functions and under TYPE_CHECKING."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("avrare.logic."):
             named = [f"{node.module}.{alias.name}" for alias in node.names]

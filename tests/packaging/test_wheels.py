@@ -52,7 +52,7 @@ def wheels(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def commands(wheels, tmp_path_factory):
-    """Commands of an environment with the wheels, and with what this one has but avrare."""
+    """Return commands of an environment with the wheels, and with what this one has but avrare."""
     home = tmp_path_factory.mktemp("environment")
     venv.create(home, symlinks=True, with_pip=False)
     site = next(home.glob("lib/python*/site-packages"))

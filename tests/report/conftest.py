@@ -55,13 +55,13 @@ def lane_change(tmp_path_factory):
 
 @pytest.fixture
 def plane(made, tmp_path):
-    """A copy to spoil."""
+    """Return a copy to spoil."""
     return Path(shutil.copytree(made, tmp_path / "plane"))
 
 
 @pytest.fixture
 def tamper():
-    """Changes a JSON file of a folder."""
+    """Change a JSON file of a folder."""
 
     def change(folder, name, **values):
         file = folder / name
@@ -73,7 +73,7 @@ def tamper():
 
 @pytest.fixture
 def browse(tmp_path):
-    """The document after a browser has run its script, and some lines of ours behind it."""
+    """Return the document after a browser has run its script, and some lines of ours behind it."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("no Chromium here")

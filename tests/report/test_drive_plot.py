@@ -17,7 +17,7 @@ def vehicles(x, y):
 
 @pytest.fixture
 def axes(tmp_path, monkeypatch):
-    """Axes of a plot with an ego at x and one vehicle 30 m ahead of it, for each x."""
+    """Return axes of a plot with an ego at x and one vehicle 30 m ahead of it, for each x."""
 
     def draw(places, y, end):
         road = Road(lane_centres=(0.0, 4.0), lane_width=4.0, end=end)

@@ -86,7 +86,7 @@ def test_both_themes(made, browse):
 
 
 def _themes(document):
-    """(dark, light, auto) grounds."""
+    """Return (dark, light, auto) grounds."""
     found = dict(one.split(" ", 1) for one in title(document).split("; "))
     return found["dark"], found["light"], found["auto"]
 

@@ -29,7 +29,7 @@ def vehicles(x, y, speed):
 
 @pytest.fixture
 def rollout():
-    """The ego at 10 m/s comes up to a car at rest, seen 0.5 m too far left, and missed at samples 3 to 5."""
+    """Drive an ego at 10 m/s up to a car at rest, seen 0.5 m too far left, and missed at samples 3 to 5."""
     road = Road((-1.75, 1.75), 3.5)
     scene = Scene(0.1, road, 4.0, 2.0, ("van",), np.array([4.0]), np.array([2.0]), np.array([False]))
     frames = []

@@ -10,7 +10,7 @@ from avrare.report.plots import make_figure, save_figure
 
 @pytest.fixture
 def torn(tmp_path, monkeypatch):
-    """A temporary file whose writer was killed."""
+    """Return a temporary file whose writer was killed."""
 
     def die(*_):
         raise MemoryError

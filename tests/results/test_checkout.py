@@ -9,7 +9,7 @@ from avrare.results.checkout import describe_checkout
 
 @pytest.fixture
 def repository(tmp_path, monkeypatch):
-    """A repository with one committed file, and a function that runs git in it."""
+    """Return a repository with one committed file, and a function that runs git in it."""
     for name in ("GIT_CONFIG_GLOBAL", "GIT_CONFIG_SYSTEM"):
         monkeypatch.setenv(name, "/dev/null")
     folder = tmp_path / "repository"

@@ -40,7 +40,7 @@ def night(tmp_path_factory):
 
 @pytest.fixture
 def result(night):
-    """The file result.json, restored afterwards."""
+    """Return the file result.json, restored afterwards."""
     yield from kept(night / "run" / "result.json")
 
 
@@ -56,7 +56,7 @@ def kept(path):
 
 
 def leaves(value, path=()):
-    """Paths of all numbers, texts and truth values but the wall times."""
+    """Return paths of all numbers, texts and truth values but the wall times."""
     pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, item in pairs:
         if key not in ("seconds", CHECKSUM):

@@ -41,7 +41,7 @@ def scored(text, **keywords):
 
 
 def course(spec, signals):
-    """(N, T) score and (N, T) violated of every prefix."""
+    """Return (N, T) score and (N, T) violated of every prefix."""
     state = spec.start(len(signals["x"]))
     scores, violated = [], []
     for t in range(STEPS + 1):

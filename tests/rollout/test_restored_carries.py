@@ -23,7 +23,7 @@ def problem(formula, system=None):
 
 
 def branched(task, missing, origins=()):
-    """Rows that leave their parents at ``START``: with a past for ``missing``, carries for the others.
+    """Return rows that leave their parents at ``START``: with a past for ``missing``, carries for the others.
 
     ``origins`` maps some of the missing to a step before their start whose carry is at hand.
     """

@@ -26,13 +26,13 @@ thresholds:
 
 @pytest.fixture
 def good():
-    """The text of a scenario without mistakes."""
+    """Return the text of a scenario without mistakes."""
     return GOOD
 
 
 @pytest.fixture
 def registry(monkeypatch):
-    """The core's own components and those of the fake plugin, whatever else is installed."""
+    """Return the core's own components and those of the fake plugin, whatever else is installed."""
     folder = str(Path(__file__).parents[1] / "plugin" / "fake")
     monkeypatch.syspath_prepend(folder)
     return Registry(point for found in distributions(path=[folder]) for point in found.entry_points)
@@ -53,7 +53,7 @@ def read(tmp_path, monkeypatch, registry):
 
 @pytest.fixture
 def fails(read):
-    """The lines and the exit code of loading a scenario with mistakes."""
+    """Return the lines and the exit code of loading a scenario with mistakes."""
 
     def fails(text, overrides=(), estimator=None):
         with pytest.raises(ScenarioError) as caught:

@@ -141,7 +141,7 @@ VALUES = [
 
 
 def places(value):
-    """Every (container, key) inside plain data."""
+    """Return every (container, key) inside plain data."""
     keys = list(value) if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else []
     return [place for key in keys for place in [(value, key), *places(value[key])]]
 

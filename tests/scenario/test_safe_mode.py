@@ -37,7 +37,7 @@ SECRET = "rules: {SECRET_WORD: {formula: nothing}}\n"
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The folder of a stranger's scenario, with files beside it that are none of its business."""
+    """Return the folder of a stranger's scenario, with files beside it that are none of its business."""
     inner = tmp_path / "stranger"
     inner.mkdir()
     (tmp_path / "secret.npz").write_bytes(b"secret")
@@ -268,7 +268,7 @@ def test_no_file_outside_is_opened_and_no_program_started(folder):
 
 
 def touched(folder, command):
-    """Names of the files beside ``folder`` that a command opens, and of the programs that it starts."""
+    """Return the files beside ``folder`` that a command opens, and the programs that it starts, by name."""
     read, write = os.pipe()
     if child := os.fork():
         os.close(write)

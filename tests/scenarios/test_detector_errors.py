@@ -18,7 +18,7 @@ SETTINGS = ["controller.search=follow"]
 
 
 def first_observation(**factors):
-    """Errors (N, V, 2) and detections of the first step, before which the controller knows no error."""
+    """Return errors (N, V, 2) and detections of the first step, before the controller knows any error."""
     scenario = LoadedScenario(load(ROOT / "scenarios" / "lane_change.yaml", SETTINGS))
     problem = scaled_problem(scenario, **factors)
     system = problem.system

@@ -20,7 +20,7 @@ def line(radius):
 
 
 def drive(*overrides):
-    """Signals of the noise-free rollout, and the robustness of every specification."""
+    """Return signals of the noise-free rollout, and the robustness of every specification."""
     scenario = load(SCENARIO, overrides)
     problem = scenario.problem("no_collision")
     (rollout,) = replay_tapes(problem, np.zeros((1, problem.steps + 1, problem.noise_size)))
@@ -39,7 +39,7 @@ def judge(scenario, signals):
 
 
 def bend(signals, *overrides):
-    """Robustness of a straight drive's own ways along a bent road: lanes on the inside are shorter."""
+    """Return robustness of a straight drive's own ways along a bent road: lanes on the inside are shorter."""
     scenario = load(SCENARIO, overrides)
     scene = scenario.stack.scene
 

@@ -162,7 +162,7 @@ def test_rows_of_the_loop_do_not_depend_on_their_neighbours():
 
 @functools.cache
 def reference(limit, samples=300_000):
-    """P(a partial sum of the errors reaches the limit), from the covariance of the whole course."""
+    """Return P(a partial sum of the errors reaches the limit), from the covariance of the whole course."""
     at = np.arange(STEPS - 1)
     covariance = np.exp(-DT / TAU * abs(at[:, None] - at))
     normal = np.random.default_rng(7).standard_normal((samples, len(at)))

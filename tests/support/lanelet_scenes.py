@@ -84,7 +84,7 @@ def car(line: ReferenceLine, name: int, s: float, d, speed: float, steps: int = 
 def carriageway(
     line: ReferenceLine, lanes: int, sections: int = 3, width=3.5, length: float | None = None
 ) -> list[Section]:
-    """Parallel lanes in a few sections, lane k between k and k + 1 widths."""
+    """Return parallel lanes in a few sections, lane k between k and k + 1 widths."""
     ends = np.linspace(0.0, line.length if length is None else length, sections + 1)
     found = []
     for k in range(lanes):
@@ -179,14 +179,14 @@ def _planning_problem(line: ReferenceLine, one: Car, rotate: np.ndarray, turn: f
 
 
 def bend(turn: float = 0.0) -> str:
-    """Three lanes around a bend; 1 follows 2 too closely, 3 changes from the right lane to the middle."""
+    """Return three lanes around a bend; 1 follows 2 too closely, 3 changes from the right to the middle."""
     change = 1.75 + 3.5 * np.clip((np.arange(40) - 10) / 20.0, 0.0, 1.0)
     cars = [car(BEND, 1, 40.0, 5.25, 25.0), car(BEND, 2, 52.0, 5.25, 25.0), car(BEND, 3, 120.0, change, 25.0)]
     return scene(BEND, carriageway(BEND, 3), cars, turn)
 
 
 def opposing(turn: float = 0.0, line: ReferenceLine = BEND) -> str:
-    """One lane each way; 1 and 2 drive along the line, 3 comes towards them."""
+    """Return one lane each way; 1 and 2 drive along the line, 3 comes towards them."""
     forth = [section(line, 100 + i, 100.0 * i, 100.0 * (i + 1), -3.5, 0.0) for i in range(3)]
     back = [section(line, 200 + i, 100.0 * i, 100.0 * (i + 1), 0.0, 3.5, opposing=True) for i in range(3)]
     every = [*forth, *back]
@@ -199,7 +199,7 @@ def opposing(turn: float = 0.0, line: ReferenceLine = BEND) -> str:
 
 
 def merge(turn: float = 0.0) -> str:
-    """Two lanes and a ramp that comes in from the right and becomes the right lane's second predecessor."""
+    """Return two lanes and a ramp from the right that becomes the right lane's second predecessor."""
     main = carriageway(BEND, 2)
 
     def border(s):
@@ -220,7 +220,7 @@ def merge(turn: float = 0.0) -> str:
 
 
 def widening(turn: float = 0.0) -> str:
-    """Two lanes that grow from 3 to 4.2 m; 1 follows 2."""
+    """Return two lanes that grow from 3 to 4.2 m; 1 follows 2."""
     lanes = carriageway(BEND, 2, width=lambda s: 3.0 + 1.2 * s / 300.0)
     return scene(BEND, lanes, [car(BEND, 1, 30.0, 1.6, 15.0), car(BEND, 2, 70.0, 1.7, 15.0)], turn)
 

@@ -93,13 +93,13 @@ STEPS, LIMIT = 5, 4.0
 
 
 def noisy_problem(sd=1.0, gain=1.0, limit=LIMIT, start=None):
-    """Fails where gain * sd * (sum of STEPS - 1 normals) exceeds the limit at the end."""
+    """Return a problem that fails where gain * sd * (sum of STEPS - 1 normals) ends beyond the limit."""
     loop = ClosedLoop(Adder(), Sensor(sd), Last(), Gain(gain), start)
     return avrare.Problem(loop, avrare.stl(f"always[{STEPS}, {STEPS}] (x < {limit})"), STEPS)
 
 
 def exact(scale=1.0, limit=LIMIT):
-    """Probability and d log p / d scale, for scale = gain * sd."""
+    """Return probability and d log p / d scale, for scale = gain * sd."""
     spread = (STEPS - 1) ** 0.5
     beta = limit / (scale * spread)
     p = 1.0 - NORMAL.cdf(beta)

@@ -153,7 +153,7 @@ class Infinite(Walk):
 
 
 def height(signals, t):
-    """Score: the current x."""
+    """Return the score: the current x."""
     return np.asarray(signals["x"][:, t])
 
 
@@ -212,7 +212,7 @@ def _no_memory(*arguments):
 
 
 def rows_of_checks(system, steps, branch=False):
-    """Rows that the checks of an estimate step: the probe before it, and the replay after it."""
+    """Return rows that the checks of an estimate step: the probe before it, and the replay after it."""
     counting = Counting(system)
     probe(counting, min(STEPS, steps), branch=branch)
     return counting.rows + steps

@@ -107,7 +107,7 @@ def lane_position(s, lane=-3, offset=0):
 
 
 def document(*events, car=None, ego=None, speed=20.0, ahead=0.0, actor="Car"):
-    """Text of a scenario: the ego at 20 m/s in lane -2, a car in lane -3."""
+    """Return text of a scenario: the ego at 20 m/s in lane -2, a car in lane -3."""
     body = "".join(
         f'<ScenarioObject name="{name}">{CAR.format(ahead=ahead)}</ScenarioObject>' for name in ("Car", "Ego")
     )

@@ -32,7 +32,7 @@ def world(x, y, heading, speed, acceleration) -> World:
 
 
 def lane_change(n: int, steps: int = 60):
-    """(steps + 1, n, 1) x, y, vx: a car that speeds up, waits, then moves from the middle to the left."""
+    """Return (steps + 1, n, 1) x, y, vx of a car that speeds up, waits, then moves one lane to the left."""
     t = np.arange(steps + 1) * 0.1
     speed = 15 + 2 * t
     x = np.concatenate([[0.0], np.cumsum(0.1 * speed[:-1])])

@@ -108,7 +108,7 @@ def positions(entry, w):
 
 
 def stretched(problem, entry, rows):
-    """Tapes on which failures are common: ordinary ones, pushed towards the failure by any amount."""
+    """Return tapes on which failures are common: ordinary ones, pushed towards the failure by any amount."""
     noise = tapes(problem, rows)
     push = np.linspace(0.0, 1.0, rows)[:, None, None]
     towards = {"c": 0.0, "f": -3.0, "g": -0.6, "h": 0.3, "i": 4.5, "a": 3.0, "b": 0.7, "d": 0.7, "e": 1.5}

@@ -22,7 +22,7 @@ class Honest(EstimatorConformance):
 
 
 def liar(lie, **defaults):
-    """Monte Carlo with a lie about its result, and with other arguments than it was given."""
+    """Return Monte Carlo with a lie about its result, and with other arguments than it was given."""
 
     class Suite(Honest):
         def estimate(self, problem, **keywords):

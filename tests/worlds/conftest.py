@@ -9,7 +9,7 @@ HERE = str(Path(__file__).parent)
 
 @pytest.fixture(scope="session", autouse=True)
 def _importable():
-    """Worker processes find ``toys`` too."""
+    """Let worker processes find ``toys`` too."""
     before = os.environ.get("PYTHONPATH")
     sys.path.insert(0, HERE)
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [HERE, before]))

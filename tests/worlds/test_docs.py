@@ -27,7 +27,7 @@ FEW = ("--set", "estimator.runs=2", "--set", "estimator.particles=20", "--set", 
 
 @pytest.fixture
 def folder(tmp_path):
-    """The plugin as pip would have installed it."""
+    """Return the plugin as pip would have installed it."""
     (tmp_path / "hover.py").write_text(HOVER)
     (tmp_path / "hover_plugin.py").write_text(PLUGIN)
     (tmp_path / "hover.yaml").write_text(SCENARIO)

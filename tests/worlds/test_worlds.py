@@ -21,7 +21,7 @@ def tape(n, steps=STEPS, size=1, seed=0):
 
 
 def course(system, noise, state=None, since=0):
-    """Signals at every step from ``since`` on, and the last state."""
+    """Return signals at every step from ``since`` on, and the last state."""
     state = system.initial(noise[:, 0]) if state is None else state
     found = [system.signals(state)["x"]]
     for t in range(since + 1, noise.shape[1]):

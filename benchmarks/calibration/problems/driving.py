@@ -130,7 +130,7 @@ class Glider(Always):
         self.corridor = corridor
 
     def step(self, state: Floats, noise: Floats) -> Floats:
-        """Gust, steer with a limited elevator, move."""
+        """Meet a gust, steer with a limited elevator, move."""
         height, rate, gust = state.T
         gust = 0.95 * gust + math.sqrt(1.0 - 0.95**2) * noise[:, 0]
         action = np.clip(-0.5 * height - 1.2 * rate, -1.5, 1.5)

@@ -82,7 +82,7 @@ def _linear(b: float) -> _Function:
 
 
 def _staircase(b: float) -> _Function:
-    """Five steps on the way to the level; what is between two of them looks alike."""
+    """Return five steps on the way to the level; what is between two of them looks alike."""
     return lambda z: 1.0 - np.floor(5.0 * z.sum(axis=1) / math.sqrt(z.shape[1]) / b) / 5.0
 
 

@@ -28,7 +28,7 @@ def estimate(id, **options):
 
 
 def off(id, **options):
-    """Standard errors by which the mean of the runs is off."""
+    """Return standard errors by which the mean of the runs is off."""
     return deviation(estimate(id, **options).run_probabilities, reference_problem(id).probability)
 
 
@@ -95,7 +95,7 @@ def test_the_smallest_sample_is_unbiased_too():
 
 
 def steep(signals, t):
-    """Infinite long before failure."""
+    """Return a score that is infinite long before failure."""
     x = signals["x"][:, t]
     return np.where(x > 0.5, np.inf, x)
 

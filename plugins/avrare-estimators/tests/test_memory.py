@@ -52,7 +52,7 @@ def plain(result):
 
 @pytest.fixture
 def limited(monkeypatch):
-    """Lets the carries of so many steps of all particles be kept."""
+    """Let the carries of so many steps of all particles be kept."""
 
     problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 0.9)"), steps=STEPS)
     carries = [carry for _, _, carry in problem.nominal(keep_carries=True).carries]
@@ -69,7 +69,7 @@ def limited(monkeypatch):
 
 @pytest.fixture
 def spacings(monkeypatch):
-    """The spacings that the requests of later stages ask for."""
+    """Return the spacings that the requests of later stages ask for."""
     ask, seen = Splitting.ask, set()
 
     def watched(self, state):

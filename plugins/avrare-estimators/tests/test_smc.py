@@ -62,7 +62,7 @@ def plain(result):
 
 @pytest.fixture
 def batches(monkeypatch):
-    """Numbers of runs that advanced together."""
+    """Return numbers of runs that advanced together."""
     found, begin = [], Particles.begin
 
     def recorded(course, first_run, runs):

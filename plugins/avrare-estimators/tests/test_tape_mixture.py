@@ -55,7 +55,7 @@ def written_out(mixture, tapes):
 
 
 def drawn(mixture, rows, seed=0, chunk=None):
-    """Tapes of the mixture and log p/q, as the engine makes and weighs them."""
+    """Return tapes of the mixture and log p/q, as the engine makes and weighs them."""
     noise = NoiseSource(seed, 3)
     index = np.arange(rows)
     request = Request(0 * index, 0 * index, index, 0 * index - 1, tape_law=TapeLaw(mixture))

@@ -27,7 +27,7 @@ def estimate(problem, seed=0, particles=50, discard=10, runs=200, **keywords):
 
 
 def deviation(values, truth):
-    """Distance of the mean from the truth in standard errors."""
+    """Return distance of the mean from the truth in standard errors."""
     return abs(values.mean() - truth) / (values.std(ddof=1) / np.sqrt(len(values)))
 
 
@@ -72,7 +72,7 @@ def test_any_score_is_unbiased(score):
 
 @pytest.fixture(scope="module")
 def ties():
-    """Many small runs on a lattice: ties at every level, and many runs that die out."""
+    """Return many small runs on a lattice: ties at every level, and many runs that die out."""
     return estimate(FEW_LEVELS, seed=3, particles=10, discard=2, runs=4000)
 
 

@@ -159,14 +159,14 @@ def scene():
 
 
 def final_only(limit, steps=6, perception=None, chunk=1024):
-    """Only the last sample counts, which has an exact answer."""
+    """Return the problem in which only the last sample counts, which has an exact answer."""
     here = scene()
     loop = ClosedLoop(Line(here), perception or Pem(here), LastSeen(), Believes())
     return avrare.Problem(loop, avrare.stl(f"always[{steps}:{steps}] (lost < {limit})"), steps, chunk=chunk)
 
 
 def exact(limit, steps=6, detection=0.9, bias=0.0, sd=1.0):
-    """P(sum of the errors >= limit): a binomial mixture of normal tails."""
+    """Return P(sum of the errors >= limit): a binomial mixture of normal tails."""
     terms, total = steps - 1, 0.0
     for seen in range(terms + 1):
         weight = math.comb(terms, seen) * detection**seen * (1 - detection) ** (terms - seen)

@@ -21,7 +21,7 @@ SHAPES = [
 
 
 def rough(kind, size, seed=1):
-    """Pyro's transforms with weights that bend a lot, and the same as a flow."""
+    """Return Pyro's transforms with weights that bend a lot, and the same as a flow."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         parts = [train._pyro_transforms(kind, size, 16) for _ in range(3)]

@@ -34,7 +34,7 @@ def drive(simulator, tape):
 
 
 def by_lift_and_drag(state, rate):
-    """Rates from lift 2 sin cos and drag 2 sin^2 of each plate, forces and moment arms as vectors."""
+    """Return rates from lift 2 sin cos and drag 2 sin^2 of each plate, forces and moment arms as vectors."""
     _, _, pitch, elevator, vx, vz, turn = state
     v = np.array([vx, vz])
     both = pitch + elevator

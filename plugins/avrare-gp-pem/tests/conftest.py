@@ -23,7 +23,7 @@ def make_scene(count, length=4.5, width=1.8):
 
 
 def make_world(others, ego=(0.0, 0.0, 0.0), n=1, speed=10.0):
-    """``others``: (V, 3) or (N, V, 3) of x, y, heading; ``ego``: x, y, heading."""
+    """Return a world of ``others``, (V, 3) or (N, V, 3), and ``ego``: x, y, heading."""
     others = np.asarray(others, float)
     if others.ndim == 2:
         others = np.repeat(others[None], n, axis=0)
@@ -63,7 +63,7 @@ def random_world(n, v, seed=0):
 
 @pytest.fixture(scope="session")
 def make():
-    """Functions that make scenes and worlds (tests cannot import from one another)."""
+    """Return functions that make scenes and worlds (tests cannot import from one another)."""
     return SimpleNamespace(scene=make_scene, world=make_world, turned=turned, random=random_world)
 
 
@@ -82,7 +82,7 @@ def build(request):
 
 
 def made_up_drive(n, artefact=False, rate=None, seed=0):
-    """Rows with a known law: logistic detection, Student-t errors along and across; flips of yaw."""
+    """Return rows with a known law: logistic detection, Student-t errors along and across; flips of yaw."""
     from avrare_gp_pem.training.table import make_table
 
     rng = np.random.default_rng(seed)

@@ -45,7 +45,7 @@ def unseen(errors, detected=None):
 
 
 def shares(calibrated, errors):
-    """Seen and own shares beyond 4 scales and 4 standard deviations, of both errors."""
+    """Return seen and own shares beyond 4 scales and 4 standard deviations, of both errors."""
     from avrare_gp_pem.training.scores import error_fits
 
     one = np.full((len(errors),), 1.0)
@@ -85,7 +85,7 @@ def test_far_tails_are_found_that_no_student_law_has():
 
 
 def nearby(power):
-    """Errors at 2 to 60 m, Student-t farther than 20 m and with tails to a power at range 0."""
+    """Return errors at 2 to 60 m, Student-t farther than 20 m and with tails to a power at range 0."""
     rng = np.random.default_rng(4)
     distance = rng.uniform(2, 60, 3 * ROWS)
     powers = np.exp(np.log(power) * np.maximum(0.0, 1 - distance / 20))[:, None]

@@ -33,7 +33,7 @@ def quick(model):
 
 
 def cars(distance, yaw=None):
-    """(len(distance), 60) cars all around the ego, of any yaw or of one."""
+    """Return (len(distance), 60) cars all around the ego, of any yaw or of one."""
     rng = np.random.default_rng(0)
     bearing, turned = rng.uniform(-np.pi, np.pi, (2, 60))
     one = np.ones((len(distance), 60))

@@ -105,7 +105,7 @@ def test_rate_and_persistence_of_a_long_log_are_found(make, persistence):
 
 
 def drives(make, rollouts=40, steps=110):
-    """Lines of a log of several drives, with the truth of GHOSTS and LASTING; 4 in 5 are detected."""
+    """Return lines of a log of several drives, with the truth of GHOSTS and LASTING; 4 in 5 are detected."""
     config = ParametricPemConfig(ghosts=GHOSTS, persistence=LASTING, detection_plateau=0.8)
     model = build_parametric(config, make.scene(3))
     rng = np.random.default_rng(3)

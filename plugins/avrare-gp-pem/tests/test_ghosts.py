@@ -19,7 +19,7 @@ SHARED = {"rate": 0.6, "persistence": 0.4, "slots": 2, "forward": (10.0, 30.0), 
 
 
 def course(model, world, steps, seed=0):
-    """Observations of steps 1.., the world standing still, and the memories after them."""
+    """Return observations of steps 1.., the world standing still, and the memories after them."""
     noise = np.random.default_rng(seed).standard_normal((steps + 1, len(world.step), model.noise_size))
     memory, seen, memories = model.start(noise[0]), [], []
     for row in noise[1:]:

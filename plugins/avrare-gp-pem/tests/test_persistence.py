@@ -29,7 +29,7 @@ def naive(scene, **persistence):
 
 
 def course(model, world, steps, seed=0):
-    """Observations and latent numbers of steps 1.., the world standing still."""
+    """Return observations and latent numbers of steps 1.., the world standing still."""
     noise = np.random.default_rng(seed).standard_normal((steps + 1, len(world.step), model.noise_size))
     memory, seen, latents = model.start(noise[0]), [], []
     for row in noise[1:]:

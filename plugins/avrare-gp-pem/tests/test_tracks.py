@@ -107,7 +107,7 @@ class Known:
 
 
 def persistent_log(tracks, frames, persistence, seed=0):
-    """Rows of vehicles that stand still, drawn with the noise of the runtime's own persistence."""
+    """Return rows of vehicles that stand still, drawn with the noise of the runtime's own persistence."""
     from avrare.driving import Road, Scene, Vehicles, World
     from avrare_gp_pem.config import Persistence
     from avrare_gp_pem.runtime.persistence import with_persistence

@@ -24,13 +24,13 @@ def tape(sim, n, steps, seed=0):
 
 
 def steering(t, n):
-    """Actions that differ from row to row and step to step."""
+    """Return actions that differ from row to row and step to step."""
     rows = np.arange(n)
     return np.stack([0.3 * np.sin(0.7 * t + rows), 0.004 * np.cos(0.3 * t + rows)], axis=1)
 
 
 def run(sim, noise, actions=steering, world=None, start=0):
-    """All worlds from the start, or from ``world`` at step ``start``."""
+    """Return all worlds from the start, or from ``world`` at step ``start``."""
     worlds = [sim.reset(noise[:, 0]) if world is None else world]
     for t in range(start + 1, noise.shape[1]):
         worlds.append(sim.step(worlds[-1], actions(t, len(noise)), noise[:, t]))

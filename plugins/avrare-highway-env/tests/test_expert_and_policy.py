@@ -19,7 +19,7 @@ def vehicles(x, y, speed):
 
 
 def expert(others, y=-4.0, speed=20.0):
-    """Throttle and steering of an ego at x = 100 among others (x, y, speed)."""
+    """Return throttle and steering of an ego at x = 100 among others (x, y, speed)."""
     table = np.array(others, dtype=float).reshape(-1, 3).T
     around = Vehicles(*(field[None] for field in vehicles(*table).__dict__.values()))
     return Expert().act(vehicles(100.0, y, speed), around)[0]

@@ -22,7 +22,7 @@ def follower(waypoints=NORTH, **options):
 
 
 def vehicles(rows):
-    """x, y, heading, speed of each."""
+    """Return x, y, heading, speed of each."""
     x, y, heading, speed = np.moveaxis(np.array(rows, dtype=float), -1, 0)
     return Vehicles(x, y, heading, speed, 0.0 * x)
 
@@ -34,7 +34,7 @@ def ego(here, others=((1e6, 1e6, 0.0, 0.0),)):
 
 
 def wanted(here, others=((1e6, 1e6, 0.0, 0.0),), **options):
-    """Throttle and steering of an ego on the way north."""
+    """Return throttle and steering of an ego on the way north."""
     return follower(**options).act(None, ego(here, others), None)[0][0]
 
 

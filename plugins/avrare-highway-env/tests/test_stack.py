@@ -28,7 +28,7 @@ chunk: 3
 
 @pytest.fixture
 def policy(tmp_path):
-    """A policy that only ever speeds up, the more the farther its first rays reach."""
+    """Return a policy that only ever speeds up, the more the farther its first rays reach."""
     from avrare_policy.network import Network, save
 
     weights = np.zeros((6 + 24, 2), dtype=np.float32)

@@ -16,7 +16,7 @@ LONGITUDINAL = longitudinal_models(CONFIG.longitudinal_models, 0.1, 1.0, (0.1, 0
 
 
 def oracle(models: ModelSet, state, probability):
-    """filterpy's estimator with the same models; affine terms enter as the control input B u, u = 1."""
+    """Return filterpy's estimator with the same models; affine terms are the control input B u, u = 1."""
     m, n = models.offset.shape
     p = len(models.measurement_variance)
     filters = []

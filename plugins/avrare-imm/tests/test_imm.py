@@ -36,7 +36,7 @@ def observe(models, rng, shape, missing=0.4):
 
 
 def literal(models, mean, covariance, chance, measurement, detected):
-    """One cycle of one track: the recursion of the textbook, one mode after another."""
+    """Run one cycle of one track: the recursion of the textbook, one mode after another."""
     m, n = models.offset.shape
     p = len(models.measurement_variance)
     H, R = np.eye(n)[:p], np.diag(models.measurement_variance)

@@ -50,7 +50,7 @@ def ellipses(noise_size, steps, many=12):
 
 
 def robustness_along(system, formula, tape, other):
-    """(M, K) at the angles of the scan, by running the system."""
+    """Return (M, K) at the angles of the scan, by running the system."""
     cosine, sine = np.cos(ANGLES)[:, None, None], np.sin(ANGLES)[:, None, None]
     tapes = (tape[:, None] * cosine + other[:, None] * sine).reshape(-1, *tape.shape[1:])
     return formula.robustness(simulate_signals(system, tapes))[:, 0].reshape(len(tape), -1)

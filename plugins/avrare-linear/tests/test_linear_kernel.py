@@ -64,7 +64,7 @@ def points(problem, tape):
 
 
 def start(problem, level, many, seed=5):
-    """Exact draws from the law of a level's set."""
+    """Draw exactly from the law of a level's set."""
     chains = np.arange(many)[:, None]
     tape = NoiseSource(seed, problem.noise_size).normals(0, 0, chains, np.arange(problem.steps + 1))
     found = points(problem, tape)

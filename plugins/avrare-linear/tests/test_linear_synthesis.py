@@ -56,7 +56,7 @@ def reaches_limit(system):
 
 
 def exact_failures(law, many):
-    """Tapes with x above the limit at the end: a truncated normal along the last row of the map."""
+    """Draw tapes with x above the limit at the end: a truncated normal along the last row of the map."""
     row = law.map[T, 0]
     size = np.linalg.norm(row)
     least = Phi((law.mean[T, 0] - LIMIT) / size)

@@ -49,7 +49,7 @@ def drive(linear, tape):
 
 
 def by_hand(linear, tape):
-    """One particle, with matrices: its signals (T + 1, ...)."""
+    """Run one particle, with matrices; return its signals (T + 1, ...)."""
 
     def at(stack, t):
         return stack[min(t, len(stack) - 1)]

@@ -12,5 +12,5 @@ sys.path.insert(0, HERE)
 
 @pytest.fixture
 def helpers(monkeypatch):
-    """Programs of this folder can be run with ``python -m``."""
+    """Let programs of this folder run with ``python -m``."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([HERE, os.environ.get("PYTHONPATH", "")]))

@@ -101,7 +101,7 @@ def test_noise_of_a_row_does_not_depend_on_its_neighbours():
 
 
 def made_up(inputs, hidden):
-    """Weights in MetaDrive's form."""
+    """Return weights in MetaDrive's form."""
     rng, sizes = np.random.default_rng(0), [(inputs, hidden), (hidden, hidden), (hidden, 4)]
     found = {}
     for name, size in zip(("fc_1", "fc_2", "fc_out"), sizes, strict=True):

@@ -101,7 +101,7 @@ def _tape(n):
 
 
 def _run(worlds, tape, state=None, start=0, throttle=None):
-    """All states; the action follows from what is seen."""
+    """Return all states; the action follows from what is seen."""
     states = [worlds.reset(tape[:, 0]) if state is None else state]
     for t in range(start + 1, STEPS + 1):
         action = np.clip(states[-1].seen[:, -2:] - 0.5, -0.5, 0.5)

@@ -85,7 +85,7 @@ class LaneChange:
         self.speed = np.stack([0.0 * ones, *(car.speed * np.cos(car.heading) for car in moving)])
 
     def predict(self, step, noise):
-        """Constant velocity along the road; noise (N, 3, 3) in metres and m/s."""
+        """Predict constant velocity along the road; noise (N, 3, 3) in metres and m/s."""
         time = np.arange(HORIZON + 1) * DT
         x = self.x[:, step] + noise[:, :, 0]
         y = self.y[:, step] + noise[:, :, 1]
@@ -93,7 +93,7 @@ class LaneChange:
         return Prediction(x=x[..., None] + speed[..., None] * time, y=np.repeat(y[..., None], HORIZON + 1, 2))
 
     def drive(self, controller, noise, samples=40) -> Drive:
-        """Closed loop on the controller's own model, observation noise (N, samples - 1, 3, 3)."""
+        """Drive the closed loop on the controller's own model, observation noise (N, samples - 1, 3, 3)."""
         n = len(noise)
         memory = controller.start(n)
         states, actions, inputs = [np.tile([17.149, 1.75, 21.6, 0.0], (n, 1))], [], []
@@ -106,7 +106,7 @@ class LaneChange:
         return Drive(np.stack(states, 1), np.stack(actions, 1), memory, inputs)
 
     def gaps(self, states):
-        """Smallest distance of the axis-parallel rectangles over time, (N, 3)."""
+        """Return smallest distance of the axis-parallel rectangles over time, (N, 3)."""
         steps = states.shape[1]
         along = np.abs(states[:, None, :, 0] - self.x[:, :steps]) - LENGTH
         across = np.abs(states[:, None, :, 1] - self.y[:, :steps]) - WIDTH
@@ -157,7 +157,7 @@ def interpreted(plain):
 
 
 def ego_at(state):
-    """State (N, 4) x, y, speed, heading."""
+    """Return state (N, 4) x, y, speed, heading."""
     x, y, speed, heading = state.T
     return Vehicles(x=x, y=y, heading=heading, speed=speed, acceleration=np.zeros(len(state)))
 

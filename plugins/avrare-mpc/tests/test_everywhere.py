@@ -30,13 +30,13 @@ def steps(lane_change):
 
 @pytest.fixture(scope="module", params=BACKENDS)
 def outcomes(request, lane_change, steps):
-    """Memory after the same steps, of a controller that follows and of one that looks everywhere."""
+    """Return memory after the same steps, of a controller that follows and of one that looks everywhere."""
     built = [build(MpcConfig(backend=request.param, search=way), lane_change.scene) for way in WAYS]
     return built, [controller.act(*steps)[1] for controller in built]
 
 
 def costs(lane_change, steps, memory):
-    """Of the plans, by the programme that defines them."""
+    """Return the costs of the plans, by the programme that defines them."""
     import casadi as ca
 
     config, (_, ego, prediction) = MpcConfig(), steps

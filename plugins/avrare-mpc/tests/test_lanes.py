@@ -46,7 +46,7 @@ def test_powers_of_two():
 
 @pytest.fixture(scope="module")
 def compiled():
-    """Softplus, cosine and logarithm of a row of each, into a memory."""
+    """Return compiled softplus, cosine and logarithm of a row of each, into a memory."""
     soft, cosine, log, load, store = (
         functions.softplus, functions.sine_and_cosine, functions.logarithm, lanes.load, lanes.store,
     )  # fmt: skip
@@ -61,7 +61,7 @@ def compiled():
 
 
 def evaluate(compiled, given):
-    """Rows of what ``compiled`` stores for the three rows given."""
+    """Return rows of what ``compiled`` stores for the three rows given."""
     memory = np.zeros((10, WIDTH)).reshape(-1)
     memory = memory[-memory.ctypes.data % 64 // 8 :][: 9 * WIDTH].reshape(9, WIDTH)
     memory[5:8] = given

@@ -14,7 +14,7 @@ LANES = (1.75, 5.25)
 
 
 def selected(y, lanes):
-    """Min over the simplex of sum((s d)^2), by a general solver."""
+    """Return min over the simplex of sum((s d)^2), by a general solver."""
     distances = np.array([y - lane for lane in lanes])
     found = minimize(
         lambda s: np.sum((s * distances) ** 2),
@@ -31,7 +31,7 @@ def overrun(value):
 
 
 def reference_cost(config, scene, states, inputs, others_x, others_y):
-    """Section by section as the reference writes it, with free inputs (0, c / (c + r) w) at the last node."""
+    """Compute it section by section, with free inputs (0, c / (c + r) w) at the last node."""
     rate, change = config.turn_rate_weight, config.turn_rate_change_weight
     a = np.append(inputs[:, 0], 0.0)
     w = np.append(inputs[:, 1], change / (change + rate) * inputs[-1, 1])

@@ -32,7 +32,7 @@ def fast(lane_change):
 
 @pytest.fixture(scope="module")
 def situations(lane_change):
-    """Inputs of ``act`` from noisy drives of the casadi backend, one row each, and what it did there."""
+    """Return inputs of ``act`` from noisy drives of the casadi backend, one row each, and its actions."""
     controller = build(MpcConfig(backend="casadi", search="follow"), lane_change.scene)
     drive = lane_change.drive(controller, noise_of(4, 13), samples=13)
     given = tuple(concatenate([step[i] for step in drive.inputs]) for i in range(3))

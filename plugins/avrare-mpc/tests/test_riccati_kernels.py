@@ -28,7 +28,7 @@ def config(request):
 
 @pytest.fixture
 def drawn(config, lane_change, plain):
-    """A programme and a random path in the thick of it, with its barrier at 0.5; all lanes alike."""
+    """Return a programme and a random path in the thick of it, with its barrier at 0.5; all lanes alike."""
     rng, p = np.random.default_rng(4), programme(config, lane_change.scene)
     _, path, _, work = plain.values.new_memory(config.horizon, 3)
     put(path.states[:4], [30.0, 3.3, 21.0, 0.1])
@@ -51,7 +51,7 @@ def get(memory, columns):
 
 
 def simulate(plain, p, path, work):
-    """States of the path from its first one and its inputs."""
+    """Fill in the states of the path from its first one and its inputs."""
     fresh = np.full(WIDTH, True)
     plain.newton.follow(p, path, path, work, plain.values.Bounds(2, 1), splat(0.0), fresh)
 

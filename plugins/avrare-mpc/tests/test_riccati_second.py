@@ -21,7 +21,7 @@ FIELDS = ("states", "inputs", "cost", "found", "retried", "iterations")
 
 @pytest.fixture(scope="module")
 def programmes(lane_change):
-    """Arguments of ``solve``: every later step of noisy drives."""
+    """Return arguments of ``solve``: every later step of noisy drives."""
     noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(8).standard_normal((24, 30, 3, 3))
     drive = lane_change.drive(
         build(MpcConfig(backend="riccati", search="follow"), lane_change.scene), noise, samples=31
@@ -34,7 +34,7 @@ def programmes(lane_change):
 
 @pytest.fixture(scope="module")
 def both(lane_change, programmes):
-    """Solutions with the second search and without it."""
+    """Return solutions with the second search and without it."""
     solvers = (RiccatiSolver(MpcConfig(), lane_change.scene, near=near) for near in (NEAR, None))
     return tuple(solver.solve(*programmes) for solver in solvers)
 

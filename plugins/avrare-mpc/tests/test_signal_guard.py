@@ -18,7 +18,7 @@ from avrare_mpc.signal_guard import defer_signals
 
 @pytest.fixture(autouse=True)
 def _heeding():
-    """As from a terminal: a shell may let what it runs in the background ignore Ctrl-C."""
+    """Heed Ctrl-C as from a terminal: a shell may let what it runs in the background ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -23,7 +23,7 @@ def action(acceleration=0.0, yaw_rate=0.0, n=1):
 
 
 def drive(start, steering, what, steps, dt=DT, config=CAR):
-    """All states and steering angles of repeating one action."""
+    """Return all states and steering angles of repeating one action."""
     states, angles = [start], [steering]
     for _ in range(steps):
         state, angle, _ = advance(config, dt, states[-1], angles[-1], what)
@@ -130,7 +130,7 @@ def test_top_speed():
 
 
 def turn(parts):
-    """State after 0.4 s at full steering rate and 3 m/s^2, in steps of 0.4 s / parts."""
+    """Return state after 0.4 s at full steering rate and 3 m/s^2, in steps of 0.4 s / parts."""
     states, _ = drive(ego(speed=10.0), np.zeros(1), action(3.0, 50.0), parts, dt=0.4 / parts)
     return np.array([getattr(states[-1], name)[0] for name in ("x", "y", "heading", "speed")])
 

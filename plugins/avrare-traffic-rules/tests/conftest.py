@@ -40,7 +40,7 @@ class Lab:
         return build(TrafficRuleConfig(rule=name, **options), scene)
 
     def signals(self, *others, **ego):
-        """One row: the ego drives at 20 m/s in the middle lane at x = 0 but for what is said."""
+        """Return one row: the ego drives at 20 m/s in the middle lane at x = 0 but for what is said."""
         signals = {f"ego_{name}": np.array([{**EGO, **ego}[name]]) for name in FIELDS}
         for name in FIELDS:
             values = [float({**EGO, **other}[name]) for other in others]
@@ -62,12 +62,12 @@ class Lab:
         return verdict
 
     def judge(self, rule, *others, **ego):
-        """(violated, robustness) of a single sample."""
+        """Return (violated, robustness) of a single sample."""
         verdict = self.run(rule, [self.signals(*others, **ego)])
         return bool(verdict.violated[0]), float(verdict.robustness[0])
 
     def random(self, rng, n, v):
-        """Signals of n rows: a crowd around the ego in which every predicate is now true, now false."""
+        """Return signals of n rows: a crowd around the ego in which each predicate is true at times."""
 
         def vehicles(*shape):
             return {

@@ -40,7 +40,7 @@ def cars(samples, t, n, vehicles):
 
 
 def drive(lab, name, vehicles, seed, **options):
-    """Signals of random crowds, and the monitor's robustness and violated, (N, T) each."""
+    """Return signals of random crowds, and the monitor's robustness and violated, (N, T) each."""
     rng = np.random.default_rng(seed)
     sizes = SIZES[0][:vehicles], SIZES[1][:vehicles]
     rule = lab.rule(name, vehicles, sizes=sizes, cut_in_time=0.3, **options)

@@ -14,7 +14,7 @@ DEFINITIONS = pytest.mark.parametrize("definitions", ["recommended", "published"
 
 
 def follow(rule, samples, n):
-    """Robustness, violated and margin (n, T), and the states after each sample."""
+    """Return robustness, violated and margin (n, T), and the states after each sample."""
     state, states, verdicts, margins = rule.start(n), [], [], []
     for signals in samples:
         state, verdict = rule.update(state, signals)

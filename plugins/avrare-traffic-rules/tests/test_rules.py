@@ -14,7 +14,7 @@ ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,))
 
 
 def violations(lab, rule, samples):
-    """At which samples the body fails, from the margin."""
+    """Return at which samples the body fails, from the margin."""
     state, failed = rule.start(1), []
     for t, signals in enumerate(samples):
         state, _ = rule.update(state, signals)

@@ -23,7 +23,7 @@ chunk: 1000
 
 @pytest.fixture
 def toy(monkeypatch):
-    """Folder of a plugin for wind and drivers, installed in addition to the others."""
+    """Return folder of a plugin for wind and drivers, installed in addition to the others."""
     monkeypatch.syspath_prepend(str(TOY))
     monkeypatch.setenv("PYTHONPATH", str(TOY))
     default_registry.cache_clear()
@@ -33,7 +33,7 @@ def toy(monkeypatch):
 
 @pytest.fixture
 def drive(toy, tmp_path, monkeypatch):
-    """Writer of a toy scenario in the current folder; takes lines to add."""
+    """Return writer of a toy scenario in the current folder; takes lines to add."""
     monkeypatch.chdir(tmp_path)
 
     def write(more="", text=DRIVE, name="drive.yaml"):
@@ -45,7 +45,7 @@ def drive(toy, tmp_path, monkeypatch):
 
 @pytest.fixture
 def estimate():
-    """Maker of results with a given interval law, as an estimator returns them."""
+    """Return maker of results with a given interval law, as an estimator returns them."""
 
     def estimate(law=None, *, interval_at=None, **changes):
         law = law or Binomial(5, 1000)

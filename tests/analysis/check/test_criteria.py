@@ -19,7 +19,7 @@ def threshold(bound, confidence=0.95, name="rule"):
 
 @pytest.fixture
 def against(estimate):
-    """Maker of regression criteria against a baseline with a given law."""
+    """Return maker of regression criteria against a baseline with a given law."""
 
     def against(law, name="rule", health=None, **criterion):
         entry = BaselineEntry.from_result(estimate(law, health=health or {}))
@@ -30,7 +30,7 @@ def against(estimate):
 
 @pytest.fixture
 def decide(estimate):
-    """Verdict on one criterion, for a law or a result."""
+    """Return verdict on one criterion, for a law or a result."""
 
     def decide(criterion, law, share=1.0, **changes):
         result = estimate(law, **changes)

@@ -26,13 +26,13 @@ def load():
 
 @pytest.fixture(scope="session")
 def linear():
-    """Fails where the point drifts to y = 0.2 within 2 s."""
+    """Return a system that fails where the point drifts to y = 0.2 within 2 s."""
     return avrare.load(LINEAR, SHORT)
 
 
 @pytest.fixture
 def pushed(linear):
-    """A failing tape of it: random, with a steady push to the left."""
+    """Return a failing tape of it: random, with a steady push to the left."""
     tape = np.random.default_rng(1).standard_normal((21, 6))
     tape[:, 3] += 2.0
     assert linear.problem("near").robustness(tape[None])[0] < 0.0

@@ -35,7 +35,7 @@ def avrare(tmp_path, monkeypatch, capsys):
 
 @pytest.fixture
 def stored(avrare, linear, pushed, tmp_path):
-    """Id of a failure in the default folder."""
+    """Return id of a failure in the default folder."""
     failure = record_failure(linear, "near", pushed)
     FailureDatabase(tmp_path / ".avrare" / "failures").add(failure)
     return failure.id

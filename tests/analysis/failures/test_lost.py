@@ -42,7 +42,7 @@ def problem(steps):
 
 
 def lost_by_hand(tape):
-    """First step from which coasting fails, where it fails at the last step."""
+    """Return first step from which coasting fails, where it fails at the last step."""
     steps = len(tape) - 1
     v = 0.1 * np.cumsum(tape[:, 0])
     x = np.cumsum(v) - v[0]  # the first row only sets the speed

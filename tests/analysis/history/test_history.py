@@ -27,7 +27,7 @@ BEGIN = 1_790_000_000
 
 @pytest.fixture
 def write(tmp_path, monkeypatch):
-    """Writer of run folders; the history lies in the current folder."""
+    """Return writer of run folders; the history lies in the current folder."""
     monkeypatch.chdir(tmp_path)
 
     def folder(day, name="drive", fingerprint="a" * 16, commit=None, changed=False, **changes):

@@ -50,7 +50,7 @@ def test_stretches_give_what_the_whole_gives(rule, monkeypatch):
 
 
 def write(path, gaps):
-    """Two cars in one lane: ``a`` so far behind ``b`` at each step, both at 20 m/s."""
+    """Write two cars in one lane: ``a`` so far behind ``b`` at each step, both at 20 m/s."""
     lines = ["time,vehicle,x,y,heading,speed,length,width"]
     for t, gap in enumerate(gaps):
         lines += [

@@ -32,7 +32,7 @@ ESTIMATORS = {
 
 
 def heed_signals():
-    """As from a terminal: a shell that runs the tests in the background lets all below it ignore Ctrl-C."""
+    """Heed Ctrl-C as from a terminal: a shell lets what it runs in the background ignore it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -73,7 +73,7 @@ class Night:
         return out, err
 
     def result(self, out, name="."):
-        """Content of result.json without the seconds."""
+        """Return content of result.json without the seconds."""
         content = json.loads((self.folder / out / name / "result.json").read_text())
         for entry in content["estimates"]:
             del entry["seconds"]
@@ -90,7 +90,7 @@ def night(tmp_path):
 
 @pytest.fixture
 def inside(night, monkeypatch):
-    """The same folder and plugins for calls in this process."""
+    """Return the same folder and plugins for calls in this process."""
     from avrare.plugin.registry import default_registry
 
     monkeypatch.chdir(night.folder)
@@ -103,7 +103,7 @@ def inside(night, monkeypatch):
 
 @pytest.fixture
 def interrupted(night, monkeypatch):
-    """Runs a command that is asked to stop once so many chunks are done."""
+    """Run a command that is asked to stop once so many chunks are done."""
 
     def interrupt(chunks, *words):
         write = checkpoint.FileJournal.write

@@ -37,7 +37,7 @@ def finished(inside):
 
 @pytest.fixture
 def stopping(monkeypatch):
-    """Runs a command, which is interrupted after so many chunks, and returns how many it has saved."""
+    """Run a command, which is interrupted after so many chunks, and return how many it has saved."""
 
     def run(words, chunks=None):
         write, done = checkpoint.FileJournal.write, []

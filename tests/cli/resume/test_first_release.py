@@ -13,7 +13,7 @@ FIRST = Path(__file__).parents[2] / "data" / "first_release"
 
 @pytest.fixture
 def first(inside):
-    """A copy of the first release's files, and the plugins that they need."""
+    """Return a copy of the first release's files, and the plugins that they need."""
     shutil.copytree(FIRST, inside.folder / "first")
     return inside.folder / "first"
 

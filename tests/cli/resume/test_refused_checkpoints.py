@@ -11,7 +11,7 @@ from avrare.cli.main import main
 
 @pytest.fixture(autouse=True)
 def _inside(inside):
-    """All of these run in this process."""
+    """Run all of these in this process."""
 
 
 def run(*words):

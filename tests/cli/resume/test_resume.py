@@ -15,7 +15,7 @@ from avrare.estimation import checkpoint
 
 @pytest.fixture(autouse=True)
 def _inside(inside):
-    """All of these run in this process."""
+    """Run all of these in this process."""
 
 
 def run(*words):

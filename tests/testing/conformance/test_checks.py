@@ -91,7 +91,6 @@ def registered(kind, monkeypatch, **changes):
 
 @pytest.fixture(autouse=True)
 def forgotten(monkeypatch):
-    """Whoever asks after a test finds what is installed."""
     yield
     default_registry.cache_clear()
 
@@ -238,7 +237,6 @@ def test_unknown_kinds_are_refused():
 
 def test_a_check_is_any_function():
     def never(subject):
-        """It is never right."""
         raise SystemExit(3)
 
     outcome = Check(never).run(subject("simulator"))

@@ -51,7 +51,7 @@ def run_scenario(text, folder):
 
 
 def run_console(text, capsys):
-    """Each command exits as it says, and prints at least the lines that are shown below it."""
+    """Check that each command exits as it says, and prints at least the lines that are shown below it."""
     for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
         command, *shown = part.splitlines()
         words = shlex.split(command, comments=True)

@@ -28,7 +28,7 @@ FORBIDDEN = {
 
 
 def calls(path):
-    """(dotted name, call) of every call in a module."""
+    """Return (dotted name, call) of every call in a module."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Call):
             yield ast.unparse(node.func), node
