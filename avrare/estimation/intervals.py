@@ -128,8 +128,25 @@ def weighted_counts(
         confidence: Level.
         errors: Weights of tapes that broke down; they count as failures in the upper end.
     """
-    tail = (1.0 - confidence) / 2.0
-    total, squares = math.fsum(weights), math.fsum(weights**2)
+    found = math.fsum(weights), math.fsum(weights**2)
+    broken = (0.0, 0.0) if errors is None else (math.fsum(errors), math.fsum(errors**2))
+    return matched_counts(found, trials, largest, confidence, broken)
+
+
+def matched_counts(
+    found: tuple[float, float], trials: int, largest: float, confidence: float,
+    broken: tuple[float, float] = (0.0, 0.0),
+) -> Interval:  # fmt: skip
+    """Return the interval of ``weighted_counts`` from the sums of the weights and of their squares.
+
+    Args:
+        found: Both sums, over the failures.
+        trials: Rollouts.
+        largest: Largest weight that a failure may have.
+        confidence: Level.
+        broken: Both sums, over rollouts that broke down.
+    """
+    tail, (total, squares) = (1.0 - confidence) / 2.0, found
     low = 0.0
     if total > 0.0:
         share, size = _matched(total, squares, trials)
@@ -138,9 +155,8 @@ def weighted_counts(
             if share < 1.0
             else tail ** (1 / size)
         )
-    if errors is not None and len(errors):
-        total, squares = total + math.fsum(errors), squares + math.fsum(errors**2)
-    share, size = _matched(total + largest, squares + largest**2, trials)
+    total, squares = total + broken[0] + largest, squares + broken[1] + largest**2
+    share, size = _matched(total, squares, trials)
     high = beta_quantile(1.0 - tail, share * size, size - share * size + 1.0) if share < 1.0 else 1.0
     return low, high
 

@@ -6,20 +6,24 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from avrare.analysis.causes.requirement import Evaluate, Requirement, Trial, find_requirement
+from avrare.analysis.causes.requirement import Requirement, Trial
 from avrare.analysis.causes.resumption import keep_outcomes
+from avrare.analysis.causes.reweighed_trial import Nearby, Reweigher, Score
+from avrare.analysis.causes.root_search import Evaluate, find_requirement
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
+from avrare.analysis.causes.sensitivity import knows_score
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import check_seal, read_json, seal
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Progress, Settings, run
+from avrare.estimation.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
@@ -72,23 +76,34 @@ def require(
     kept = _KeptTrials.open(None if out is None else Path(out) / TRIALS, task)
     whole = isinstance(value, int)
 
-    def evaluate(at: float, share: float, number: int, level: float) -> Trial:
+    def evaluate(at: float, share: float, number: int, level: float, nearby: Sequence[float]) -> Trial:
         at = round(at) if whole else float(f"{at:.6g}")
         known = kept.find(number, at)
-        return known or kept.add(_estimate(at, share, number, level))
+        return known or kept.add(_estimate(at, share, number, level, [float(f"{one:.6g}") for one in nearby]))
 
-    def _estimate(at: float, share: float, number: int, level: float) -> Trial:
+    def _estimate(at: float, share: float, number: int, level: float, nearby: Sequence[float]) -> Trial:
         loaded = scenario.at(parameter, at)
         problem, budget = loaded.problem(name), Budget.parse(f"rollouts={max(1, round(rollouts * share))}")
         settings = Settings(seed + number, level, budget, definition.max_error_rate, definition.suppress)
         chunks, executor = journal(f"trial-{number}"), build_executor(workers)
         with show(f"{parameter}={at:.4g}", problem) if show is not None else nullcontext() as progress:
             [result] = run(problem, loaded.estimator(), executor, settings, progress, chunks)
-        return Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
+        trial = Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
+        if whole or not _reweighable(problem, parameter, result):
+            return trial
+        reweigher = Reweigher(problem, at, lambda one: scenario.at(parameter, one).stack.loop.perception)
+        return replace(
+            trial, score=reweigher.score(result.failures), nearby=reweigher.reweigh(result, nearby, level)
+        )
 
     search: Evaluate = evaluate
     with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
         return find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
+
+
+def _reweighable(problem: Problem, parameter: str, result: Result) -> bool:
+    plain = result.estimator == "mc" and "used_rollouts" not in result.diagnostics
+    return plain and parameter.startswith("perception.") and knows_score(problem)
 
 
 def _read_limit(probability: str | float) -> float:
@@ -143,9 +158,16 @@ def _as_list(path: Path, value: Any) -> list[Any]:
 def _read_trial(path: Path, entry: Any) -> Trial:
     try:
         low, high = map(float, entry["interval"])
+        nearby = tuple(_read_nearby(one) for one in entry["nearby"])
+        score = None if entry["score"] is None else Score(**{k: float(v) for k, v in entry["score"].items()})
         return Trial(
             entry["value"], float(entry["probability"]), (low, high), int(entry["rollouts"]),
-            tuple(map(str, entry["warnings"])),
+            tuple(map(str, entry["warnings"])), score, nearby,
         )  # fmt: skip
-    except (KeyError, TypeError, ValueError, OverflowError):
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise UsageError(f"{path}: cannot be read", "choose another --out, or remove it") from None
+
+
+def _read_nearby(entry: Any) -> Nearby:
+    low, high = map(float, entry["interval"])
+    return Nearby(float(entry["value"]), float(entry["probability"]), (low, high))

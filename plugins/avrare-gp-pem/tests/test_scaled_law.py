@@ -6,6 +6,7 @@ import pytest
 import avrare
 from avrare.analysis.causes.tape_runs import draw_tapes
 from avrare.rollout.observation_ratios import log_ratios
+from avrare_gp_pem.runtime import normal
 
 SCENARIO = "scenarios/lane_change.yaml"
 MODELS = {
@@ -67,3 +68,33 @@ def test_the_noise_of_a_perfect_detector_sees_every_vehicle():
     for _ in range(3):
         state = loop.step(state, noise)
     assert state.observation.detected[:, :2].all()
+
+
+@pytest.mark.parametrize(
+    "change", [("error_scale", 1.5), ("error_scale", 0.6), ("tail_scale", 0.6), ("miss_scale", 3.0)]
+)
+def test_the_moved_tape_makes_another_detector_observe_the_same(change):
+    problem, other = load("persistent").problem("no_collision"), perception("persistent", *change)
+    own, tapes = problem.system.perception, draw_tapes(problem, 6, 0, 40)
+    state, memory = (
+        problem.system.initial(tapes[:, 0]),
+        other.start(tapes[:, 0, problem.system.world_noise :]),
+    )
+    moved = 0.0
+    for step in range(1, 6):
+        before, state = state.latent, problem.system.step(state, tapes[:, step])
+        _, memory = own.log_ratio(state.world, tapes[:, step], before, other, memory)
+        latent = other.latent(memory)
+        found, expected = other.memoryless.observe(state.world, latent), state.observation
+        np.testing.assert_array_equal(found.detected, expected.detected)
+        np.testing.assert_allclose(found.x, expected.x, atol=1e-6)
+        np.testing.assert_allclose(found.y, expected.y, atol=1e-6)
+        moved = max(moved, float(np.abs(latent - own.latent(state.latent)).max()))
+    assert moved > 0.2
+
+
+def test_quantiles_invert_the_distribution_function():
+    z = np.linspace(-30.0, 5.0, 200)
+    for start in (-30.0, -1.0, 5.0):
+        found = normal.quantile(np.log(normal.cdf(z)), np.full_like(z, start))
+        np.testing.assert_allclose(found, z, atol=1e-7)

@@ -1,18 +1,23 @@
 """Requirements: the root is known, and lies between what is kept and what is broken."""
 
 import json
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.requirement import SHARES, Trial, find_requirement
+from avrare.analysis.causes.requirement import Trial
+from avrare.analysis.causes.reweighed_trial import HALVING, Reweigher
+from avrare.analysis.causes.root_search import SHARES, find_requirement
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import bisect
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
 from avrare.estimation.intervals import clopper_pearson
-from noisy_loop import exact
+from avrare.estimation.result import Failures
+from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
 
 ROOT = bisect(lambda scale: exact(scale).p, 0.01, 0.2, 5.0)
@@ -21,7 +26,7 @@ ROOT = bisect(lambda scale: exact(scale).p, 0.01, 0.2, 5.0)
 def search(seed, probability=lambda value: exact(value).p, between=(0.2, 5.0), rollouts=40_000, limit=0.01):
     rng = np.random.default_rng(seed)
 
-    def evaluate(value, share, number, level):
+    def evaluate(value, share, number, level, nearby):
         count = int(rollouts * share)
         failures = int(rng.binomial(count, probability(value)))
         return Trial(value, failures / count, clopper_pearson(failures, count, level), count)
@@ -80,6 +85,72 @@ def test_the_root_is_inside_in_95_of_100_repetitions():
     assert sum(inside) >= 95
     assert sum(one.kept is not None and one.broken is not None for one in found) >= 95
     assert np.median([one.broken / one.kept for one in found if one.kept and one.broken]) < 1.6
+
+
+def search_reweighed(seed, rollouts=20_000, limit=0.01):
+    def evaluate(value, share, number, level, nearby):
+        problem = noisy_problem(value)
+        count, own = round(rollouts * share), 100 * seed + number
+        result = avrare.estimate(problem, "mc", rollouts=count, seed=own, confidence=level)
+        trial = Trial(value, result.probability, result.interval, result.rollouts)
+        reweigher = Reweigher(problem, value, Sensor)
+        nearby = reweigher.reweigh(result, nearby, level)
+        return replace(trial, score=reweigher.score(result.failures), nearby=nearby)
+
+    return find_requirement(evaluate, "sd", "low", limit, (0.2, 5.0))
+
+
+def test_failures_of_one_run_tell_of_values_nearby():
+    # Of some 180 failures 100 are kept.
+    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=8_000, seed=4)
+    reweigher = Reweigher(noisy_problem(1.0), 1.0, Sensor)
+    # At 4.0 too few effective failures are left.
+    own, near, lower = reweigher.reweigh(result, (1.0, 1.1, 0.9, 4.0), 0.95)
+    assert own.probability == pytest.approx(result.probability)
+    assert own.interval == pytest.approx(result.interval, rel=0.01)
+    for one in (near, lower):
+        low, high = one.interval
+        assert low < exact(one.value).p < high < 1.6 * low
+    # Log weights spread by the score's standard deviation times the distance.
+    reach = reweigher.score(result.failures).reach
+    weights = np.exp(reweigher._ratios(result.failures, (1.0 + 0.5 * reach,))[:, 0])
+    effective = weights.sum() ** 2 / (weights**2).sum() / len(weights)
+    assert -math.log(effective) == pytest.approx((0.5 * HALVING) ** 2, rel=0.3)
+
+
+def test_too_few_failures_are_not_reweighed():
+    result = avrare.estimate(noisy_problem(0.7), "mc", rollouts=3_000, seed=0)
+    reweigher = Reweigher(noisy_problem(0.7), 0.7, Sensor)
+    assert 0 < result.failures.count < 20
+    few = Failures(result.failures.noise[:7], result.failures.robustness[:7], 7)
+    assert reweigher.score(few) is None
+    assert reweigher.reweigh(result, (0.7,), 0.95) == ()
+
+
+def test_reweighing_narrows_the_answer():
+    found, plain = search_reweighed(0), search(0, rollouts=20_000)
+    assert len(found.trials) == len(SHARES) - 1
+    assert found.kept < ROOT < found.broken < 1.2 * found.kept
+    assert found.broken / found.kept < plain.broken / plain.kept
+    assert f"reweighed for {found.kept:.4g}: " in "\n".join(found.lines())
+
+
+@pytest.mark.slow
+def test_the_root_is_inside_in_95_of_100_repetitions_with_reweighing():
+    found = [search_reweighed(seed, rollouts=10_000) for seed in range(100)]
+    inside = [
+        (one.kept is None or one.kept < ROOT) and (one.broken is None or one.broken > ROOT) for one in found
+    ]
+    assert sum(inside) >= 92  # of 95 expected at least: one in a hundred such tests would see fewer
+    assert sum(one.kept is not None and one.broken is not None for one in found) >= 90
+
+
+def test_a_bound_out_of_reach_tells_what_it_would_take():
+    found = search(0, limit=1e-6, rollouts=4_000, between=(0.6, 5.0))
+    assert found.kept is None
+    assert found.broken > bisect(lambda scale: exact(scale).p, 1e-6, 0.2, 5.0)
+    assert f"; {found.broken:.4g} breaks it" in found.lines()[0]
+    assert any("1e-06 takes some" in text for text in found.warnings)
 
 
 PLANE = pushed_point(1.0, steps=10, variance=0.04)

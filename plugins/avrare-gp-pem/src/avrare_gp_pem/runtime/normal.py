@@ -33,6 +33,7 @@ _INNER, _MIDDLE = 0.67448975, 5.656854249492380195
 _SQRT_1_2PI = 0.398942280401432677939946
 _LARGEST = 40.0  # the tail underflows here
 _DEPTH = 30
+_NEWTON, _LEAST, _MOST = 40, -37.0, 8.0  # beyond them the probability is 0 or 1 in double precision
 
 
 def cdf(z: Floats) -> Floats:
@@ -43,6 +44,23 @@ def cdf(z: Floats) -> Floats:
         tail = np.where(far, _continued_fraction(np.maximum(size, _MIDDLE)), tail)
     outside = np.where(z < 0, tail, 1.0 - tail)
     return np.where(size < _INNER, _central(np.clip(z, -_INNER, _INNER)), outside)
+
+
+def quantile(log_rank: Floats, start: Floats) -> Floats:
+    """Return z in -37 .. 8 with log P(Z < z) = ``log_rank``, elementwise, by Newton's method from ``start``.
+
+    log P is concave, so that every step ends left of the solution, and all further ones climb to it.
+    """
+    z = np.clip(start, _LEAST, _MOST)
+    for _ in range(_NEWTON):
+        rank = cdf(z)
+        missing = log_rank - np.log(rank)
+        later = np.clip(z + missing * rank / (_SQRT_1_2PI * _density_factor(np.abs(z))), _LEAST, _MOST)
+        done = (np.abs(later - z) <= 1e-10) | (np.abs(missing) <= 1e-14)
+        z = later
+        if done.all():
+            break
+    return np.asarray(z)
 
 
 def _central(z: Floats) -> Floats:

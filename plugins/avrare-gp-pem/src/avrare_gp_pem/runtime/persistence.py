@@ -116,11 +116,11 @@ class PersistentPem:
     def log_ratio(
         self, world: World, noise: Floats, memory: Memory, other: PersistentPem, other_memory: Memory
     ) -> tuple[Floats, Memory]:
-        """Return (N,) log density ratio of a nearby model ``other`` for what ``noise`` makes one observe.
+        """Return (N,) log density ratio of another model for what ``noise`` makes one observe.
 
         The tape of ``other`` that gives the same observations is a function of this one's, number by number
-        and step by step, so the ratio of the densities of the two tapes times its derivative is the ratio
-        that a score-function derivative needs. ``other_memory`` is that tape's, and is returned one step on.
+        and step by step, so the ratio of the densities of the two tapes times its derivative weighs this tape
+        for ``other``, however far it is. ``other_memory`` is that tape's, and is returned one step on.
         """
         _, later = self.follow(world, noise, memory)
         latent = self.latent(later)

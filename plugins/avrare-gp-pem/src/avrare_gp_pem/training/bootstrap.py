@@ -2,7 +2,8 @@
 
 Rows are frames of scenes, so neighbours are alike: contiguous blocks are drawn with replacement, not rows
 (Kuensch, Annals of Statistics 17, 1989). A refit has the recipe of the model itself, and the persistence of
-its errors, which a sample with repeated blocks cannot tell.
+its errors, which a sample with repeated blocks cannot tell. It is of the detector alone: the labels as
+delivered, artefact included, serve the scores of the model card and no rollout.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def fit_ensemble(
         rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(_SEED_KEY, number)))
         sample = resample(data, rng)
         own = replace(plan, seed=plan.seed + number + 1)
-        refit = fit_model(sample, own, {}, lambda line: None, persistence=False)
+        refit = fit_model(sample, own, {}, lambda line: None, whole=False)
         found.append(replace(refit, persistence=model.persistence, ghosts=model.ghosts))
         report(f"bootstrap: refit {number + 1} of {members}")
     return replace(model, ensemble=tuple(found))

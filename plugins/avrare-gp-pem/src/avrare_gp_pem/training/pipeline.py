@@ -61,7 +61,7 @@ def fit_model(
     provenance: Mapping[str, str],
     report: Report,
     *,
-    persistence: bool = True,
+    whole: bool = True,
 ) -> FittedPem:
     """Fit the detector, and where the labels have an artefact, the labels as delivered too.
 
@@ -70,16 +70,16 @@ def fit_model(
         plan: Model to fit; the same plan gives the same bits on the same machine.
         provenance: Stored with the model.
         report: Called with lines of progress.
-        persistence: Fit how long errors last, too.
+        whole: False: fit the detector alone, neither the labels as delivered nor how long errors last.
     """
     oblique = data.train.take(data.oblique)
     fit = _fit_literal_variant if plan.model == "literal" else _fit_variant
     clean = fit(oblique, plan, "vehicle", lambda line: report(f"detector: {line}"))
     delivered = None
-    if data.has_artefact:
+    if data.has_artefact and whole:
         delivered = fit(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
     lasting = None
-    if persistence:
+    if whole:
         lasting = fit_persistence(clean, oblique)
         report(describe_persistence(lasting))
     ghosts = fit_ghosts(data.ghosts) if data.ghosts is not None else None

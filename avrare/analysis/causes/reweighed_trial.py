@@ -1,0 +1,125 @@
+"""Reweighed trial: what the failures of one run tell of nearby values of a parameter.
+
+Where a parameter changes nothing but the law of what perception observes, and the density ratio w of two laws
+is known, the mean of w over failures, times the probability, is that at the other value. The values must be
+fixed before the run, else the estimates would have no interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation import intervals
+from avrare.estimation.intervals import Interval
+from avrare.estimation.result import Failures, Result
+from avrare.protocols import Floats
+from avrare.rollout.observation_ratios import log_ratios
+from avrare.rollout.problem import Problem
+
+HALVING = math.sqrt(math.log(2.0))
+"""Standard deviation of normal log weights at which half of the effective failures are left."""
+_SMALL = 1e-3
+_FEW = 8
+"""Kept failures below which a slope is not known at all."""
+_LEAST = 20
+"""Kept failures below which their weights tell too little,"""
+_SHARE = 0.25
+"""and share of them that must be left effectively."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What failures tell of the slope of log p.
+
+    Attributes:
+        slope: d log p / d parameter.
+        error: Its standard error.
+        reach: How far from its value half of the effective failures are left by reweighing.
+    """
+
+    slope: float
+    error: float
+    reach: float
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """Estimate at a value that no rollout was run at.
+
+    Attributes:
+        value: The value.
+        probability: The estimate.
+        interval: Its interval.
+    """
+
+    value: float
+    probability: float
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class Reweigher:
+    """Reweighs failures of a problem for values of one parameter of its perception error model.
+
+    Attributes:
+        problem: The problem at the value that was run.
+        value: That value.
+        build: Function from a value to the perception error model.
+    """
+
+    problem: Problem
+    value: float
+    build: Callable[[float], Any]
+
+    def score(self, failures: Failures) -> Score | None:
+        """Return the slope of log p, and how far the failures can be reweighed; None: they are too few.
+
+        The log weights of a nearby value are, to first order, the score times the distance.
+        """
+        step, count = _SMALL * abs(self.value), len(failures.noise)
+        if count < _FEW or step == 0.0:
+            return None
+        ratios = self._ratios(failures, (self.value + step, self.value - step))
+        scores = (ratios[:, 0] - ratios[:, 1]) / (2.0 * step)
+        spread = float(scores.std(ddof=1))
+        if not spread > 0.0 or not math.isfinite(spread):
+            return None
+        return Score(float(scores.mean()), spread / math.sqrt(count), HALVING / spread)
+
+    def reweigh(self, result: Result, values: Sequence[float], level: float) -> tuple[Nearby, ...]:
+        """Return estimates at values that were fixed before the run, where enough failures are left.
+
+        Args:
+            result: Monte Carlo estimate at this value.
+            values: The values.
+            level: Level of the intervals.
+        """
+        if len(result.failures.noise) < _LEAST:
+            return ()
+        weights = np.exp(self._ratios(result.failures, values))
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            effective = weights.sum(axis=0) ** 2 / (weights**2).sum(axis=0)
+        return tuple(
+            _estimate(float(value), column, result, level)
+            for value, column, left in zip(values, weights.T, effective, strict=True)
+            if left >= _SHARE * len(column)
+        )
+
+    def _ratios(self, failures: Failures, values: Sequence[float]) -> Floats:
+        return log_ratios(self.problem, [self.build(value) for value in values], failures.noise)
+
+
+def _estimate(value: float, weights: Floats, result: Result, level: float) -> Nearby:
+    # The number of failures and the mean weight of those that were kept are independent.
+    trials, mean = result.rollouts, float(weights.mean())
+    total = mean * result.failures.count / trials
+    relative = 1.0 / result.failures.count + float(weights.var(ddof=1)) / (len(weights) * mean**2)
+    largest = max(float(weights.max()), 1.0) / trials
+    broken = result.errors * largest, result.errors * largest**2
+    interval = intervals.matched_counts((total, relative * total**2), trials, largest, level, broken)
+    return Nearby(value, min(total, 1.0), interval)

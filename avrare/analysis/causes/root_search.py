@@ -1,0 +1,257 @@
+"""Requirement: the largest (or smallest) value of a parameter that keeps a probability below a bound.
+
+A few small runs look for the value at which the bound is reached: values are chosen by a line through log p,
+as near to its root as the next estimate can tell apart. Half of the budget then decides. Where the failures
+of a run can be reweighed for nearby values (``reweighed_trial``) far enough, it is one run at the root, else
+one on each side of it. Each run has noise of its own, so the values may be chosen from what came before, and
+the risks of all of them add up to alpha (Bonferroni). The values that a run is reweighed for are tested in an
+order that is fixed before it, from the safe end until one fails, which needs no correction (fixed-sequence
+testing). If the probability is monotone in the parameter, the value at which it reaches the bound then lies
+between the last value that is shown to keep the bound and the first that is shown to break it, with the
+confidence 1 - alpha.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from avrare.analysis.causes.requirement import Requirement, Trial
+from avrare.base.errors import UsageError
+from avrare.base.special_functions import normal_factor
+
+SHARES = (1, 1, 1, 1, 2, 2, 4, 4)
+"""Parts of the budget of the estimates: the first two at the ends, the last two decide, or one for both."""
+_SEARCHING = 6
+"""Estimates that only look for the root,"""
+_SEARCH_RISK = 0.15
+"""and their part of the risk."""
+_GRID = 12
+"""Values on each side that a run is reweighed for."""
+_PAYS = 1.5
+"""Least distance in log p that reweighing must reach, in half widths of the interval there."""
+_MARGIN = 1.3
+"""Distance from the root at which the next value is taken, in half widths of the interval there."""
+_NARROW = 0.02
+"""Relative width of the answer from which on it is not narrowed any further."""
+_LEAST_SLOPE = 1e-3
+_BEND = 0.3
+_WIDTHS = 6.0
+"""Standard errors in the width of an interval of the trials that search."""
+
+
+Evaluate = Callable[[float, float, int, float, Sequence[float]], Trial]
+"""Called with a value, a share of the budget, the number of the trial, the level of its intervals, and the
+values to reweigh its failures for."""
+
+
+def find_requirement(
+    evaluate: Evaluate, parameter: str, specification: str, limit: float, between: tuple[float, float], *,
+    confidence: float = 0.95, logarithmic: bool = True,
+) -> Requirement:  # fmt: skip
+    """Find the value of a parameter at which a probability reaches ``limit``.
+
+    Args:
+        evaluate: Estimates the probability at a value.
+        parameter: Name, for the answer.
+        specification: Name, for the answer.
+        limit: The bound, in (0, 1).
+        between: Smallest and largest value to try.
+        confidence: Level of the answer.
+        logarithmic: Look along the logarithm of the parameter, where both ends are positive.
+
+    Raises:
+        UsageError: The bound or the ends do not fit.
+    """
+    low, high = between
+    if not 0.0 < limit < 1.0 or not -math.inf < low < high < math.inf:
+        raise UsageError(f"{parameter}: bound {limit:g} between {low:g} and {high:g} cannot be searched")
+    search = _Search(evaluate, limit, 1.0 - confidence, logarithmic and low > 0.0)
+    if search.look(between):
+        search.decide()
+    trials = search.trials
+    kept, broken = search.bracket()
+    root = search.root()
+    return Requirement(
+        parameter, specification, limit, kept, broken,
+        root if root is not None and low <= root <= high else None, confidence, tuple(trials), search.rising,
+        _doubts(trials, limit, search.rising, kept),
+    )  # fmt: skip
+
+
+@dataclass
+class _Search:
+    evaluate: Evaluate
+    limit: float
+    alpha: float
+    scaled: bool
+    trials: list[Trial] = field(default_factory=list)
+
+    def look(self, between: tuple[float, float]) -> bool:
+        """Run the small trials; return whether there is something left to decide."""
+        level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCHING
+        for number in range(_SEARCHING):
+            value = between[number] if number < 2 else self._choose(number, level)
+            if value is None:
+                return False
+            self._run(value, SHARES[number], level)
+            sides = {
+                one.interval[1] < self.limit or (one.interval[0] > self.limit and None) for one in self.trials
+            }
+            if number == 1 and sides in ({True}, {None}):  # both ends keep the bound, or both break it
+                return False
+        return True
+
+    def decide(self) -> None:
+        """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
+        risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
+        shares = SHARES[_SEARCHING:]
+        expected = self.limit * self.trials[-1].rollouts * sum(shares) / SHARES[_SEARCHING - 1]
+        half = normal_factor(1.0 - risk) / math.sqrt(expected)
+        if line is not None and self._reach() * abs(line[1]) >= _PAYS * half:
+            value = self._inside(line[0])
+            self._run(value, sum(shares), 1.0 - risk, self._grid(value))
+            return
+        for number, share in enumerate(shares, _SEARCHING):
+            level = 1.0 - risk / len(shares)
+            chosen = self._choose(number, level)
+            if chosen is not None:
+                self._run(chosen, share, level, self._grid(chosen))
+
+    def bracket(self) -> tuple[float | None, float | None]:
+        """Return the last value that is shown to keep the bound, and the first that is shown to break it."""
+        inner, outer = (max, min) if self.rising else (min, max)
+        kept = (value for one in self.trials for value in self._shown(one, True))
+        broken = (value for one in self.trials for value in self._shown(one, False))
+        return inner(kept, default=None), outer(broken, default=None)
+
+    def root(self) -> float | None:
+        """Return the value at which the fitted line reaches the bound."""
+        line = self._fit()
+        return None if line is None else _from(line[0], self.scaled)
+
+    @property
+    def rising(self) -> bool:
+        """Whether the probability rises with the parameter."""
+        first, second = self.trials[0], self.trials[1] if len(self.trials) > 1 else self.trials[0]
+        return (second.probability - first.probability) * (second.value - first.value) >= 0.0
+
+    def _run(self, value: float, share: int, level: float, nearby: Sequence[float] = ()) -> None:
+        self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
+
+    def _shown(self, trial: Trial, keeps: bool) -> Iterator[float]:
+        """Give the values that a trial shows to keep the bound, or to break it."""
+        if trial.interval[1] < self.limit if keeps else trial.interval[0] > self.limit:
+            yield trial.value
+        for near in trial.nearby if keeps == self.rising else reversed(trial.nearby):
+            if not (near.interval[1] < self.limit if keeps else near.interval[0] > self.limit):
+                return
+            yield near.value
+
+    def _choose(self, number: int, level: float) -> float | None:
+        kept, broken = self.bracket()
+        ends = sorted(_to(one.value, self.scaled) for one in self.trials[:2])
+        if kept is not None and broken is not None:
+            ends = sorted((_to(kept, self.scaled), _to(broken, self.scaled)))
+            if abs(kept - broken) <= _NARROW * max(abs(kept), abs(broken)):
+                return None
+        middle = 0.5 * (ends[0] + ends[1])
+        line = self._fit()
+        if line is None or number == 2:
+            return _from(middle, self.scaled)
+        root, slope = line
+        # The half width of the next interval in log p: that of the last trial, at its own budget and level.
+        last = self.trials[-1]
+        width = math.log(last.interval[1] / max(last.probability, last.interval[1] / 100.0))
+        width *= math.sqrt(SHARES[len(self.trials) - 1] / SHARES[number])
+        if number == _SEARCHING:
+            width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCHING)
+        side = (-1.0 if number % 2 else 1.0) * (1.0 if slope > 0 else -1.0)
+        point = root + side * _MARGIN * width / max(abs(slope), _LEAST_SLOPE)
+        inside = ends[0] < point < ends[1]
+        return _from(point if inside else middle, self.scaled)
+
+    def _inside(self, root: float) -> float:
+        """Return the value of a root, or the middle of what is left where it lies outside."""
+        known = [one for one in self.bracket() if one is not None]
+        ends = known if len(known) == 2 else [one.value for one in self.trials[:2]]
+        low, high = sorted(_to(one, self.scaled) for one in ends)
+        return _from(root if low < root < high else 0.5 * (low + high), self.scaled)
+
+    def _reach(self) -> float:
+        """Return how far the failures near the root can be reweighed, along the axis of the search."""
+        known = [one for one in self.trials if one.score is not None and one.probability > 0.0]
+        if not known:
+            return 0.0
+        nearest = min(known, key=lambda one: abs(math.log(one.probability / self.limit)))
+        assert nearest.score is not None
+        reach = nearest.score.reach
+        return min(reach / nearest.value, 1.0) if self.scaled else reach
+
+    def _grid(self, value: float) -> list[float]:
+        centre, reach = _to(value, self.scaled), self._reach()
+        steps = np.arange(-_GRID, _GRID + 1) / _GRID
+        return [_from(centre + reach * step, self.scaled) for step in steps.tolist()] if reach else []
+
+    def _fit(self) -> tuple[float, float] | None:
+        """Return root and slope of a line through log p, which slopes of the trials help to find.
+
+        log p bends: a share ``_BEND`` of the slope for each unit of log p, which makes trials far from the
+        bound tell less.
+        """
+        rows = [one for one in self.trials if 0.0 < one.probability < 1.0]
+        if len(rows) < 2:
+            return None
+        x = np.array([_to(one.value, self.scaled) for one in rows])
+        y = np.array([math.log(one.probability / self.limit) for one in rows])
+        spread = [math.log(one.interval[1] / max(one.interval[0], one.interval[1] * 1e-4)) for one in rows]
+        weight = 1.0 / (np.maximum(spread, 1e-3) ** 2 + (0.5 * _BEND * y * y) ** 2)
+        matrix = np.array([[weight.sum(), weight @ x], [weight @ x, weight @ (x * x)]])
+        vector = np.array([weight @ y, weight @ (x * y)])
+        factors = [one.value if self.scaled else 1.0 for one in rows]
+        slopes = [abs(f * one.score.slope) for f, one in zip(factors, rows, strict=True) if one.score]
+        for factor, one, distance in zip(factors, rows, y.tolist(), strict=True):
+            if one.score is not None:
+                error = _WIDTHS * factor * one.score.error
+                known = 1.0 / max(error**2 + (_BEND * max(slopes) * distance) ** 2, 1e-12)
+                matrix[1, 1] += known
+                vector[1] += known * factor * one.score.slope
+        if np.linalg.det(matrix) <= 1e-12 * matrix[0, 0] * max(matrix[1, 1], 1e-300):
+            return None
+        height, slope = np.linalg.solve(matrix, vector).tolist()
+        return (-height / slope, slope) if slope != 0.0 else None
+
+
+def _doubts(trials: list[Trial], limit: float, rising: bool, kept: float | None) -> tuple[str, ...]:
+    ordered = sorted(trials, key=lambda one: one.value, reverse=not rising)
+    found = []
+    best = 0.0
+    for one in ordered:
+        if one.interval[1] < best:
+            found.append(
+                "the probability is not monotone in the parameter: it falls again towards "
+                f"{one.value:.4g}, so the answer holds for the values that were tried alone"
+            )
+            break
+        best = max(best, one.interval[0])
+    if any(one.warnings for one in trials):
+        found.append("some estimates have health warnings; the answer is no better than they are")
+    least = min(trials, key=lambda one: one.interval[1])
+    if kept is None and least.interval[0] < limit:
+        times = math.ceil(least.interval[1] / limit)
+        found.append(
+            f"the least that is shown is p < {least.interval[1]:.2g}, at {least.value:.4g}, with "
+            f"{least.rollouts:,} rollouts; {limit:g} takes some {times:,} times as many"
+        )
+    return tuple(found)
+
+
+def _to(value: float, scaled: bool) -> float:
+    return math.log(value) if scaled else value
+
+
+def _from(point: float, scaled: bool) -> float:
+    return math.exp(point) if scaled else point
