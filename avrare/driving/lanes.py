@@ -8,6 +8,9 @@ import numpy as np
 
 from avrare.driving.values import Bools, Floats, Road
 
+ENDLESS = 1e5
+"""Distance from the origin at which lanes without an end have theirs [m]."""
+
 
 def lane_borders(road: Road, x: Floats) -> tuple[Floats, Floats]:
     """Return y of the right and left borders (L, ...) at ``x``; beyond a lane's ends those of its end."""

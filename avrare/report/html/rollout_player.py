@@ -192,7 +192,11 @@ def _tabulate_view(
         return content
     road = scene.road
     content["road"] = {
-        "lanes": list(road.lane_centres), "width": road.lane_width, "ramp": list(road.access_ramp),
+        "lanes": list(road.lane_centres), "width": road.lane_width,
+        "ramp": [*road.access_ramp, *road.shoulder, *road.opposing],
+        "borders": [
+            [[_round(x) for x in row] for row in (one.stations, one.right, one.left)] for one in road.lanes
+        ],
     }  # fmt: skip
     content["ego"] = {"l": scene.ego_length, "w": scene.ego_width, **_encode_trajectory(frames, "ego", 0)}
     content["others"] = [

@@ -35,13 +35,26 @@
   // Top view of the road, with the ego at a third of the width.
   const topView = (canvas, data) => {
     const pen = canvas.getContext("2d");
-    const { lanes, width: lane, ramp } = data.road;
+    const { lanes, width: lane, ramp, borders } = data.road;
     const low = lanes[0] - lane / 2, high = lanes[lanes.length - 1] + lane / 2;
     let ppm = 8, left = 0, wide = 0, tall = 0;
     const X = (x) => (x - left) * ppm;
     const Y = (y) => tall / 2 - (y - (low + high) / 2) * ppm;
 
-    const road = () => {
+    // Lanes that begin, end or vary in width.
+    const varying = () => borders.forEach(([x, right, left], k) => {
+      const trace = (y, at) => pen[at ? "lineTo" : "moveTo"](X(x[at]), Y(y[at]));
+      pen.fillStyle = colour(ramp.includes(k) ? "ramp" : "road");
+      pen.beginPath();
+      x.forEach((_, at) => trace(right, at));
+      for (let at = x.length - 1; at >= 0; at--) pen.lineTo(X(x[at]), Y(left[at]));
+      pen.fill();
+      pen.strokeStyle = colour("marking");
+      pen.lineWidth = 1;
+      for (const y of [right, left]) { pen.beginPath(); x.forEach((_, at) => trace(y, at)); pen.stroke(); }
+    });
+
+    const parallel = () => {
       pen.fillStyle = colour("road");
       pen.fillRect(0, Y(high), wide, Y(low) - Y(high));
       pen.fillStyle = colour("ramp");
@@ -55,6 +68,10 @@
         pen.beginPath(); pen.moveTo(0, y); pen.lineTo(wide, y); pen.stroke();
       }
       pen.setLineDash([]);
+    };
+
+    const road = () => {
+      if (borders.length) varying(); else parallel();
       pen.fillStyle = colour("muted");
       pen.font = "11px system-ui, sans-serif";
       pen.textAlign = "center";

@@ -103,7 +103,7 @@ def draw_road(ax: Any, scene: Scene) -> None:
     edges = [centre - 0.5 * road.lane_width for centre in road.lane_centres]
     edges.append(road.lane_centres[-1] + 0.5 * road.lane_width)
     ax.axhspan(edges[0], edges[-1], color="#eef0f2", zorder=0)
-    for lane in road.access_ramp:
+    for lane in (*road.access_ramp, *road.opposing):
         ax.axhspan(edges[lane], edges[lane + 1], color="#e2e6ea", zorder=0)
     for index, y in enumerate(edges):
         outer = index in (0, len(edges) - 1)

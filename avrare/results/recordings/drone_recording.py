@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Lane, Road
+from avrare.driving.lanes import ENDLESS
 from avrare.protocols import Floats
 from avrare.results.recordings.plane_drives import Obstacle, PlaneDrives
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
 
 _END = "_tracks.csv"
-_FAR = 1e5  # lanes of a recorded carriageway do not end [m]
 _MOTION = ("xVelocity", "yVelocity", "xAcceleration", "yAcceleration")
 _HIGHD = ("frame", "id", "x", "y", "width", "height", *_MOTION)
 _PLANE = ("frame", "trackId", "xCenter", "yCenter", "heading", "width", "length", *_MOTION)
@@ -186,7 +186,7 @@ def _carriageway(path: str, markings: str, turn: float) -> Road:
         raise UsageError(f"{path}: the lane markings {markings!r} are not numbers")
     if len(borders) < 2:
         raise UsageError(f"{path}: there are no lane markings in the recordingMeta file")
-    ends = np.array([-_FAR, _FAR])
+    ends = np.array([-ENDLESS, ENDLESS])
     lanes = tuple(Lane(ends, np.full(2, right), np.full(2, left)) for right, left in pairwise(borders))
     centres = tuple(float(centre) for centre in 0.5 * (borders[:-1] + borders[1:]))
     return Road(centres, float(np.median(np.diff(borders))), (), 0.0, 420.0, lanes=lanes)

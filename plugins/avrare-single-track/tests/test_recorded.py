@@ -126,6 +126,22 @@ def test_drivers_of_recorded_cars_take_noise_from_the_tape(write):
 def test_cars_that_cannot_be_handed_over(write):
     with pytest.raises(UsageError, match="lanes of constant widths"):
         RecordedScene(RecordedConfig(file=write("widening"), drivers={}))
+    text = write("bend").read_text(encoding="utf-8")
+    late = re.sub(
+        r'(<dynamicObstacle id="3">.*?)<time><exact>0</exact>', r"\1<time><exact>1</exact>", text, flags=re.S
+    )
+    path = write("bend")
+    path.write_text(late, encoding="utf-8")
     with pytest.raises(UsageError, match="obstacle 3 is not there at the start") as caught:
-        RecordedScene(RecordedConfig(file=write("opposing"), without=(1,), drivers={"vehicles": (3,)}))
+        RecordedScene(RecordedConfig(file=path, without=(1,), drivers={"vehicles": (3,)}))
     assert caught.value.hint == "drivers.vehicles may name: 2"
+
+
+def test_oncoming_cars_that_were_handed_over_keep_coming(write):
+    sim = RecordedScene(RecordedConfig(file=write("opposing"), without=(1,), drivers={"vehicles": (3,)}))
+    before, after = roll(sim, 0), roll(sim, 20)
+    way = after.others.x[0, 1] - before.others.x[0, 1]
+    speeds = before.others.speed[0, 1], after.others.speed[0, 1]
+    assert way < -1.9 * min(speeds)
+    assert after.others.y[0, 1] == pytest.approx(before.others.y[0, 1])
+    assert np.cos(after.others.heading[0, 1]) < -0.99

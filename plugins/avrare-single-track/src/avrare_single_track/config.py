@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from avrare.plugin import Drawable
@@ -14,6 +15,8 @@ from avrare_mpc.config import TrajectoryPlan
 _RESERVED = ("ego", "others")
 """Names in formulas of the vehicle under test and of all other vehicles."""
 _Lane = Annotated[int, Field(ge=0)]
+MOST_REACTION = 3.0
+"""Longest reaction time of a driver [s]."""
 
 
 class _Options(BaseModel):
@@ -28,6 +31,22 @@ class PieceConfig(_Options):
     end_curvature: float | None = Field(
         default=None, description="at its end; it changes linearly; default: an arc or a straight [1/m]"
     )
+
+
+class SpanConfig(_Options):
+    """Stretch of the road at which there is a lane."""
+
+    lane: int = Field(ge=0, description="index of the lane, from the right")
+    begin: float | None = Field(default=None, description="x at which it begins; default: it does not [m]")
+    end: float | None = Field(default=None, description="x at which it ends; default: it does not [m]")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.begin is None and self.end is None:
+            raise ValueError("give begin, end or both")
+        if self.begin is not None and self.end is not None and self.begin >= self.end:
+            raise ValueError("a lane must begin before it ends")
+        return self
 
 
 class RoadConfig(_Options):
@@ -47,6 +66,12 @@ class RoadConfig(_Options):
     broad_markings: tuple[int, ...] = Field(
         default=(), description="indices of the lanes whose left border is a broad marking"
     )
+    lane_spans: tuple[SpanConfig, ...] = Field(
+        default=(), description="lanes that begin or end, such as an access ramp; others have no ends"
+    )
+    opposing: tuple[int, ...] = Field(
+        default=(), description="indices of the lanes whose traffic comes towards the ego"
+    )
     begin: float = Field(default=0.0, description="first x that is drawn [m]")
     end: float = Field(default=160.0, description="last x that is drawn [m]")
 
@@ -56,9 +81,15 @@ class RoadConfig(_Options):
             raise ValueError("lane_centres must ascend: the rightmost lane first")
         if any(b - a < self.lane_width - 1e-9 for a, b in pairwise(self.lane_centres)):
             raise ValueError("the lanes overlap: lane_width is more than the distance of their centres")
-        for name in ("access_ramp", "broad_markings"):
-            if any(not 0 <= lane < len(self.lane_centres) for lane in getattr(self, name)):
+        spans = [span.lane for span in self.lane_spans]
+        if len(set(spans)) < len(spans):
+            raise ValueError("lane_spans names a lane twice")
+        for name in ("access_ramp", "broad_markings", "opposing", "lane_spans"):
+            lanes = spans if name == "lane_spans" else getattr(self, name)
+            if any(not 0 <= lane < len(self.lane_centres) for lane in lanes):
                 raise ValueError(f"{name} must name lanes 0..{len(self.lane_centres) - 1}")
+        if self.opposing and np.ptp(self.opposing) + 1 != len(set(self.opposing)):
+            raise ValueError("the opposing lanes must lie side by side")
         half = 0.5 * self.lane_width
         for piece in self.line:
             for curvature in (piece.curvature, piece.end_curvature or 0.0):
@@ -151,7 +182,25 @@ class DriverConfig(_Options):
     acceleration_sd: float = Field(
         default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
     )
-    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of that noise [s]")
+    reaction_time: Drawable = Field(
+        default=0.0,
+        ge=0.0,
+        le=MOST_REACTION,
+        description="time from what a driver sees to the acceleration that it causes [s]",
+    )
+    reaction_sd: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1.0,
+        description="standard deviation of the logarithm of its reaction time, about reaction_time",
+    )
+    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
+
+    @model_validator(mode="after")
+    def _something_to_spread(self) -> Self:
+        if self.reaction_sd > 0.0 and self.reaction_time == 0.0:
+            raise ValueError("reaction_sd spreads a reaction_time above 0: give one")
+        return self
 
     @field_validator("lanes")
     @classmethod
@@ -252,7 +301,19 @@ class HandedOverConfig(_Options):
     acceleration_sd: float = Field(
         default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
     )
-    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of that noise [s]")
+    reaction_time: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=MOST_REACTION,
+        description="time from what a driver sees to the acceleration that it causes [s]",
+    )
+    reaction_sd: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1.0,
+        description="standard deviation of the logarithm of its reaction time, about reaction_time",
+    )
+    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
 
 
 class RecordedConfig(BaseModel):

@@ -7,7 +7,9 @@ Along the road the intelligent driver model (Treiber, Hennecke and Helbing, Phys
 with the gap s and the speed u of the vehicle ahead. A lane is changed by MOBIL (Kesting, Treiber and Helbing,
 Transportation Research Record 1999, 2007): where nobody behind must brake harder than is safe, and the gain
 of the driver and, weighed by politeness, of the two followers is above a threshold. A merge asks for the safe
-gaps alone, at every step. All functions stand in this file, since numba's cache looks at no other.
+gaps alone, at every step. What the model demands may take effect late, after a reaction time: all that it
+sees is of that time ago (Treiber, Kesting and Helbing, Physica A 360, 2006). All functions stand in this
+file, since numba's cache looks at no other.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ PARAMETERS = (
     "gain",
     "safe_braking",
     "lane_change_time",
+    "reaction_time",
 )
 """Parameters of a driver, in the order of the last axis of the kernel's table."""
 _MARGIN = 0.25
@@ -97,13 +100,15 @@ def _follow(v: Any, i: int, ahead: int, gap: float, p: Any) -> float:
 @inlined
 def _incentive(
     x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, now: int, to: int, p: Any,
-    drivers: Any, table: Any, end: float,
+    drivers: Any, table: Any, end: float, new_end: float,
 ) -> tuple[bool, float]:  # fmt: skip
     # Whether a change is safe, and what it gains by MOBIL. Followers that are no drivers are taken for
-    # drivers like this one.
+    # drivers like this one. ``end`` and ``new_end`` are the ways to the ends of both lanes.
     new_ahead, new_gap = _ahead(x, lengths, order, rank, lanes, i, to)
     new, new_behind = _behind(x, lengths, order, rank, lanes, i, to)
     after = _follow(v, i, new_ahead, new_gap, p)
+    if new_end < math.inf:
+        after = min(after, idm(v[i], 0.0, new_end, p))
     if after < -p[8] or new_gap <= 0.0 or new_behind <= 0.0:
         return False, 0.0
     ahead, gap = _ahead(x, lengths, order, rank, lanes, i, now)
@@ -128,7 +133,7 @@ def _incentive(
 @inlined
 def _chosen(
     x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, drivers: Any, own: Any, p: Any,
-    i: int, here: int, first: int, last: int, wanted: int, looking: bool, end: float,
+    i: int, here: int, first: int, last: int, wanted: int, looking: bool, end: float, spans: Any,
 ) -> int:  # fmt: skip
     # Lane beside to change to, -1 for none: the one wanted as soon as it is safe, or the one that pays most.
     best, chosen = p[7], -1
@@ -137,7 +142,13 @@ def _chosen(
         to = here + side
         chooses = looking and first <= to <= last
         if chooses or (merging and (wanted - here) * side > 0):
-            safe, gain = _incentive(x, v, lengths, order, rank, lanes, i, here, to, p, drivers, own, end)
+            half = 0.5 * lengths[i]
+            new_end = spans[1, to] - x[i] - half
+            if x[i] - half < spans[0, to] or new_end < 0.0:
+                continue  # there is no such lane here
+            safe, gain = _incentive(
+                x, v, lengths, order, rank, lanes, i, here, to, p, drivers, own, end, new_end
+            )  # fmt: skip
             if safe and (merging or gain > best):
                 best, chosen = gain, to
     return chosen
@@ -150,6 +161,17 @@ def _curve(across: float, share: float, time: float) -> tuple[float, float]:
     return way, across * 30.0 * share**2 * (1.0 - share) ** 2 / time
 
 
+@inlined
+def _delayed(past: Any, step: int, late: float, now: float) -> float:
+    # What was demanded ``late`` steps ago, by a ring of past demands; before the start what was at the start.
+    size = len(past)
+    past[step % size] = now
+    late = min(late, float(min(size - 2, step)))
+    whole = int(late)
+    one, other = past[(step - whole) % size], past[(step - min(whole + 1, step)) % size]
+    return one + (late - whole) * (other - one)  # type: ignore[no-any-return]
+
+
 # Arguments of ``advance``. It computes the model's acceleration itself: as a kernel of its own that would
 # take half as long again.
 #
@@ -160,29 +182,32 @@ def _curve(across: float, share: float, time: float) -> tuple[float, float]:
 #     widths: (V,) widths [m].
 #     drivers: (V,) index of each vehicle among the drivers, -1 for others.
 #     places: (R,) index of each driver among the vehicles.
-#     table: (1 or N, R, 10) ``PARAMETERS``.
+#     table: (1 or N, R, 11) ``PARAMETERS``.
 #     limits: (R, 2) first and last lane that a driver may choose.
 #     ends: (R,) x at which the lane of its start ends [m], inf where it does not.
 #     forced: (R, 3) lane of a merge (-1: none), step from which it is wanted, lane of the start.
 #     brake: (B, 4) driver, first and last step, acceleration [m/s^2] of scripted braking.
 #     centres: (L,) lane centres [m].
+#     spans: (2, L) x where each lane begins and ends [m], infinite where it does not.
 #     width: Lane width [m].
 #     dt: Step [s].
 #     step: (N,) steps so far.
 #     mood: (N, R) added to the model's acceleration [m/s^2].
+#     late: (N, R) steps after which what the model demands takes effect.
 #     pause_after: Time after a change before the next [s].
 #     look: Time between two comparisons of the lanes [s].
-#     lane: (N, R) lane of each driver; changed in place, as the next three.
+#     lane: (N, R) lane of each driver; changed in place, as the next four.
 #     base: (N, R) y from which a change began, or that is kept [m].
 #     clock: (N, R) time since a change began, -1 where none is under way [s].
 #     pause: (N, R) time until a change may begin [s].
+#     past: (N, R, K) what the model demanded at the last K steps [m/s^2]; K = 0 where nobody is late.
 #     out: (5, N, R) x, y, heading, speed and acceleration after the step.
 @entry
 def advance(
     x: Floats, y: Floats, v: Floats, lengths: Floats, widths: Floats, drivers: Any, places: Any,
-    table: Floats, limits: Any, ends: Floats, forced: Any, brake: Floats, centres: Floats, width: float,
-    dt: float, step: Any, mood: Floats, pause_after: float, look: float, lane: Any, base: Floats,
-    clock: Floats, pause: Floats, out: Floats,
+    table: Floats, limits: Any, ends: Floats, forced: Any, brake: Floats, centres: Floats, spans: Floats,
+    width: float, dt: float, step: Any, mood: Floats, late: Floats, pause_after: float, look: float,
+    lane: Any, base: Floats, clock: Floats, pause: Floats, past: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """Advance R drivers among V vehicles (the ego is the last) by one step, in N particles."""
     half = 0.5 * width - _MARGIN
@@ -193,9 +218,10 @@ def advance(
         at, speeds = x[n], v[n]
         for r in range(len(places)):
             i, p, here = places[r], own[r], lane[n, r]
-            end = math.inf
-            if here == forced[r, 2] and ends[r] < math.inf:
-                end = ends[r] - at[i] - 0.5 * lengths[i]
+            end = spans[1, here]
+            if here == forced[r, 2]:
+                end = min(end, ends[r])
+            end = end - at[i] - 0.5 * lengths[i]
             if clock[n, r] < 0.0:
                 pause[n, r] -= dt
                 wanted = forced[r, 0] if step[n] >= forced[r, 1] else -1
@@ -206,7 +232,7 @@ def advance(
                 if looking or (wanted >= 0 and wanted != here):
                     chosen = _chosen(
                         at, speeds, lengths, order, rank, lanes, drivers, own, p, i, here, limits[r, 0],
-                        limits[r, 1], wanted, looking, end,
+                        limits[r, 1], wanted, looking, end, spans,
                     )  # fmt: skip
                 if chosen >= 0:
                     lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]
@@ -220,6 +246,8 @@ def advance(
                         a = min(a, _follow(speeds, i, ahead, gap, p))
             elif end < math.inf:
                 a = min(a, idm(speeds[i], 0.0, end, p))
+            if past.shape[2] > 0:
+                a = _delayed(past[n, r], step[n], late[n, r], a)
             a += mood[n, r]
             for k in range(len(brake)):
                 if brake[k, 0] == r and brake[k, 1] <= step[n] <= brake[k, 2]:

@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Scene, Vehicles
+from avrare.driving import Road, Scene, Vehicles
+from avrare.driving.lanes import ENDLESS, lane_ends
 from avrare.protocols import Floats
 from avrare_mpc.riccati.jit import announced
-from avrare_single_track.config import VehicleConfig
+from avrare_single_track.config import MOST_REACTION, VehicleConfig
 from avrare_single_track.driver_model import PARAMETERS, advance
 
 _PAUSE = 1.0
 """Time between two lane changes of a driver [s]."""
 _LOOK = 0.5
 """Time between two comparisons of the lanes by a driver [s]; not at the same steps for all drivers."""
+_REACTION = PARAMETERS.index("reaction_time")
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,9 @@ class DriverMemory:
         clock: (N, R) time since a change began, -1 where none is under way [s].
         pause: (N, R) time until the next change may begin [s].
         mood: (N, R) offset of the acceleration, an Ornstein-Uhlenbeck process [m/s^2].
-        table: (N, R, 10) parameters where they are drawn, else None.
+        haste: (N, Q) logarithm of the reaction time over its median, the same; of those whose time varies.
+        past: (N, R, K) what the model demanded at the last steps [m/s^2]; K = 0 where nobody is late.
+        table: (N, R, 11) parameters where they are drawn, else None.
     """
 
     lane: NDArray[np.int64]
@@ -39,6 +43,8 @@ class DriverMemory:
     clock: Floats
     pause: Floats
     mood: Floats
+    haste: Floats
+    past: Floats
     table: Floats | None = None
 
 
@@ -51,89 +57,82 @@ class ReactiveTraffic:
 
     Attributes:
         places: (R,) index of each driver among the vehicles.
+        noise_names: A number of each driver, and a second one of those whose reaction time varies.
     """
 
     def __init__(self, vehicles: tuple[VehicleConfig, ...], scene: Scene) -> None:
         self.scene, self.dt = scene, scene.dt
-        self.places = np.array(
-            [k for k, one in enumerate(vehicles) if one.driver is not None], dtype=np.int64
-        )
-        drivers = [one.driver for one in vehicles if one.driver is not None]
-        self.names = tuple(one.name for one in vehicles if one.driver is not None)
-        self._index = np.full(len(vehicles) + 1, -1, dtype=np.int64)
-        self._index[self.places] = np.arange(len(self.places))
+        chosen = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
+        drivers = [driver for _, _, driver in chosen]
+        self.places = np.array([k for k, _, _ in chosen], dtype=np.int64)
+        self._order = {k: row for row, (k, _, _) in enumerate(chosen)}
         self._table = np.array([[getattr(one, name) for name in PARAMETERS] for one in drivers]).reshape(
-            -1, 10
+            -1, len(PARAMETERS)
         )
-        self._centres = np.array(scene.road.lane_centres)
-        last = len(self._centres) - 1
-        self._limits = np.array([one.lanes or (0, last) for one in drivers], dtype=np.int64).reshape(-1, 2)
-        for row, one in enumerate(drivers):
-            if not one.lane_changes:
-                self._limits[row] = (1, 0)
-        self._ends = np.array([np.inf if one.lane_end is None else one.lane_end for one in drivers])
-        starts = [_nearest(np.array(vehicles[k].y), self._centres) for k in self.places.tolist()]
-        self._forced = np.array(
-            [
-                (one.merge.lane, one.merge.from_step, start) if one.merge else (-1, 0, start)
-                for one, start in zip(drivers, starts, strict=True)
-            ],
-            dtype=np.int64,
-        ).reshape(-1, 3)
-        self._brake = np.array(
-            [
-                (row, part.from_step, part.to_step, part.acceleration)
-                for row, one in enumerate(drivers)
-                for part in one.brake
-            ]
-        ).reshape(-1, 4)
+        self._varies = np.flatnonzero([one.reaction_sd > 0.0 for one in drivers])
+        names = [one.name for _, one, _ in chosen]
+        self.noise_names = tuple(
+            [f"acceleration of {name}" for name in names]
+            + [f"reaction time of {names[row]}" for row in self._varies]
+        )
         seconds = np.array([one.correlation_time for one in drivers])
-        self._spread = np.array([one.acceleration_sd for one in drivers])
         self._decay = np.exp(-self.dt / seconds)
-        self._lengths = np.append(scene.lengths, scene.ego_length)
-        self._widths = np.append(scene.widths, scene.ego_width)
+        self._spread = np.array([one.acceleration_sd for one in drivers])
+        self._haste_spread = np.array([one.reaction_sd for one in drivers])[self._varies]
+        late = self._table[:, _REACTION].max(initial=0.0) * np.exp(4.0 * self._haste_spread.max(initial=0.0))
+        self._slots = _slots(late, self.dt)
+        ways = [1 if np.cos(one.heading) >= 0.0 else -1 for _, one, _ in chosen]
+        self._flows = [
+            Flow(vehicles, scene, np.flatnonzero(np.array(ways) == way), way)
+            for way in (1, -1)
+            if way in ways
+        ]
 
     def start(
         self, others: Vehicles, noise: Floats, values: Mapping[str, Floats] | None = None
     ) -> DriverMemory:
-        """Return the memory at t = 0 from noise (N, R) and drawn parameters (N,) by their place."""
+        """Return the memory at t = 0 from noise (N, noise_size) and drawn parameters (N,) by their place."""
         y = others.y[:, self.places]
-        n = len(y)
-        table = None
+        n, drivers = y.shape
+        table, slots = None, self._slots
         for path, value in (values or {}).items():
             steps = path.split(".")
             if steps[0] == "vehicles" and steps[2:3] == ["driver"]:
                 table = np.tile(self._table, (n, 1, 1)) if table is None else table
-                table[:, self._index[int(steps[1])], PARAMETERS.index(steps[3])] = value
-        lane, idle = _nearest(y, self._centres), np.full(y.shape, -1.0)
-        pause = np.tile(_LOOK * (np.arange(y.shape[1]) % 5) / 5.0, (n, 1))
-        return DriverMemory(lane, y.copy(), idle, pause, self._spread * noise, table)
+                table[:, self._order[int(steps[1])], PARAMETERS.index(steps[3])] = value
+                slots = _slots(MOST_REACTION, self.dt) if steps[3] == "reaction_time" else slots
+        lane, idle = _nearest(y, np.array(self.scene.road.lane_centres)), np.full(y.shape, -1.0)
+        pause = np.tile(_LOOK * (np.arange(drivers) % 5) / 5.0, (n, 1))
+        mood, haste = self._spread * noise[:, :drivers], self._haste_spread * noise[:, drivers:]
+        past = np.zeros((n, drivers, slots))
+        return DriverMemory(lane, y.copy(), idle, pause, mood, haste, past, table)
 
     def step(
         self, memory: DriverMemory, step: NDArray[np.int64], ego: Vehicles, others: Vehicles, noise: Floats
     ) -> tuple[DriverMemory, Floats]:
         """Return the memory and (5, N, R) x, y, heading, speed, acceleration of the drivers a step later."""
+        table = self._table[None] if memory.table is None else memory.table
+        late = np.zeros_like(memory.mood)
+        if memory.past.size:
+            late += table[..., _REACTION] / self.dt
+            late[:, self._varies] *= np.exp(memory.haste)
+        later = replace(
+            memory,
+            **{name: getattr(memory, name).copy() for name in ("lane", "base", "clock", "pause", "past")},
+        )
+        out = np.empty((5, *memory.mood.shape))
         with announced("note: the drivers of single_track are compiled, once for this machine and version"):
-            lane = memory.lane.copy()
-            base, clock, pause = memory.base.copy(), memory.clock.copy(), memory.pause.copy()
-            x, y, v = (
-                np.ascontiguousarray(np.column_stack([getattr(others, name), getattr(ego, name)]))
-                for name in ("x", "y", "speed")
-            )
-            out = np.empty((5, *memory.mood.shape))
-            advance(
-                x, y, v, self._lengths, self._widths, self._index, self.places,
-                self._table[None] if memory.table is None else memory.table, self._limits, self._ends,
-                self._forced, self._brake, self._centres, float(self.scene.road.lane_width), self.dt, step,
-                memory.mood, _PAUSE, _LOOK, lane, base, clock, pause, out,
-            )  # fmt: skip
+            for flow in self._flows:
+                flow.step(later, table, late, step, ego, others, out)
         line = self.scene.road.line
         if line is not None:  # the way driven, as a difference of stations
             before = others.x[:, self.places]
             aside = 0.5 * (others.y[:, self.places] + out[1])
             out[0] = line.advance(before, aside, out[0] - before)
-        mood = self._decay * memory.mood + self._spread * np.sqrt(1.0 - self._decay**2) * noise
-        return replace(memory, lane=lane, base=base, clock=clock, pause=pause, mood=mood), out
+        drivers = len(self.places)
+        mood = _walk(memory.mood, self._decay, self._spread, noise[:, :drivers])
+        haste = _walk(memory.haste, self._decay[self._varies], self._haste_spread, noise[:, drivers:])
+        return replace(later, mood=mood, haste=haste), out
 
     def placed(self, others: Vehicles, found: Floats) -> Vehicles:
         """Return all vehicles with those of the drivers in their places."""
@@ -141,6 +140,115 @@ class ReactiveTraffic:
         for field, part in zip(fields, found, strict=True):
             field[:, self.places] = part
         return Vehicles(*fields)
+
+
+class Flow:
+    """Drivers of one direction, seen along it: where they drive towards smaller x, the road turned around.
+
+    Args:
+        vehicles: All vehicles of the scene.
+        scene: Road and sizes.
+        rows: (R',) indices of these among the drivers.
+        way: 1 towards greater x, -1 towards smaller x.
+    """
+
+    def __init__(
+        self, vehicles: tuple[VehicleConfig, ...], scene: Scene, rows: NDArray[np.int64], way: int
+    ) -> None:
+        self._way, self._dt = way, scene.dt
+        known = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
+        mine = [known[row] for row in rows]
+        self._rows = None if way > 0 and len(rows) == len(known) else rows
+        forth = np.cos([*(one.heading for one in vehicles), 0.0]) >= 0.0
+        self._signs = np.where(forth, way, -way)  # of speeds: what comes towards them is negative
+        self._places = np.array([k for k, _, _ in mine], dtype=np.int64)
+        self._index = np.full(len(vehicles) + 1, -1, dtype=np.int64)
+        self._index[self._places] = np.arange(len(mine))
+        road = scene.road
+        self._last, self._width = len(road.lane_centres) - 1, float(road.lane_width)
+        self._centres = np.ascontiguousarray(way * np.array(road.lane_centres)[::way])
+        self._spans = _spans(road, way)
+        same_way = [lane for lane in range(self._last + 1) if (lane in road.opposing) == (way < 0)]
+        whole = (same_way[0], same_way[-1]) if same_way else (1, 0)
+        limits = [(one.lanes or whole) if one.lane_changes else (1, 0) for _, _, one in mine]
+        self._limits = np.array(
+            [[self._lane(a), self._lane(b)][::way] if a <= b else [a, b] for a, b in limits], dtype=np.int64
+        )
+        ends = [one.lane_end for _, _, one in mine]
+        self._ends = np.array([np.inf if end is None else way * end for end in ends])
+        starts = [int(_nearest(np.array(way * one.y), self._centres)) for _, one, _ in mine]
+        self._forced = np.array(
+            [
+                (self._lane(one.merge.lane), one.merge.from_step, start) if one.merge else (-1, 0, start)
+                for (_, _, one), start in zip(mine, starts, strict=True)
+            ],
+            dtype=np.int64,
+        )
+        self._brake = np.array(
+            [
+                (row, part.from_step, part.to_step, part.acceleration)
+                for row, (_, _, one) in enumerate(mine)
+                for part in one.brake
+            ]
+        ).reshape(-1, 4)
+        self._lengths = np.append(scene.lengths, scene.ego_length)
+        self._widths = np.append(scene.widths, scene.ego_width)
+
+    def _lane(self, lane: Any) -> Any:
+        return lane if self._way > 0 else self._last - lane
+
+    def step(
+        self,
+        memory: DriverMemory,
+        table: Floats,
+        late: Floats,
+        step: NDArray[np.int64],
+        ego: Vehicles,
+        others: Vehicles,
+        out: Floats,
+    ) -> None:
+        """Write the next states into ``out`` (5, N, R) and into the fields of the memory."""
+        seen: Any = [
+            np.column_stack([getattr(others, name), getattr(ego, name)]) * sign
+            for name, sign in (("x", self._way), ("y", self._way), ("speed", self._signs))
+        ]
+        own: Any = [memory.mood, late, memory.lane, memory.base, memory.clock, memory.pause, memory.past]
+        found = out
+        if self._rows is not None:  # some of the drivers, or turned around
+            own = [np.ascontiguousarray(part[:, self._rows]) for part in own]
+            own[2:4] = self._lane(own[2]), self._way * own[3]
+            table, found = np.ascontiguousarray(table[:, self._rows]), np.empty((5, *own[0].shape))
+        (x, y, v), (mood, late, lane, base, clock, pause, past) = seen, own
+        advance(
+            x, y, v, self._lengths, self._widths, self._index, self._places, table, self._limits, self._ends,
+            self._forced, self._brake, self._centres, self._spans, self._width, self._dt, step, mood, late,
+            _PAUSE, _LOOK, lane, base, clock, pause, past, found,
+        )  # fmt: skip
+        if self._rows is None:
+            return
+        memory.lane[:, self._rows], memory.base[:, self._rows] = self._lane(lane), self._way * base
+        for kept, part in ((memory.clock, clock), (memory.pause, pause), (memory.past, past)):
+            kept[:, self._rows] = part
+        found[:2] *= self._way
+        found[2] += 0.0 if self._way > 0 else np.pi
+        out[:, :, self._rows] = found
+
+
+def _spans(road: Road, way: int) -> Floats:
+    count = len(road.lane_centres)
+    spans = np.array([[-np.inf] * count, [np.inf] * count])
+    if road.lanes:
+        begin, end = lane_ends(road)
+        spans = np.where(np.abs([begin, end]) < ENDLESS, [begin, end], spans)
+    return np.ascontiguousarray(spans if way > 0 else -spans[::-1, ::-1])
+
+
+def _slots(late: float, dt: float) -> int:
+    return int(np.ceil(min(late, MOST_REACTION) / dt)) + 2 if late > 0.0 else 0
+
+
+def _walk(now: Floats, decay: Floats, spread: Floats, noise: Floats) -> Floats:
+    return np.asarray(decay * now + spread * np.sqrt(1.0 - decay**2) * noise)
 
 
 def _nearest(y: Floats, centres: Floats) -> Any:

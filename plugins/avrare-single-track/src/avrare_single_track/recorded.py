@@ -88,17 +88,17 @@ class RecordedScene(SingleTrack):
         able = [
             track.name
             for track, moving in zip(tracks, self.scene.moving, strict=True)
-            if moving and track.present[0] and np.cos(track.states[2, 0]) > 0.0
+            if moving and track.present[0]
         ]
         chosen = [str(one) for one in drivers.vehicles] or able
         if wrong := [name for name in chosen if name not in able]:
-            why = "is not there at the start, does not move, or comes towards the ego"
+            why = "is not there at the start, or does not move"
             text = f"{path}: obstacle {wrong[0]} {why}"
             raise UsageError(text, f"drivers.vehicles may name: {', '.join(able) or 'none'}")
         options = drivers.model_dump(exclude={"vehicles"})
         vehicles = []
         for track in tracks:
-            x, y, _, speed = track.states[:4, 0].tolist() if track.present[0] else (0.0,) * 4
+            x, y, heading, speed = track.states[:4, np.argmax(track.present)].tolist()
             driver = {**options, "desired_speed": max(float(np.nanmax(track.states[3])), 1.0)}
             vehicles.append(
                 VehicleConfig(
@@ -106,6 +106,7 @@ class RecordedScene(SingleTrack):
                     x=x,
                     y=y,
                     speed=max(speed, 0.0),
+                    heading=heading,
                     length=track.length,
                     width=track.width,
                     driver=DriverConfig(**driver) if track.name in chosen else None,

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.driving import Action, Road, Scene, Vehicles, World
+from avrare.driving import Action, Lane, Road, Scene, Vehicles, World
 from avrare.driving.frames import to_plane, to_road
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.lanes import ENDLESS
 from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
 from avrare.protocols import Bools, Floats, Signals
 from avrare_single_track.config import RoadConfig, SingleTrackConfig, VehicleConfig
@@ -52,7 +53,8 @@ class SingleTrack:
 
     Attributes:
         dt: Step [s].
-        noise_size: One number for each driver that reacts, the noise of its acceleration.
+        noise_size: One number for each driver that reacts, the noise of its acceleration, and one for each
+            whose reaction time varies.
         scene: Road, sizes and names.
     """
 
@@ -80,7 +82,7 @@ class SingleTrack:
     def react(self, vehicles: tuple[VehicleConfig, ...]) -> None:
         """Let those of the scene's vehicles react that have a driver."""
         self.reactive = ReactiveTraffic(vehicles, self.scene)
-        self.noise_names = tuple(f"acceleration of {name}" for name in self.reactive.names)
+        self.noise_names = self.reactive.noise_names
         self.noise_size = len(self.noise_names)
 
     def reset(self, noise: Floats) -> TrackWorld:
@@ -269,5 +271,19 @@ def build_road(config: RoadConfig) -> Road:
         config.begin,
         config.end,
         CurvedLine(pieces) if pieces else None,
+        _lanes(config),
+        opposing=tuple(sorted(set(config.opposing))),
         broad_markings=config.broad_markings,
     )
+
+
+def _lanes(config: RoadConfig) -> tuple[Lane, ...]:
+    if not config.lane_spans:
+        return ()
+    spans = {span.lane: (span.begin, span.end) for span in config.lane_spans}
+    lanes, half = [], 0.5 * config.lane_width
+    for lane, y in enumerate(config.lane_centres):
+        begin, end = spans.get(lane, (None, None))
+        stations = np.array([-ENDLESS if begin is None else begin, ENDLESS if end is None else end])
+        lanes.append(Lane(stations, np.full(2, y - half), np.full(2, y + half)))
+    return tuple(lanes)
