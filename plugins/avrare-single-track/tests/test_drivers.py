@@ -368,8 +368,8 @@ def mirrored(world):
 def test_oncoming_drivers_drive_as_those_along_the_road():
     road = {"lane_centres": [-5.25, -1.75, 1.75, 5.25], "opposing": [2, 3]}
     plain = [
-        car(f"v{k}", 28.0 * (k // 2), (-5.25, -1.75)[k % 2], 18.0 + 3 * (k % 3), (14.0, 26.0, 24.0, 17.0)[k % 4],
-            lane_changes=True, acceleration_sd=0.3)
+        car(f"v{k}", 28.0 * (k // 2), (-5.25, -1.75)[k % 2], 18.0 + 3 * (k % 3),
+            (14.0, 26.0, 24.0, 17.0)[k % 4], lane_changes=True, acceleration_sd=0.3)
         for k in range(8)
     ]  # fmt: skip
     turned = [{**one, "x": -one["x"], "y": -one["y"], "heading": np.pi} for one in plain]

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare.driving import Action
+from avrare.driving import Action, Lane, Road
+from avrare.driving.lanes import ENDLESS
 from avrare.results.recordings.commonroad import open_commonroad
 from avrare_single_track.config import RecordedConfig
 from avrare_single_track.driver_model import idm
-from avrare_single_track.recorded import RecordedScene
+from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
 from lanelet_scenes import KINDS
 
 pytest.importorskip("commonroad.common.file_reader")
@@ -145,3 +146,14 @@ def test_oncoming_cars_that_were_handed_over_keep_coming(write):
     assert way < -1.9 * min(speeds)
     assert after.others.y[0, 1] == pytest.approx(before.others.y[0, 1])
     assert np.cos(after.others.heading[0, 1]) < -0.99
+
+
+def test_a_map_s_end_is_no_end_of_a_lane_but_an_earlier_end_is():
+    lanes = tuple(
+        Lane(np.array([0.0, end]), np.full(2, y - 1.75), np.full(2, y + 1.75))
+        for y, end in ((-1.75, 120.0), (1.75, 299.5))
+    )
+    road = continue_lanes(Road((-1.75, 1.75), 3.5, begin=0.0, end=300.0, lanes=lanes))
+    ends = [tuple(lane.stations[[0, -1]]) for lane in road.lanes]
+    assert ends == [(-ENDLESS, 120.0), (-ENDLESS, ENDLESS)]
+    assert has_constant_lanes(road)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from pydantic import ValidationError
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Road, Scene, Vehicles, World
+from avrare.driving.lanes import ENDLESS
 from avrare.protocols import Bools, Floats
 from avrare.results.recordings.commonroad import open_problem
 from avrare.results.recordings.recording import VehicleTrack
@@ -27,7 +29,7 @@ from avrare_single_track.simulator import ScriptedTraffic, SingleTrack
 _STEADY = 0.3
 """Most that a border of a lane may move aside where drivers keep to it [m]."""
 _REACH = 1.0
-"""Most that a lane may lack at either end of the road [m]."""
+"""What a lane that goes on may lack at either end of the road [m]."""
 
 
 def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
@@ -112,7 +114,8 @@ class RecordedScene(SingleTrack):
                     driver=DriverConfig(**driver) if track.name in chosen else None,
                 )
             )
-        self.react(tuple(vehicles))
+        scene = replace(self.scene, road=continue_lanes(self.scene.road))
+        self.react(tuple(vehicles), scene)
 
     def faults(self, world: World) -> Bools:
         """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""
@@ -120,14 +123,19 @@ class RecordedScene(SingleTrack):
 
 
 def has_constant_lanes(road: Road) -> bool:
-    """Return whether no lane begins or ends within the road, or moves aside by more than 0.3 m."""
-    return all(
-        np.ptp(border) < _STEADY
-        and lane.stations[0] <= road.begin + _REACH
-        and lane.stations[-1] >= road.end - _REACH
-        for lane in road.lanes
-        for border in (lane.right, lane.left)
-    )
+    """Return whether no lane moves aside by more than 0.3 m."""
+    return all(np.ptp(border) < _STEADY for lane in road.lanes for border in (lane.right, lane.left))
+
+
+def continue_lanes(road: Road) -> Road:
+    """Return the road with the lanes that reach its ends going on: where a map ends nobody has to stop."""
+    lanes = []
+    for lane in road.lanes:
+        stations = lane.stations.copy()
+        stations[0] = -ENDLESS if stations[0] <= road.begin + _REACH else stations[0]
+        stations[-1] = ENDLESS if stations[-1] >= road.end - _REACH else stations[-1]
+        lanes.append(replace(lane, stations=stations))
+    return replace(road, lanes=tuple(lanes))
 
 
 def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:

@@ -77,11 +77,11 @@ class SingleTrack:
         )
         self.traffic = ScriptedTraffic(vehicles, self.scene.road, self.dt)
         self.drawn_traffic: DrawnTraffic | None = None
-        self.react(vehicles)
+        self.react(vehicles, self.scene)
 
-    def react(self, vehicles: tuple[VehicleConfig, ...]) -> None:
-        """Let those of the scene's vehicles react that have a driver."""
-        self.reactive = ReactiveTraffic(vehicles, self.scene)
+    def react(self, vehicles: tuple[VehicleConfig, ...], scene: Scene) -> None:
+        """Let those of a scene's vehicles react that have a driver."""
+        self.reactive = ReactiveTraffic(vehicles, scene)
         self.noise_names = self.reactive.noise_names
         self.noise_size = len(self.noise_names)
 

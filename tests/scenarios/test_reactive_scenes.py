@@ -1,0 +1,42 @@
+"""Scenes among drivers that react: they merge from a ramp that ends, and come towards the ego."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrare.rollout.loaded_scenario import load
+from avrare.rollout.replay import replay_tapes
+
+pytestmark = pytest.mark.slow
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+def drive(name):
+    """Scene and signals of the rollout without noise."""
+    scenario = load(SCENARIOS / f"{name}.yaml")
+    problem = scenario.problem("no_collision")
+    (rollout,) = replay_tapes(problem, np.zeros((1, problem.steps + 1, problem.noise_size)))
+    assert rollout.error is None
+    return scenario.stack.scene, rollout.signals
+
+
+def test_cars_merge_from_a_ramp_that_ends():
+    scene, signals = drive("merging_traffic")
+    assert scene.road.lanes[0].stations[-1] == 200.0
+    y = {name: signals["others_y"][:, k] for k, name in enumerate(scene.names)}
+    x = {name: signals["others_x"][:, k] for k, name in enumerate(scene.names)}
+    assert y["second"][0] == -1.75
+    assert abs(y["second"][-1] - 1.75) < 0.1
+    assert x["entering"].max() + 2.2 < 200.0 or y["entering"][-1] > 0.0
+    assert signals["gap"].min() > 1.0
+
+
+def test_the_ego_passes_before_what_comes_towards_it():
+    scene, signals = drive("oncoming_traffic")
+    tractor, oncoming = (signals["others_x"][:, scene.names.index(name)] for name in ("tractor", "oncoming"))
+    assert (np.diff(oncoming) < -1.0).all()
+    assert signals["ego_x"][-1] > tractor[-1] + 10.0
+    assert signals["ego_y"].max() > 0.5
+    assert abs(signals["ego_y"][-1] + 1.75) < 1.0
+    assert signals["gap"].min() > 0.5
