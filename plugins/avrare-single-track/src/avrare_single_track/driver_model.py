@@ -172,6 +172,14 @@ def _delayed(past: Any, step: int, late: float, now: float) -> float:
     return one + (late - whole) * (other - one)  # type: ignore[no-any-return]
 
 
+@inlined
+def _braked(brake: Any, row: int, step: int, a: float) -> float:
+    for k in range(len(brake)):
+        if brake[k, 0] == row and brake[k, 1] <= step <= brake[k, 2]:
+            a = min(a, brake[k, 3])
+    return a
+
+
 # Arguments of ``advance``. It computes the model's acceleration itself: as a kernel of its own that would
 # take half as long again.
 #
@@ -218,9 +226,7 @@ def advance(
         at, speeds = x[n], v[n]
         for r in range(len(places)):
             i, p, here = places[r], own[r], lane[n, r]
-            end = spans[1, here]
-            if here == forced[r, 2]:
-                end = min(end, ends[r])
+            end = min(spans[1, here], ends[r] if here == forced[r, 2] else math.inf)
             end = end - at[i] - 0.5 * lengths[i]
             if clock[n, r] < 0.0:
                 pause[n, r] -= dt
@@ -249,10 +255,7 @@ def advance(
             if past.shape[2] > 0:
                 a = _delayed(past[n, r], step[n], late[n, r], a)
             a += mood[n, r]
-            for k in range(len(brake)):
-                if brake[k, 0] == r and brake[k, 1] <= step[n] <= brake[k, 2]:
-                    a = min(a, brake[k, 3])
-            a = min(max(a, -p[5]), p[3])
+            a = min(max(_braked(brake, r, step[n], a), -p[5]), p[3])
             speed = max(speeds[i] + a * dt, 0.0)
             out[0, n, r] = at[i] + 0.5 * dt * (speeds[i] + speed)
             out[1, n, r], out[2, n, r] = y[n, i], 0.0
