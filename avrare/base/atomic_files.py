@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -52,7 +53,11 @@ def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
     """Write a file completely or not at all; ``durable``: return once it would survive a loss of power.
 
     Temporary files of processes that died are removed, unless ``durable``: there may be very many files.
+    A device, such as ``/dev/stdout``, is written to and stays what it is.
     """
+    if _is_device(path):
+        path.write_bytes(content)
+        return
     if not durable:
         remove_torn(path.parent)
     handle, temporary = _open_temporary(path)
@@ -75,6 +80,15 @@ def write_atomic(path: Path, content: bytes, durable: bool = False) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def _is_device(path: Path) -> bool:
+    # Links elsewhere are replaced and not followed: a folder of somebody else may hold one
+    try:
+        mode = path.lstat().st_mode
+    except OSError:
+        return False
+    return stat.S_ISCHR(mode) or (stat.S_ISLNK(mode) and path.is_relative_to("/dev"))
 
 
 def remove_torn(folder: Path) -> None:

@@ -129,11 +129,19 @@ def _dispatch(words: list[str]) -> int:
     name = words[place]
     args = command_parser(name).parse_args(words[place + 1 :])
     if not getattr(args, "safe", False):
-        return int(_module(name).execute(args) or ExitCode.PASS)
+        return _execute(name, args)
     from avrare.scenario.safe_mode import safe_mode
 
     with safe_mode():
+        return _execute(name, args)
+
+
+def _execute(name: str, args: argparse.Namespace) -> int:
+    try:
         return int(_module(name).execute(args) or ExitCode.PASS)
+    except SystemExit as end:  # or else a part that calls exit(0) would let a gate pass
+        reason = f"a part of the stack ends the program, by exit({'' if end.code is None else end.code})"
+        raise PluginError(reason, "raise an error there instead") from end
 
 
 def command_parser(name: str) -> Parser:

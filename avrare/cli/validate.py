@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from avrare.base.errors import AvrareError, ExitCode
+from avrare.base.errors import AvrareError, ExitCode, PluginError
 from avrare.cli.output import print_warnings, say
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
@@ -24,10 +27,27 @@ def _build(scenario: Scenario) -> list[str]:
     from avrare.stack.builder import try_draws, try_stack
 
     built = LoadedScenario(scenario)
-    print_warnings(try_stack(scenario, built.stack, steps=3))
+    stack = built.stack
+    with _first_steps(scenario):
+        print_warnings(try_stack(scenario, stack, steps=3))
     found, memory = check_scenario(built)
     print_warnings((f"{scenario.path}: {name}: {text}", None) for name, text in found.items())
-    return [*try_draws(scenario, built.stack), memory.describe()]
+    with _first_steps(scenario):
+        draws = try_draws(scenario, stack)
+    return [*draws, memory.describe()]
+
+
+@contextmanager
+def _first_steps(scenario: Scenario) -> Iterator[None]:
+    """What a part of the stack raises is its own; in a run such rollouts count as errors."""
+    try:
+        yield
+    except (AvrareError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{scenario.path}: the stack breaks down in its first steps: {type(error).__name__}: {error}"
+        raise PluginError(f"{text} ({frame.filename}:{frame.lineno} in {frame.name})") from error
 
 
 def _check(path: str, args: argparse.Namespace) -> int:

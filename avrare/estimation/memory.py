@@ -107,6 +107,6 @@ def _carry_bytes(problem: Problem) -> int:
         updates = [spec.update(spec.start(1), signals) for spec in problem.monitors]
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
         leaves: list[Any] = [*batch.leaves(carry), *map(np.asarray, signals.values())]
-    except Exception:  # it is told where it matters: at the first rollout
+    except (Exception, SystemExit):  # it is told where it matters: at the first rollout
         return 0
     return sum(leaf.nbytes for leaf in leaves)

@@ -39,5 +39,5 @@ def _bytes_of_a_row(system: System, monitors: tuple[Specification, ...]) -> int:
         signals = system.signals(state)
         started = tuple(monitor.update(monitor.start(1), signals)[0] for monitor in monitors)
         return sum(leaf.nbytes for leaf in batch.leaves((state, started)))
-    except Exception:  # whatever is wrong is told, or counted, where the rollouts run
+    except (Exception, SystemExit):  # whatever is wrong is told, or counted, where the rollouts run
         return 0

@@ -209,7 +209,7 @@ class _Simulation:
             sample = function(state, noise)
         except (AvrareError, MemoryError):  # the machine's fault, not a rollout's
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a plugin that calls exit(0) ends no program as passed
             if len(noise) == 1:
                 self.messages.append(f"{type(error).__name__}: {error}"[:200])
                 return None, np.zeros(1, dtype=bool)

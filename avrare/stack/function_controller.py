@@ -109,7 +109,10 @@ class FunctionController:
 
     def _rows(self, observation: Any, n: int) -> Any:
         answers = [self._answer(_row(observation, row)) for row in range(n)]
-        return np.array([np.atleast_1d(one) for one in answers], dtype=np.float64)
+        try:
+            return np.array([np.atleast_1d(one) for one in answers], dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UsageError(f"{self.function.__name__} must return numbers: {error}") from None
 
     def _answer(self, observation: Any) -> Any:
         answer = self.function(observation)
@@ -149,7 +152,7 @@ def _action(answer: Any, n: int, batched: bool) -> Action:
     try:
         pair = answer if batched else np.reshape(answer, (n, 2)).T
         acceleration, yaw_rate = (np.broadcast_to(np.asarray(one, dtype=np.float64), (n,)) for one in pair)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"a driving controller's act must return {_WANTED}: {error}") from None
     return Action(acceleration.copy(), yaw_rate.copy())
 

@@ -65,7 +65,7 @@ def probe(system: System, steps: int = STEPS, *, branch: bool = True) -> Finding
             trial.found["branches"] = error.message
         except AvrareError:
             raise
-        except Exception:  # it is counted, with its message, where it occurs in an estimate
+        except (Exception, SystemExit):  # it is counted, with its message, where it occurs in an estimate
             pass
     return Findings(**trial.found)
 

@@ -16,6 +16,8 @@ MANY = {
     "recorded drives (CSV)": 600, "recorded drives (CommonRoad)": 120, "run folders": 200, "checkpoints": 60,
     "baselines": 100, "stored failures": 250, "failures as text": 200, "history databases": 300,
     "models, policies and flows": 150, "catalogues, searches and what was learned": 120, "command lines": 250,
+    "OpenSCENARIO files": 80, "twins, ensembles, functions and syntheses": 80,
+    "tables to fit, and policies to convert": 100,
 }  # fmt: skip
 
 
@@ -40,6 +42,8 @@ def test_no_input_ends_in_a_traceback_a_hang_or_a_wrong_exit_code(name, home):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MANY)
 def test_no_input_does_and_there_are_many(name, home):
+    if "to fit" in name:
+        pytest.importorskip("torch")
     strike(name, range(QUICK.get(name, 0), MANY[name]), home)
 
 

@@ -1,6 +1,7 @@
 """Atomic writes: what they remove, and what they leave alone."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -42,3 +43,16 @@ def test_a_link_at_the_place_of_a_file_is_replaced_and_not_followed(tmp_path):
         write()
         assert not link.is_symlink()
         assert mine.read_text() == "precious"
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="a matter of Unix")
+def test_a_device_is_written_to_and_not_replaced():
+    ours, theirs = os.openpty()
+    try:
+        path = Path(os.ttyname(theirs))
+        write_text(path, "told")
+        assert os.read(ours, 100) == b"told"
+        assert path.is_char_device()
+    finally:
+        os.close(ours)
+        os.close(theirs)

@@ -80,6 +80,9 @@ def test_an_ego_with_gaps_is_refused_before_arrays_are_made(tmp_path):
         path.write_text(text.replace("<exact>3</exact>", f"<exact>{far}</exact>"))
         with pytest.raises(UsageError, match="obstacle 1 has gaps in time"):
             read_commonroad(str(path), "1")
+    path.write_text(text.replace("<exact>3</exact>", f"<exact>{10**40}</exact>"))
+    with pytest.raises(UsageError, match=r"obstacle 1 has a state at step 10{29}$"):
+        read_commonroad(str(path), "1")
 
 
 def test_the_missing_package_is_named(monkeypatch, tmp_path):

@@ -89,6 +89,9 @@ def test_other_simulators_give_their_observations(controller):
         ("def act(o): ...\n", {}, "act returned None"),
         ("def act(o):\n    return 1.0\n", {}, "must return a pair"),
         ("def act(o):\n    return 1, 2, 3\n", {"batched": True}, "must return a pair"),
+        ("def act(o):\n    return {}\n", {}, "act must return numbers"),
+        ("def act(o):\n    return 10**400, 0\n", {}, "act must return numbers"),
+        ("def act(o):\n    return 10**400, 0\n", {"batched": True}, "must return a pair"),
     ],
 )
 def test_what_is_wrong_with_a_function_is_told(controller, text, options, message):
@@ -153,3 +156,24 @@ def test_a_simulator_without_actions_needs_no_function(tmp_path, monkeypatch, ca
     assert main(["new", "plugin", "mine", "--kind", "controller", "--act"]) == 4
     assert "--act is for scenarios" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("body", "told"), [("1 / 0", "ZeroDivisionError"), ("exit(0)", "SystemExit: 0")])
+def test_what_a_function_raises_is_told_by_validate_and_no_run_passes(scenario, capsys, body, told):
+    Path("cart.py").write_text(f"def act(o):\n    return {body}\n")
+    assert main(["validate", "--build", str(scenario)]) == 5
+    err = capsys.readouterr().err
+    assert f"cart.yaml: the stack breaks down in its first steps: {told}" in err
+    assert "cart.py:2 in act" in err or told == "SystemExit: 0"
+    assert "bug" not in err
+    settings = ["--set", "steps=2", "--set", "estimator={plugin: mc, rollouts: 4}"]
+    assert main(["run", str(scenario), *settings, "--no-pictures", "--out", "o"]) == 6
+    assert f"4 of 4 rollouts ended in an error, more than 1.0% allowed: {told}" in capsys.readouterr().out
+
+
+def test_a_command_that_is_ended_by_a_part_of_the_stack_has_not_passed(scenario, capsys, monkeypatch):
+    from avrare.cli import validate
+
+    monkeypatch.setattr(validate, "load", lambda *_: exit(0))
+    assert main(["validate", str(scenario)]) == 5
+    assert "a part of the stack ends the program, by exit(0)" in capsys.readouterr().err

@@ -8,7 +8,7 @@ in the order of the scene.
 from __future__ import annotations
 
 import importlib
-import math
+import sys
 import xml.etree.ElementTree as ET
 from typing import Any
 
@@ -24,6 +24,7 @@ from avrare.results.recordings.recording import FIELDS, Recording
 
 _EGO_ID = 1
 _FIRST_LANELET_ID = 1001
+_MOST_STEPS = 2**62  # what arrays of steps hold
 _MARGIN = 50.0  # length of the lanelets beyond the vehicles [m]
 
 
@@ -160,11 +161,13 @@ def _read_pose(path: str, name: str, state: Any, static: bool = False) -> list[f
         raise UsageError(f"{path}: {text}")
     if not static and not _is_number(state.time_step):
         raise UsageError(f"{path}: {name} has a state whose time is an interval", "only steps are supported")
+    if not static and abs(state.time_step) >= _MOST_STEPS:
+        raise UsageError(f"{path}: {name} has a state at step {str(state.time_step)[:30]}")
     return [float(position[0]), float(position[1]), float(heading), float(speed)]
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and math.isfinite(value)
+    return isinstance(value, (int, float, np.number)) and abs(value) <= sys.float_info.max
 
 
 def _read_size(path: str, obstacle: Any) -> tuple[float, float]:

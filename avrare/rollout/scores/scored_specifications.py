@@ -125,7 +125,7 @@ class FunctionScored(_Scored):
         t = next(iter(history.values())).shape[1] - 1
         try:
             value = np.asarray(self.function(history, t), dtype=np.float64)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             reason = f"{type(error).__name__}: {error}"
             raise UsageError(f"the score function raised at step {t}: {reason}", _SCORE_HINT) from error
         if value.shape != state.score.shape:

@@ -90,18 +90,31 @@ def test_an_invalid_flow_is_refused(tmp_path):
         arrays = dict(file)
     for name, change in (
         ("blocks", {"blocks": 9}),
+        ("endless", {"blocks": 2**62}),  # was built for hours
+        ("empty", {"blocks": 0}),
+        ("unfitted", {"samples": -1}),
         ("size", {"shift": np.zeros(3), "scale": np.ones(3)}),
         ("nan", {"0.weight0": np.nan * arrays["0.weight0"]}),
     ):
         np.savez(tmp_path / f"{name}.npz", **{**arrays, **change})
     for name, text in (
-        *((f"{name}.npz", "not a flow") for name in ("half", "bit", "blocks", "size", "nan")),
+        *((f"{name}.npz", "not a flow") for name in ("half", "bit", "size", "nan")),
+        *((f"{name}.npz", "blocks of which") for name in ("blocks", "endless", "empty", "unfitted")),
         ("other.npz", "not a flow"),
         ("text.npz", r"not a flow \(not an .npz file\)"),
         ("none.npz", "cannot be read"),
     ):
         with pytest.raises(UsageError, match=text):
             Flow.load(tmp_path / name)
+
+
+@pytest.mark.parametrize("bound", [0.0, -4.0, np.inf])
+def test_a_spline_without_an_end_is_refused(tmp_path, bound):
+    rough("spline_autoregressive", 2)[1].save(tmp_path / "flow.npz")
+    with np.load(tmp_path / "flow.npz") as file:
+        np.savez(tmp_path / "other.npz", **{**file, "0.bound": bound})
+    with pytest.raises(UsageError, match="not a flow"):
+        Flow.load(tmp_path / "other.npz")
 
 
 @pytest.mark.slow

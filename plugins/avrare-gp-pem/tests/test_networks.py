@@ -182,10 +182,18 @@ def test_files_of_other_versions_are_refused(tmp_path, change):
         {"clean_bias_0": np.full((3, 24), np.nan)},
         {"clean_line": np.zeros(3)},
         {"clean_inputs": np.array(["range", "length"])},
+        {"clean_frame": np.array("[]")},
+        {"clean_link": np.array("cauchit")},
+        {"yaw_flip": np.array(7.0)},
+        {"yaw_scale": np.array([0.0, 0.0])},
+        {"yaw_scale": np.array([0.01, np.nan])},
+        {"yaw_dof": np.array([1.0, 2.0])},
+        {"yaw_dof": np.array("text")},
     ],
 )
 def test_files_whose_parts_do_not_fit_are_refused(tmp_path, change):
-    save(tmp_path / "a.npz", FittedPem(random_variant(), None, {}))
+    yaw = YawErrors(np.array([-3.0, 0.02]), np.array([0.01, 0.001]), np.array(2.0))
+    save(tmp_path / "a.npz", FittedPem(random_variant(), None, {}, yaw))
     with np.load(tmp_path / "a.npz") as file:
         arrays = dict(file)
     np.savez(tmp_path / "b.npz", **(arrays | change))

@@ -1,7 +1,6 @@
 """Kinds of inputs: how one of each is damaged, and the command that reads it."""
 
 import contextlib
-import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 import damage
-from attack import command_lines, formulas, studies
+from attack import command_lines, fits, formulas, stacks, studies
 from attack.attempts import BITS, OUTPUT, Outcome, call, trouble
 from attack.material import ESTIMATORS, MODELS, RULES_DRIVE, copy_material, material, result
-from attack.mutation import WORDS, mutate_table, mutate_text, mutate_tree, pick
+from attack.mutation import WORDS, mutate_table, mutate_text, mutate_tree, mutate_xml, pick
 from attack.texts import as_text, as_tree, reduce_sizes, scenarios
 
 Words = list[str]
@@ -135,43 +134,9 @@ def _strike_csv(random) -> Words:
     return ["monitor", *RULES_DRIVE, *ego, "--rule", pick(random, ["R_G1", "R_G2", "R_I2", "no_collision"])]
 
 
-_BOMB = (
-    '<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">'
-    + "".join(f'<!ENTITY {b} "{10 * f"&{a};"}">' for a, b in zip("abcdefghij", "bcdefghijk", strict=True))
-    + "]>"
-)
-_XML = [
-    _BOMB,
-    "&k;",
-    '<!DOCTYPE a [<!ENTITY k SYSTEM "file:///etc/passwd">]>',
-    "<x>",
-    "</obstacle>",
-    'id="1"',
-    "<time/>",
-]
-
-
 def _strike_commonroad(random) -> Words:
-    text = Path("drive.xml").read_text()
-    for _ in range(random.integers(1, 4)):
-        found = list(re.finditer(r">([^<>\n]+)<|\"([^\"]*)\"|<(/?\w+)", text))
-        match = pick(random, found)
-        group = next(k for k in (1, 2, 3) if match[k] is not None)
-        if random.random() < 0.7:
-            word = str(pick(random, [0, -1, 1e308, 10**40, "nan", "inf", 0.5, 7, *WORDS[:20]]))
-            text = text[: match.start(group)] + word.replace("<", "") + text[match.end(group) :]
-        elif random.random() < 0.5:
-            other = pick(random, found)  # of the undamaged text: a piece moves somewhere else
-            low, high = sorted((match.start(), other.start()))
-            text = (
-                text[:low] + text[high:]
-                if random.random() < 0.5
-                else text[:high] + text[low:high] + text[high:]
-            )
-        else:
-            text = mutate_text(text, random, _XML)
-    content = text.replace("&k;", "&k;").encode("utf-8", "surrogatepass")
-    Path("drive.xml").write_bytes(damage.damage_bytes(content, random) if random.random() < 0.1 else content)
+    path = Path("drive.xml")
+    path.write_bytes(mutate_xml(path.read_text(), random))
     lanes = RULES_DRIVE[1:] if random.random() < 0.3 else []
     return [
         "monitor",
@@ -214,7 +179,8 @@ def _clean_pages(outcome) -> str | None:
 
 
 def _strike_checkpoint(random) -> Words:
-    name = pick(random, list(ESTIMATORS))
+    cheap = [name for name in ESTIMATORS if name != "auto"]  # which learns for two seconds
+    name = "auto" if random.random() < 0.03 else pick(random, cheap)
     home, folder = Path("..").resolve(), Path("torn")
     copy_material(home, f"torn_{name}", ".")
     copy_material(home, f"{name}.yaml", ".")
@@ -341,7 +307,20 @@ KINDS = {
         command_lines.words,
         ["walk.yaml", "run", "drive.csv", "signals.csv", "history.sqlite", "failures", "baselines"],
     ),
-}
+    "OpenSCENARIO files": Kind(
+        stacks.strike_openscenario, ["scene.yaml", "scene.xosc", "drawn.xosc", "road.xodr", "pilot.py"]
+    ),
+    "twins, ensembles, functions and syntheses": Kind(
+        stacks.strike,
+        ["twin.yaml", "scene.yaml", "scene.xosc", "drawn.xosc", "road.xodr", "pilot.py", "linear.yaml",
+         "pem.yaml", "ensemble.npz"],
+    ),
+    "tables to fit, and policies to convert": Kind(
+        fits.strike,
+        ["detections.csv", "vehicles.txt", "labels.txt", "pem.npz", "samples.npy", "samples.csv",
+         "policy.zip", "policy.pt"],
+    ),
+}  # fmt: skip
 
 
 def attempt(name, seed, home) -> tuple[str | None, str]:

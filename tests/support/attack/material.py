@@ -62,6 +62,32 @@ specifications:
   left: {stl: "always (x < 0.5)"}
 estimator: {plugin: mc, rollouts: 400}
 """
+TWIN = (
+    WALK.replace("rollouts: 80", "rollouts: 200")
+    + """\
+cheap: {cost: 0.2, simulator: {scale: 0.17}}
+ensemble: {simulator.scale: [0.14, 0.15, 0.16]}
+exposure: {count: 30, hours: 10.0}
+"""
+)
+SCENE = """\
+name: scene
+steps: 4
+simulator:
+  plugin: openscenario
+  file: drawn.xosc
+  parameters: {Braking: 3.0}
+  ego: {friction: 1.0}
+controller: {plugin: function, file: pilot.py}
+specifications:
+  hit: {plugin: traffic_rules, rule: no_collision}
+estimator: {plugin: mc, rollouts: 2}
+"""
+PILOT = """\
+def act(observation):
+    speed = observation.ego.speed
+    return (1.0, 0.0)
+"""
 MODELS = {
     "policy": """\
 name: policy
@@ -104,8 +130,25 @@ _PARTS = {
     "studies": {"search", "rates", "learned_is.json", "learned_smc.json"},
     "checkpoints": {f"{state}_{name}" for state in ("torn", "whole") for name in ESTIMATORS},
     "drives": {"drive.csv", "signals.csv", "drive.xml", "rules.yaml", "drives"},
-    "models": {"samples.npy"}
-    | {f"{name}.{kind}" for name in ("policy", "flow", "pem", "spline") for kind in ("yaml", "npz")},
+    "models": {f"{name}.{kind}" for name in ("policy", "flow", "pem", "spline") for kind in ("yaml", "npz")},
+    "stacks": {
+        "scene.yaml",
+        "scene.xosc",
+        "drawn.xosc",
+        "road.xodr",
+        "pilot.py",
+        "twin.yaml",
+        "ensemble.npz",
+    },
+    "fits": {
+        "detections.csv",
+        "vehicles.txt",
+        "labels.txt",
+        "samples.npy",
+        "samples.csv",
+        "policy.zip",
+        "policy.pt",
+    },
 }
 """Part of the material -> its names; each part is made by a function of its own."""
 SEARCH = [
@@ -287,3 +330,25 @@ def _make_models():
     for name, text in MODELS.items():
         Path(f"{name}.yaml").write_text(text)
         quietly("validate", "--build", f"{name}.yaml")
+
+
+def _make_stacks():
+    from attack.stacks import small_ensemble
+
+    source = ROOT / "scenarios" / "openscenario"
+    text = (source / "cut_in.xosc").read_text()
+    Path("scene.xosc").write_text(text.replace("motorway.xodr", "road.xodr"))
+    text = (source / "cut_in_distributions.xosc").read_text()
+    Path("drawn.xosc").write_text(text.replace("cut_in.xosc", "scene.xosc"))
+    shutil.copy(source / "motorway.xodr", "road.xodr")
+    for name, text in (("twin.yaml", TWIN), ("scene.yaml", SCENE), ("pilot.py", PILOT)):
+        Path(name).write_text(text)
+    for name in ("twin", "scene"):
+        quietly("validate", "--build", f"{name}.yaml")
+    small_ensemble(Path("ensemble.npz"))
+
+
+def _make_fits():
+    from attack import fits
+
+    fits.make()

@@ -1,8 +1,9 @@
 """Mutations of trees (YAML, JSON), texts and tables; those of bytes and arrays are in ``damage``."""
 
 import copy
+import re
 
-from damage import DEEP
+from damage import DEEP, damage_bytes
 
 NUMBERS = [
     0,
@@ -163,3 +164,42 @@ def mutate_table(text, random):
             case _:
                 rows[i][j : j + 1] = [str(pick(random, [*NUMBERS, *WORDS, "nan", "inf", '"', "1.5.2"]))]
     return pick(random, ["\n", "\n", "\n", "\r\n"]).join(map(",".join, rows))
+
+
+_BOMB = (
+    '<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">'
+    + "".join(f'<!ENTITY {b} "{10 * f"&{a};"}">' for a, b in zip("abcdefghij", "bcdefghijk", strict=True))
+    + "]>"
+)
+_XML_PIECES = [
+    _BOMB,
+    "&k;",
+    '<!DOCTYPE a [<!ENTITY k SYSTEM "file:///etc/passwd">]>',
+    "<x>",
+    "</obstacle>",
+    'id="1"',
+    "<time/>",
+]
+
+
+def mutate_xml(text, random) -> bytes:
+    """Return an XML file with one to three values, tags or pieces changed, or with damaged bytes."""
+    for _ in range(random.integers(1, 4)):
+        found = list(re.finditer(r">([^<>\n]+)<|\"([^\"]*)\"|<(/?\w+)", text))
+        match = pick(random, found)
+        group = next(k for k in (1, 2, 3) if match[k] is not None)
+        if random.random() < 0.7:
+            word = str(pick(random, [0, -1, 1e308, 10**40, "nan", "inf", 0.5, 7, *WORDS[:20]]))
+            text = text[: match.start(group)] + word.replace("<", "") + text[match.end(group) :]
+        elif random.random() < 0.5:
+            other = pick(random, found)  # of the undamaged text: a piece moves somewhere else
+            low, high = sorted((match.start(), other.start()))
+            text = (
+                text[:low] + text[high:]
+                if random.random() < 0.5
+                else text[:high] + text[low:high] + text[high:]
+            )
+        else:
+            text = mutate_text(text, random, _XML_PIECES)
+    content = text.encode("utf-8", "surrogatepass")
+    return damage_bytes(content, random) if random.random() < 0.1 else content

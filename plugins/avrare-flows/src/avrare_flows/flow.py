@@ -219,8 +219,12 @@ def _from_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
     kind = str(arrays["kind"])
     if int(arrays["format"]) != _FORMAT or kind not in KINDS:
         raise ValueError(f"format {arrays['format']}, kind {kind!r}")
+    many, samples = int(arrays["blocks"]), int(arrays["samples"])
+    told = {name.partition(".")[0] for name in arrays if "." in name}
+    if len(told) != many or samples < 0:
+        raise ValueError(f"{many} blocks of which {len(told)} are there, fitted to {samples} samples")
     blocks: list[Block] = []
-    for i in range(int(arrays["blocks"])):
+    for i in range(many):
         layers = range(sum(key.startswith(f"{i}.weight") for key in arrays))
         weights = tuple(arrays[f"{i}.weight{j}"].astype(np.float64) for j in layers)
         biases = tuple(arrays[f"{i}.bias{j}"].astype(np.float64) for j in layers)
@@ -233,7 +237,7 @@ def _from_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
     shift, scale = (arrays[name].astype(np.float64) for name in ("shift", "scale"))
     if shift.ndim != 1 or shift.shape != scale.shape or not (scale > 0.0).all():
         raise ValueError("shift and scale do not fit")
-    flow = Flow(kind, tuple(blocks), shift, scale, int(arrays["samples"]))
+    flow = Flow(kind, tuple(blocks), shift, scale, samples)
     _check(flow)
     return flow
 
@@ -244,6 +248,8 @@ def _check(flow: Flow) -> None:
     for block in flow.blocks:
         if isinstance(block, AffineCoupling) and len(block.network.biases[-1]) != 2 * (size - size // 2):
             raise ValueError(f"a block is not made for {size} numbers a row")
+        if isinstance(block, SplineAutoregressive) and not 0.0 < block.bound < np.inf:
+            raise ValueError(f"a spline ends at {block.bound:g}")
     x, log_det = flow.warp(np.zeros((1, size)))
     if x.shape != (1, size) or not np.isfinite(x).all() or not np.isfinite(log_det).all():
         raise ValueError("its arrays do not fit each other, or are not finite")

@@ -144,12 +144,24 @@ def _model(arrays: Arrays, provenance: Mapping[str, str]) -> FittedPem:
         own = {key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")}
         if own:
             parts[name] = _variant(own)
-    yaw = YawErrors(*(arrays[f"yaw_{name}"] for name in _YAW_ARRAYS)) if "yaw_flip" in arrays else None
+    yaw = (
+        _yaw(*(np.asarray(arrays[f"yaw_{name}"], float) for name in _YAW_ARRAYS))
+        if "yaw_flip" in arrays
+        else None
+    )
     lasting = None
     if "persistence_detection" in arrays:
         lasting = MeasuredPersistence(*(_pair(arrays[f"persistence_{name}"]) for name in _PERSISTENCE))
     ghosts = _ghosts(arrays) if "ghosts_rate" in arrays else None
     return FittedPem(parts["clean"], parts.get("delivered"), provenance, yaw, lasting, ghosts)
+
+
+def _yaw(flip: Floats, scale: Floats, dof: Floats) -> YawErrors:
+    if flip.shape != (2,) or scale.shape != (2,) or dof.shape != () or not np.isfinite([*flip, *scale]).all():
+        raise ValueError("its yaw errors are no two pairs of numbers and a number")
+    if not (scale[0] > 0 and scale[1] >= 0 and dof > 0):
+        raise ValueError("its yaw errors have no positive scale and degrees of freedom")
+    return YawErrors(flip, scale, dof)
 
 
 def _ghosts(arrays: Arrays) -> MeasuredGhosts:
@@ -183,11 +195,14 @@ def _variant(arrays: Arrays) -> Variant:
         raise ValueError(
             f"it reads the columns {', '.join(sorted(unknown))}, which this version does not know"
         )
+    link, frame = str(arrays["link"]), str(arrays["frame"])
+    if link not in ("probit", "logit") or frame not in ("vehicle", "ego"):
+        raise ValueError(f"its link is {link[:40]!r}, its frame {frame[:40]!r}")
     variant = Variant(
         latents=_gp_pair(arrays) if "detection_inducing" in arrays else _networks(arrays),
         inputs=names,
-        link=str(arrays["link"]),
-        frame=str(arrays["frame"]),
+        link=link,
+        frame=frame,
         **{name: np.asarray(arrays[name], float) for name in (*_NUMBERS, *_CALIBRATION)},
         **{name: np.asarray(arrays[name], float) for name in _TAILS if name in arrays},  # format 2 has none
     )
