@@ -26,6 +26,7 @@ EGO, OTHER, PARKED = "#1b6ca8", "#6b7a8f", "#b0443c"
 VERDICT = {True: ("broken", "#b3261e"), False: ("kept", "#2e7d32")}
 ROAD, SIDE, LINE, TEXT = "#eceef0", "#dcdfe3", "#9aa3ad", "#4a5258"
 AREA = "#f2d9a8"
+LIGHTS = ("#2e7d32", "#e0a800", "#c62828")
 PLATE = {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.6}
 LEAST_RANGE = 62.0
 LABEL = 0.02
@@ -79,6 +80,9 @@ def _draw_crossings(ax: Any, situation: Situation) -> None:
     for x in road.stop_signs:
         ends = road.lane_centres[0] - 0.5 * road.lane_width, road.lane_centres[-1] + 0.5 * road.lane_width
         ax.vlines(x - ego, *ends, color=TEXT, lw=2.5, zorder=1)
+    for x in road.light_lines:
+        ends = road.lane_centres[0] - 0.5 * road.lane_width, road.lane_centres[-1] + 0.5 * road.lane_width
+        ax.vlines(x - ego, *ends, color=LIGHTS[int(situation.light[-1])], lw=3.5, zorder=1)
     for one in road.crossings:
         for begin, end, colour in ((-90.0, 90.0, ROAD), (one.line_begin, one.line_end, AREA)):
             s, d = np.array([begin, end, end, begin]), one.half_width * np.array([-1.0, -1.0, 1.0, 1.0])
@@ -148,7 +152,7 @@ def _draw_cars(ax: Any, situation: Situation) -> None:
             lw=1.6,
             zorder=3,
         )
-        label = f"{name}  {car.speed:g} m/s" + (f", {car.acceleration:g} m/s²" if car.acceleration else "")
+        label = f"{name}  {car.speed:.4g} m/s" + (f", {car.acceleration:g} m/s²" if car.acceleration else "")
         # below the ego, above the others: they may be close
         low, high = corners[:, 1].min() - 0.2, corners[:, 1].max() + 0.2
         place, side = (low, "top") if name == "ego" else (high, "bottom")

@@ -61,13 +61,15 @@ class Crossing:
 
     Attributes:
         reason: Why it has priority: it comes from the right, signs say so, or the ego turns left before it.
-        begin: Least x of the area along the ego's way [m].
-        end: Greatest x of the area along the ego's way [m].
+        begin: Least station of the area along the ego's way [m].
+        end: Greatest station of the area along the ego's way [m].
         line: The other way, in the plane.
         line_begin: Station on ``line`` where the area begins [m].
         line_end: Station on ``line`` where it ends [m].
         half_width: Half the width of the other way [m].
         users: Indices of the other vehicles that take this way, as seen afterwards; None: unknown, any may.
+        way: Number of the other way in the signal ``others_way``, which tells who takes it; or None.
+        own: The ego's way, in the plane; None: stations are the x of the road.
     """
 
     reason: Literal["right", "sign", "oncoming"]
@@ -78,6 +80,12 @@ class Crossing:
     line_end: float
     half_width: float
     users: tuple[int, ...] | None = None
+    way: int | None = None
+    own: ReferenceLine | None = None
+
+
+GREEN, YELLOW, RED = 0.0, 1.0, 2.0
+"""Values of the signals ``light_0``, ... of traffic lights; one that is out of order is GREEN."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,7 @@ class Road:
         broad_markings: Indices of the lanes whose left border is a broad marking.
         stop_signs: x of the stop lines at which a stop sign stands [m].
         crossings: Conflict areas in which others have priority over the ego.
+        light_lines: x of the stop lines of traffic lights [m]; the signal ``light_k`` is the k-th's colour.
     """
 
     lane_centres: tuple[float, ...]
@@ -111,6 +120,7 @@ class Road:
     broad_markings: tuple[int, ...] = ()
     stop_signs: tuple[float, ...] = ()
     crossings: tuple[Crossing, ...] = ()
+    light_lines: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,7 @@ class Situation:
         dt: Time between samples [s].
         road: The lanes.
         options: Options of the rule.
+        light: Colours of the road's traffic light: 0 green, 1 yellow, 2 red.
         nudge: At a boundary: car, quantity, and sign of the change that satisfies the rule.
     """
 
@@ -84,6 +85,7 @@ class Situation:
     dt: float = 1.0
     road: Road = ROAD
     options: Mapping[str, Any] = field(default_factory=dict)
+    light: tuple[float, ...] = ()
     nudge: tuple[str, str, int] = ("", "", 0)
 
     def specification(self) -> TrafficRule:
@@ -101,6 +103,7 @@ class Situation:
         return [
             {f"ego_{name}": ego[name][t : t + 1] for name in ego}
             | {f"others_{name}": np.array([[car[name][t] for car in others]]) for name in ego}
+            | ({"light_0": np.array([self.light[t]])} if self.light else {})
             for t in range(self.steps)
         ]
 

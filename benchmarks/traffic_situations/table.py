@@ -209,6 +209,32 @@ _R_IN1 = (
 )  # fmt: skip
 
 
+_LIGHT = dataclasses.replace(ROAD, light_lines=(12.0,))
+_PASSES = (8.0, 11.0)  # the front is 2 m before the line, then 1 m beyond it
+_YELLOWS = (-8.0, 2.0, 11.0)  # 18 m, 8 m before the line; 1 m beyond it
+_R_IN2 = (
+    Situation("R_IN2", "pass", "passes on green", math.inf, "neither red nor yellow",
+              ego=Car(x=_PASSES, speed=3.0), steps=2, road=_LIGHT, light=(0.0, 0.0)),
+    Situation("R_IN2", "fail", "passes on red", -1.0 / 10.0, "1 m across the line",
+              ego=Car(x=_PASSES, speed=3.0), steps=2, road=_LIGHT, light=(2.0, 2.0)),
+    Situation("R_IN2", "boundary", "its front reaches the line", 0.0, "of a red light",
+              ego=Car(x=(8.0, 10.0), speed=2.0), nudge=("ego", "x", -1), steps=2, road=_LIGHT,
+              light=(2.0, 2.0)),
+    Situation("R_IN2", "exempt", "could not stop at yellow", 2.0 / 10.0,
+              "at 12.65 m/s it needs 20 m, the line is 18 m away", ego=Car(x=_YELLOWS, speed=160.0**0.5),
+              steps=3, road=_LIGHT, light=(1.0, 1.0, 1.0)),
+    Situation("R_IN2", "fail", "could have stopped at yellow", -1.0 / 10.0,
+              "at 10 m/s it needs 12.5 of 18 m; 1 m across the line", ego=Car(x=_YELLOWS, speed=10.0),
+              steps=3, road=_LIGHT, light=(1.0, 1.0, 1.0)),
+    Situation("R_IN2", "exempt", "yellow came late", 4.5 / 10.0,
+              "at 10 m/s it needs 12.5 m, and 8 m are left",
+              ego=Car(x=_YELLOWS, speed=10.0), steps=3, road=_LIGHT, light=(0.0, 1.0, 1.0)),
+    Situation("R_IN2", "pass", "red once it stands on the line", 1.0 / 10.0,
+              "it was 1 m across the line before",
+              ego=Car(x=(11.0, 12.0), speed=1.0), steps=2, road=_LIGHT, light=(0.0, 2.0)),
+)  # fmt: skip
+
+
 def _crossing(reason: Any, degrees: float) -> Road:
     """Return a way 3.5 m wide in this direction through (20, 1.75), and its conflict area, 3.5 m long."""
     towards = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
@@ -217,10 +243,10 @@ def _crossing(reason: Any, degrees: float) -> Road:
 
 
 def _right_of_way(rule: str, reason: Any, degrees: float) -> tuple[Situation, ...]:
-    def a(*before: float) -> dict[str, Car]:
+    def a(*before: float, acceleration: float = 0.0) -> dict[str, Car]:
         cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         x, y = (tuple(c - b * part for b in before) for c, part in ((20.0, cos), (RIGHT, sin)))
-        return {"a": Car(x=x, y=y, heading=math.radians(degrees), speed=5.0)}
+        return {"a": Car(x=x, y=y, heading=math.radians(degrees), speed=5.0, acceleration=acceleration)}
 
     more: Any = {"road": _crossing(reason, degrees), "options": {"after_leaving": 1.0}}
     inside, two = Car(x=20.0, speed=0.0), {"steps": 2, **more}
@@ -241,6 +267,11 @@ def _right_of_way(rule: str, reason: Any, degrees: float) -> tuple[Situation, ..
                   ego=inside, others=a(6.75, 1.75), **two),
         Situation(rule, "fail", "just after a", -2.0 / 10.0, "a was 2 m into the area 1 s ago",
                   ego=inside, others=a(-1.75, -6.75), **two),
+        Situation(rule, "fail", "a has to brake", -0.5 / 2.0,
+                  "-1.5 m/s² is 0.5 below -1, in units of 2, 5 m before the area",
+                  ego=inside, others=a(8.75, acceleration=-1.5), **more),
+        Situation(rule, "pass", "a brakes far away", 5.0 / 10.0, "20 m before the area, 15 count",
+                  ego=inside, others=a(23.75, acceleration=-4.0), **more),
     )  # fmt: skip
 
 
@@ -308,6 +339,6 @@ _TTC = (
 SITUATIONS: tuple[Situation, ...] = (
     *(*_R_G1, *_R_G2, *_R_G3, *_R_G4),
     *(*_R_I1, *_R_I2, *_R_I3, *_R_I4, *_R_I5),
-    *(*_R_IN1, *_R_IN3, *_R_IN4, *_R_IN5),
+    *(*_R_IN1, *_R_IN2, *_R_IN3, *_R_IN4, *_R_IN5),
     *(*_NO_COLLISION, *_RSS, *_TTC),
 )

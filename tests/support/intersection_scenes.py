@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,10 +40,84 @@ def stops(arm: int, turn: str, at: float, seconds: float, speed: float = 5.0) ->
     return Driver(arm, turn, np.concatenate([before, np.full(round(10 * seconds) + 1, at), after]))
 
 
+def slows(arm: int, turn: str, start: float, until: float, rate: float = 2.0, speed: float = 8.0) -> Driver:
+    """Return a car that drives at constant speed and brakes from a time on until it stands."""
+    t = 0.1 * np.arange(80)
+    braked = np.clip(t - until, 0.0, speed / rate)
+    return Driver(arm, turn, start + speed * np.minimum(t, until + braked) - 0.5 * rate * braked**2)
+
+
+SOUTH, EAST, NORTH, WEST = range(4)
+EGO = drives(SOUTH, "straight", 40.0)
+LEFT = drives(SOUTH, "left", 40.0)
+PRIORITY = {SOUTH: "205", NORTH: "205", EAST: "306", WEST: "306"}
+RED = {"lights": "50 red"}
+
+# A straight way enters the intersection at 52 m. That of the ego from the south meets that from the east
+# from 60 to 63.5 m, the other's stations being 56.5 to 60 m. A car reaches 2.25 m from its centre and drives
+# 8 m/s: the ego, which starts at 40 m, is in the area from 2.22 s to 3.22 s, and its front reaches the stop
+# line at 1.22 s.
+RIGHT_OF_WAY: dict[str, tuple[str, list[Driver], dict[str, Any], bool | None]] = {
+    # name: rule, cars, file, whether it is kept (None: with robustness infinity)
+    "from the right, at once": ("R_IN3", [EGO, drives(EAST, "straight", 40.0)], {}, False),
+    "from the left": ("R_IN3", [EGO, drives(WEST, "straight", 40.0)], {}, None),
+    # 56.5 - 2.25 - 19 m at 8 m/s: 4.41 s, 1.19 s after the ego has left
+    "from the right, 1.19 s later": ("R_IN3", [EGO, drives(EAST, "straight", 19.0)], {}, True),
+    # 4.03 s, 0.81 s after
+    "from the right, 0.81 s later": ("R_IN3", [EGO, drives(EAST, "straight", 22.0)], {}, False),
+    # leaves the area at (60 + 2.25 - 46.9) / 8 = 1.92 s, 0.3 s before the ego enters
+    "0.3 s after the other": ("R_IN3", [EGO, drives(EAST, "straight", 46.9)], {}, False),
+    "0.8 s after the other": ("R_IN3", [EGO, drives(EAST, "straight", 50.9)], {}, True),
+    # at 2.3 s the other's front is at 21 + 2.25 + 18.4 = 41.65 m, 14.85 m before the area, and it brakes
+    "the other has to brake": ("R_IN3", [EGO, slows(EAST, "straight", 21.0, 2.3)], {}, False),
+    # it begins at 3.5 s, when the ego has left
+    "the other brakes later": ("R_IN3", [EGO, slows(EAST, "straight", 14.0, 3.5)], {}, True),
+    "signs put right before left out of force": (
+        "R_IN3", [EGO, drives(EAST, "straight", 40.0)], {"signs": PRIORITY}, None,
+    ),
+    "lights put right before left out of force": (
+        "R_IN3", [EGO, drives(EAST, "straight", 40.0)], {"lights": "50 green"}, None,
+    ),
+    "yields to nobody from the left": (
+        "R_IN4", [EGO, drives(WEST, "straight", 44.0)], {"signs": PRIORITY}, False,
+    ),
+    "has priority": ("R_IN4", [drives(EAST, "straight", 40.0), EGO], {"signs": PRIORITY}, None),
+    "no signs": ("R_IN4", [EGO, drives(WEST, "straight", 44.0)], {}, None),
+    "turns left before oncoming traffic": ("R_IN5", [LEFT, drives(NORTH, "straight", 40.0)], {}, False),
+    "lights leave oncoming traffic its priority": (
+        "R_IN5", [LEFT, drives(NORTH, "straight", 40.0)], {"lights": "50 green"}, False,
+    ),
+    "turns left long before oncoming traffic": (
+        "R_IN5", [LEFT, drives(NORTH, "straight", 5.0)], {}, True,
+    ),
+    "goes straight on": ("R_IN5", [EGO, drives(NORTH, "straight", 40.0)], {}, None),
+    "oncoming traffic turns right later": ("R_IN5", [LEFT, drives(NORTH, "right", 5.0)], {}, True),
+    # the front is on the line at 1.22 s, so that it begins to cover it at the sample 1.3 s
+    "passes on red": ("R_IN2", [EGO], RED, False),
+    "passes on green": ("R_IN2", [EGO], {"lights": "50 green"}, None),
+    "no lights": ("R_IN2", [EGO], {}, None),
+    "red at the sample before it is on the line": ("R_IN2", [EGO], {"lights": "13 red 90 green"}, True),
+    "red until it is on the line": ("R_IN2", [EGO], {"lights": "14 red 90 green"}, False),
+    "red once it is on the line": ("R_IN2", [EGO], {"lights": "14 green 90 red"}, True),
+    # at 8 m/s a stop at 4 m/s^2 takes 8 m; at 0.2 s the front is 8.15 m before the line, at 0.3 s 7.35 m
+    "yellow while it could stop": ("R_IN2", [EGO], {"lights": "2 green 30 yellow 50 red"}, False),
+    "yellow when it could stop no more": ("R_IN2", [EGO], {"lights": "3 green 30 yellow 50 red"}, True),
+    "a light for another direction": ("R_IN2", [EGO], {"lights": "50 red", "direction": "left"}, None),
+    "a light for its direction": ("R_IN2", [LEFT], {"lights": "50 red", "direction": "leftStraight"}, False),
+}  # fmt: skip
+
+
 def crossroads(
-    cars: Sequence[Driver], signs: dict[int, str] | None = None, lights: bool = False, turn: float = 0.0
+    cars: Sequence[Driver],
+    signs: dict[int, str] | None = None,
+    lights: str = "",
+    direction: str = "all",
+    turn: float = 0.0,
 ) -> str:
-    """Return the XML text of a scene; cars are numbered from 1, signs are German numbers by arm."""
+    """Return the XML text of a scene; cars are numbered from 1, signs are German numbers by arm.
+
+    The first car's start is also a planning problem; ``lights`` is a cycle such as "20 green 5 yellow 9 red".
+    """
     signs = signs or {}
     cos, sin = np.cos(turn), np.sin(turn)
     rotate = np.array([[cos, sin], [-sin, cos]])
@@ -52,11 +127,12 @@ def crossroads(
         ' benchmarkID="DEU_Generated-1_1_T-1" date="2020-01-01">',
         "<location><geoNameId>-999</geoNameId><gpsLatitude>999</gpsLatitude>",
         "<gpsLongitude>999</gpsLongitude></location><scenarioTags><intersection/></scenarioTags>",
-        *(_with_signs(one, _lanelet(one, rotate), signs, lights) for one in sections),
+        *(_with_signs(one, _lanelet(one, rotate), signs, bool(lights)) for one in sections),
         *(_sign(arm, number) for arm, number in signs.items()),
-        _light() if lights else "",
+        _light(lights, direction) if lights else "",
         _intersection(),
         *(_obstacle(number, car, rotate, turn) for number, car in enumerate(cars, start=1)),
+        _problem(cars[0], rotate, turn),
         "</commonRoad>",
     ]
     return "\n".join(parts)
@@ -128,10 +204,15 @@ def _sign(arm: int, number: str) -> str:
     )
 
 
-def _light() -> str:
+def _light(cycle: str, direction: str) -> str:
+    words = cycle.split()
+    elements = "".join(
+        f"<cycleElement><duration>{duration}</duration><color>{colour}</color></cycleElement>"
+        for duration, colour in zip(words[::2], words[1::2], strict=True)
+    )
     return (
-        '<trafficLight id="990"><cycle><cycleElement><duration>50</duration><color>green</color>'
-        "</cycleElement><timeOffset>0</timeOffset></cycle><active>true</active></trafficLight>"
+        f'<trafficLight id="990"><cycle>{elements}<timeOffset>0</timeOffset></cycle>'
+        f"<direction>{direction}</direction><active>true</active></trafficLight>"
     )
 
 
@@ -145,7 +226,12 @@ def _intersection() -> str:
     return f'<intersection id="950">{text}</intersection>'
 
 
-def _obstacle(number: int, car: Driver, rotate: np.ndarray, turn: float) -> str:
+def route(car: Driver) -> tuple[int, int, int]:
+    """Return the lanelets on which a car drives."""
+    return 100 + car.arm, 300 + 10 * car.arm + TURNS.index(car.turn), 200 + _exit(car.arm, car.turn)
+
+
+def _states(car: Driver, rotate: np.ndarray, turn: float) -> tuple[list[list[float]], np.ndarray]:
     parts = [
         _ends(car.arm, 0.0),
         _way(car.arm, car.turn)[1:-1],
@@ -156,7 +242,22 @@ def _obstacle(number: int, car: Driver, rotate: np.ndarray, turn: float) -> str:
     poses = np.column_stack([np.stack([x, y], axis=1) @ rotate, heading + turn])
     poses[:, 2] = np.remainder(poses[:, 2] + np.pi, 2 * np.pi) - np.pi
     speed = np.diff(car.stations, append=2 * car.stations[-1] - car.stations[-2]) / 0.1
-    states = [_state("state" if t else "initialState", t, p, speed[t]) for t, p in enumerate(poses.tolist())]
+    return poses.tolist(), speed
+
+
+def _problem(car: Driver, rotate: np.ndarray, turn: float) -> str:
+    poses, speed = _states(car, rotate, turn)
+    goal = (
+        "<goalState><time><intervalStart>30</intervalStart><intervalEnd>60</intervalEnd></time></goalState>"
+    )
+    return (
+        f'<planningProblem id="9999">{_state("initialState", 0, poses[0], speed[0])}{goal}</planningProblem>'
+    )
+
+
+def _obstacle(number: int, car: Driver, rotate: np.ndarray, turn: float) -> str:
+    poses, speed = _states(car, rotate, turn)
+    states = [_state("state" if t else "initialState", t, p, speed[t]) for t, p in enumerate(poses)]
     return (
         f'<dynamicObstacle id="{number}"><type>car</type><shape><rectangle><length>{LENGTH}</length>'
         f"<width>{WIDTH}</width></rectangle></shape>{states[0]}<trajectory>{''.join(states[1:])}"

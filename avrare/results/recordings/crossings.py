@@ -1,4 +1,4 @@
-"""Intersections of a lanelet network on the way of one vehicle: its stop signs, and who has priority over it.
+"""Intersections of a lanelet network on the way of one vehicle: stop signs, lights, and who has priority.
 
 Only attributes of commonroad-io's networks are read. A way through an intersection is a lanelet that follows
 an incoming one; the ego's is the one it drives on, so that its direction is observed, not guessed.
@@ -9,41 +9,31 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from avrare.driving import Crossing, Road
-from avrare.driving.reference_line import PolygonalLine, ReferenceLine
+from avrare.driving.values import GREEN, RED, YELLOW
 from avrare.protocols import Floats
-from avrare.results.recordings.lanelet_road import is_inside
+from avrare.results.recordings.ways import Way, find_crossing
 
 _PRIORITY = {"PRIORITY": 2, "RIGHT_OF_WAY": 2, "YIELD": 0, "STOP": -1}
 """Rank of an incoming lanelet by its sign; 1 without one."""
-
-_GRID = 0.25  # distance of the points by which a conflict area is found [m]
-
-Reason = Literal["right", "sign", "oncoming"]
-
-
-@dataclass(frozen=True)
-class _Way:
-    # a lanelet through an intersection
-    lanelet: int
-    rank: int
-    heading: float  # at the end of the incoming lanelet
-    turn: str
-    lights: bool
+_COLOURS = {"red": RED, "redYellow": RED, "yellow": YELLOW}
+_TURNS = ("left", "straight", "right")
 
 
 def has_right_of_way(network: Any) -> bool:
-    """Tell whether a network has intersections or stop signs."""
-    return bool(network.intersections) or any("STOP" in _signs(network, one) for one in network.lanelets)
+    """Tell whether a network has intersections, stop signs or traffic lights."""
+    lanelets = network.lanelets
+    return bool(network.intersections) or any(
+        "STOP" in _signs(network, one) or one.traffic_lights for one in lanelets
+    )
 
 
 def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequence[Sequence[int]]) -> Road:
-    """Return the road of an ego with the stop signs and the conflict areas on its way.
+    """Return the road of an ego with the stop signs, the lights and the conflict areas on its way.
 
     Args:
         road: Road along these lanelets, with a line.
@@ -57,23 +47,77 @@ def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequen
     for intersection in network.intersections:
         groups = [list(_list_ways(network, known, one)) for one in intersection.incomings]
         for group in groups:
-            for mine in (way for way in group if way.lanelet in names):
-                others = [way for other in groups if other is not group for way in other]
-                found += _find_crossings(road.line, known, mine, others, routes)
-    stops = (_stop_line(network, known[name]) for name in names)
-    stations = [float(road.line.to_road(*point[:, None])[0][0]) for point in stops if point is not None]
-    return dataclasses.replace(road, stop_signs=tuple(sorted(stations)), crossings=tuple(found))
+            for mine in (way for way in group if way.name in names):
+                for other in (way for one in groups if one is not group for way in one):
+                    if (area := find_crossing(road.line, mine, other)) is not None:
+                        users = tuple(k for k, route in enumerate(routes) if other.name in route)
+                        found.append(dataclasses.replace(area, users=users))
+    stops = [_stop_line(known[name]) for name in names if "STOP" in _signs(network, known[name])]
+    lit = [_stop_line(known[name]) for name, _ in _list_lights(network, names)]
+    signs, lights = (
+        tuple(float(road.line.to_road(*one[:, None])[0][0]) for one in each) for each in (stops, lit)
+    )
+    return dataclasses.replace(
+        road, stop_signs=tuple(sorted(signs)), crossings=tuple(found), light_lines=lights
+    )
 
 
-def _list_ways(network: Any, known: Mapping[int, Any], incoming: Any) -> Iterator[_Way]:
+def show_lights(network: Any, names: Sequence[int], steps: Sequence[int]) -> dict[str, Floats]:
+    """Return the signals ``light_0``, ... (T,) of the lights on the ego's way, in the order of its road."""
+    return {
+        f"light_{k}": np.array([max(_colour(light, step) for light in lights) for step in steps])
+        for k, (_, lights) in enumerate(_list_lights(network, names))
+    }
+
+
+def _list_lights(network: Any, names: Sequence[int]) -> list[tuple[int, list[Any]]]:
+    # lanelets of the ego's way with the lights that are meant for its direction
+    known = {int(one.lanelet_id): one for one in network.lanelets}
+    found = []
+    for name in names:
+        turn = _turn(network, name, names)
+        arrow = turn == "right" and "GREEN_ARROW" in _signs(network, known[name])
+        every = (network.find_traffic_light_by_id(one) for one in sorted(known[name].traffic_lights or ()))
+        lights = [one for one in every if one.active and _is_for(one, turn)]
+        if lights and not arrow:
+            found.append((name, lights))
+    return found
+
+
+def _turn(network: Any, name: int, names: Sequence[int]) -> str:
+    # where the ego's way leads from an incoming lanelet
+    incomings = [one for each in network.intersections for one in each.incomings]
+    ways = ((turn, _outgoing(one, turn)) for one in incomings if name in (one.incoming_lanelets or ())
+            for turn in _TURNS)  # fmt: skip
+    return next((turn for turn, after in ways if after & set(names)), "straight")
+
+
+def _is_for(light: Any, turn: str) -> bool:
+    direction = str(light.direction.value)
+    return direction == "all" or turn in direction.lower()
+
+
+def _colour(light: Any, step: int) -> float:
+    return _COLOURS.get(str(light.get_state_at_time_step(step).value), GREEN)
+
+
+def _list_ways(network: Any, known: Mapping[int, Any], incoming: Any) -> Iterator[Way]:
     for name in sorted(incoming.incoming_lanelets or ()):
         one = known[int(name)]
         ranks = [_PRIORITY[sign] for sign in _signs(network, one) if sign in _PRIORITY]
         x, y = np.diff(np.asarray(one.center_vertices)[-2:, :2], axis=0)[0]
+        lights = [network.find_traffic_light_by_id(each) for each in one.traffic_lights or ()]
         for after in sorted(set(one.successor or ()) & set(known)):
-            turns = (turn for turn in ("left", "straight", "right") if after in _outgoing(incoming, turn))
-            lights = bool(one.traffic_lights)
-            yield _Way(int(after), min(ranks, default=1), math.atan2(y, x), next(turns, ""), lights)
+            turn = next((turn for turn in _TURNS if after in _outgoing(incoming, turn)), "")
+            yield Way(
+                int(after),
+                np.asarray(known[after].left_vertices)[:, :2],
+                np.asarray(known[after].right_vertices)[:, :2],
+                min(ranks, default=1),
+                math.atan2(y, x),
+                turn,
+                any(light.active for light in lights),
+            )
 
 
 def _outgoing(incoming: Any, turn: str) -> set[int]:
@@ -85,65 +129,8 @@ def _signs(network: Any, lanelet: Any) -> set[str]:
     return {str(part.traffic_sign_element_id.name) for sign in signs for part in sign.traffic_sign_elements}
 
 
-def _prefer(mine: _Way, other: _Way) -> Reason | None:
-    # why the other way has priority; lights put signs and right before left out of force
-    turned = math.remainder(other.heading - mine.heading, 2.0 * math.pi)
-    against = abs(turned) > 0.75 * math.pi
-    if other.rank > mine.rank and not mine.lights:
-        return "sign"
-    if other.rank < mine.rank and not mine.lights:
-        return None
-    if against:
-        return "oncoming" if mine.turn == "left" and other.turn in ("straight", "right") else None
-    return "right" if 0.25 * math.pi < turned and not mine.lights else None
-
-
-def _find_crossings(
-    line: ReferenceLine,
-    known: Mapping[int, Any],
-    mine: _Way,
-    others: Sequence[_Way],
-    routes: Sequence[Sequence[int]],
-) -> Iterator[Crossing]:
-    points = _list_points(known[mine.lanelet])
-    for other in others:
-        reason, lanelet = _prefer(mine, other), known[other.lanelet]
-        if reason is None or other.lanelet == mine.lanelet:
-            continue
-        outline = np.concatenate([lanelet.left_vertices, lanelet.right_vertices[::-1]])[:, :2]
-        common = points[is_inside(outline, points)]
-        if not len(common):
-            continue
-        way = PolygonalLine(np.asarray(lanelet.center_vertices)[:, :2])
-        x, stations = line.to_road(*common.T)[0], way.to_road(*common.T)[0]
-        apart = np.hypot(*(np.asarray(lanelet.left_vertices) - lanelet.right_vertices)[:, :2].T)
-        users = tuple(index for index, route in enumerate(routes) if other.lanelet in route)
-        half_width = 0.5 * float(np.median(apart))
-        yield Crossing(reason, *_range(x), way, *_range(stations), half_width, users)
-
-
-def _range(values: Floats) -> tuple[float, float]:
-    return float(np.nanmin(values)), float(np.nanmax(values))
-
-
-def _list_points(lanelet: Any) -> Floats:
-    # points inside a lanelet, a grid length apart or less
-    left, right = (np.asarray(side)[:, :2] for side in (lanelet.left_vertices, lanelet.right_vertices))
-    length = max(np.hypot(*np.diff(side, axis=0).T).sum() for side in (left, right))
-    share = np.linspace(0.0, len(left) - 1.0, max(2, len(left), int(length / _GRID) + 1))
-    rows = [
-        np.stack([np.interp(share, np.arange(len(side)), side[:, i]) for i in (0, 1)], axis=1)
-        for side in (left, right)
-    ]
-    across = max(2, int(np.hypot(*(left - right).T).max() / _GRID) + 1)
-    weights = (np.arange(across) + 0.5)[:, None, None] / across
-    return np.asarray((weights * rows[0] + (1.0 - weights) * rows[1]).reshape(-1, 2))
-
-
-def _stop_line(network: Any, lanelet: Any) -> Floats | None:
+def _stop_line(lanelet: Any) -> Floats:
     # the middle of the line, or of the lanelet's end where the file gives no line
-    if "STOP" not in _signs(network, lanelet):
-        return None
     line = getattr(lanelet, "stop_line", None)
     if line is None or line.start is None or line.end is None:
         return np.asarray(lanelet.center_vertices)[-1, :2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
-from avrare.results.recordings.crossings import add_crossings, has_right_of_way
+from avrare.results.recordings.crossings import add_crossings, has_right_of_way, show_lights
 from avrare.results.recordings.lanelet_road import ASIDE, find_path
 from avrare.results.recordings.lanelet_road import find_road as find_lanelet_road
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
@@ -63,10 +64,27 @@ class PlaneDrives:
             text = f"{self.path}: obstacle {ego} leaves the road at step {at}"
             raise UsageError(text, f"it is more than {ASIDE:g} m from the line along its lanes")
         others = [track for name, track in tracks.items() if name != ego and track.present.any()]
-        if self._has_right_of_way and self.road is None:
-            routes = [self._routes[track.name] for track in others]
-            road = add_crossings(road, self.network, self._routes[ego], routes)
-        return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
+        road, lights = self.add_rules(road, own, [track.name for track in others], first, samples)
+        found = assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
+        return dataclasses.replace(found, signals={**found.signals, **lights})
+
+    def add_rules(
+        self, road: Road, own: Obstacle, others: Sequence[str], first: int, samples: int
+    ) -> tuple[Road, dict[str, Floats]]:
+        """Return the road of an ego with the intersections on its way, and the signals of its lights.
+
+        Args:
+            road: Its road.
+            own: The ego.
+            others: Names of the other vehicles, in the order of the scene.
+            first: Step of the first sample.
+            samples: Number of samples.
+        """
+        if not self._has_right_of_way or self.road is not None:
+            return road, {}
+        names = self._find_route(own)
+        road = add_crossings(road, self.network, names, [self._routes[name] for name in others])
+        return road, show_lights(self.network, names, range(first, first + samples))
 
     def find_road(self, ego: Obstacle) -> tuple[Road, float]:
         """Return the road of an ego, and the angle by which the plane is turned where it has no line."""
@@ -75,6 +93,19 @@ class PlaneDrives:
         if self._straight is not None:
             return self._straight
         return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+
+    def lead(self, own: Obstacle, route: Sequence[int]) -> Obstacle:
+        """Return a vehicle that also drives along the lanelets ``route``; UsageError if one is not there."""
+        known = {int(one.lanelet_id): one for one in self.lanelets}
+        if unknown := sorted(set(route) - set(known)):
+            raise UsageError(f"{self.path}: there is no lanelet {unknown[0]}", "look at `route`")
+        states = [own.states]
+        for name in route:
+            x, y = np.asarray(known[name].center_vertices)[:, :2].T
+            middles = np.stack([0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])])
+            headings = np.arctan2(np.diff(y), np.diff(x))
+            states.append(np.stack([*middles, headings, np.zeros_like(headings)]))
+        return dataclasses.replace(own, states=np.concatenate(states, axis=1))
 
     @cached_property
     def _routes(self) -> Mapping[str, Sequence[int]]:

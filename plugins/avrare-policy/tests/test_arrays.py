@@ -45,3 +45,17 @@ def test_arrays_replace_those_of_the_file(path):
 def test_arrays_that_do_not_fit_are_refused(path, arrays, text):
     with pytest.raises(avrare.UsageError, match=text):
         act(path, **arrays)
+
+
+def test_a_gain_multiplies_the_outputs_before_they_are_clipped(path):
+    def act(gain):
+        controller = build(PolicyConfig(model=str(path), gain=gain))
+        return controller.act(None, np.array([[0.1, 0.05], [1.0, 1.0]]), None)[0]
+
+    plain, doubled = act(None), act((2.0,))
+    assert plain.tolist() == act((1.0,)).tolist()
+    assert abs(plain[0, 0]) > 0.0
+    np.testing.assert_allclose(doubled, np.clip(2.0 * plain, -9.0, 9.0), rtol=1e-6)
+    assert doubled[1, 0] == 9.0
+    with pytest.raises(avrare.UsageError, match="gain needs 1 numbers, not 2"):
+        act((1.0, 1.0))

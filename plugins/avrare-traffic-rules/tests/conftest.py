@@ -12,7 +12,7 @@ ACROSS = PolygonalLine(np.array([[-30.0, -9.0], [30.0, 9.0]]))
 CROSSINGS = tuple(
     Crossing(reason, 2.0, 12.0, ACROSS, 30.0, 42.0, 3.0) for reason in ("right", "sign", "oncoming")
 )
-ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,), stop_signs=(4.0,), crossings=CROSSINGS)
+ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,), stop_signs=(4.0,), crossings=CROSSINGS, light_lines=(5.0,))
 NAMES = "abcdefgh"
 CALLS = (
     "brakes_abruptly(ego)", "preserves_flow(ego)", "on_access_ramp(ego)", "brakes(ego)", "slow({o})",
@@ -45,7 +45,7 @@ class Lab:
         for name in FIELDS:
             values = [float({**EGO, **other}[name]) for other in others]
             signals[f"others_{name}"] = np.array(values).reshape(1, len(others))
-        return signals
+        return {**signals, "light_0": np.zeros(1)}
 
     def value(self, predicate, *others, road=ROAD, options=None, **ego):
         """Evaluate a predicate or definition of the ego and each other vehicle (V,), or of one (1,)."""
@@ -81,7 +81,7 @@ class Lab:
         ego, others = vehicles(n), vehicles(n, v)
         signals = {f"ego_{name}": values for name, values in ego.items()}
         signals |= {f"others_{name}": values for name, values in others.items()}
-        return signals
+        return {**signals, "light_0": rng.choice([0.0, 1.0, 2.0], n)}
 
 
 @pytest.fixture(scope="session")

@@ -257,6 +257,8 @@ MEET_BOTH = sorted(
     - {"right_of_broad_marking", "left_of_broad_marking"}  # this road has none
 )
 
+OF_THE_OTHER = ("brakes_right_before_left", "brakes_on_priority_road", "brakes_oncoming")
+
 
 @pytest.mark.parametrize("name", MEET_BOTH)
 def test_random_traffic_has_both_signs(lab, name):
@@ -264,7 +266,8 @@ def test_random_traffic_has_both_signs(lab, name):
     signals["ego_speed"] = np.linspace(-1.0, 60.0, 400)
     signals["ego_speed"][::20] = 0.0
     count = len(RECOMMENDED.predicates[name].arguments)
-    body = f"{name}(ego)" if count == 1 else f"exists o in others: {name}(ego, o)"
+    arguments = "o, ego" if name in OF_THE_OTHER else "ego, o"
+    body = f"{name}(ego)" if count == 1 else f"exists o in others: {name}({arguments})"
     options = {"lane_limit": 30.0, "vehicle_type": "truck"}
     (found,) = lab.rule(None, 8, formula=body, **options).sample(signals).values()
     assert (found > 0.0).any()

@@ -21,6 +21,10 @@ class PolicyConfig(BaseModel):
         default=None,
         description="weights and biases in place of those of an .npz file, by name: W0, b0, W1, ...",
     )
+    gain: tuple[float, ...] | None = Field(
+        default=None,
+        description="factors on the outputs of an .npz file's network, before they are clipped; default: 1",
+    )
     output: Literal["value", "argmax"] = Field(
         "value", description="argmax: the action is the number of the largest output (discrete actions)"
     )

@@ -101,10 +101,12 @@ def build(config: PolicyConfig, scene: object | None = None) -> PolicyController
     """
     path = locate(config.model)
     if path.suffix == ".onnx":
-        if config.arrays:
-            raise UsageError(
-                f"{config.model}: arrays are those of an .npz file", "see `avrare policy convert`"
-            )
+        for name in ("arrays", "gain"):
+            if getattr(config, name):
+                hint = "see `avrare policy convert`"
+                raise UsageError(f"{config.model}: {name} is an option for .npz files", hint)
         return PolicyController(OnnxPolicy(path), config.output == "argmax")
     network = load(path).with_arrays(path, config.arrays or {})
+    if config.gain is not None:
+        network = network.with_gain(path, config.gain)
     return PolicyController(network, config.output == "argmax")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -86,6 +86,19 @@ class Network:
         changed = replace(self, weights=weights, biases=biases)
         _check(path, changed)
         return changed
+
+    def with_gain(self, path: Path, gain: Sequence[float]) -> Network:
+        """Return the network with factors on its outputs, those of the last layer.
+
+        Raises:
+            UsageError: There are not as many as outputs.
+        """
+        if len(gain) != len(self.low):
+            raise UsageError(f"{path}: gain needs {len(self.low)} numbers, not {len(gain)}")
+        factors = np.asarray(gain, dtype=np.float32)
+        *weights, weight = self.weights
+        *biases, bias = self.biases
+        return replace(self, weights=(*weights, weight * factors), biases=(*biases, bias * factors))
 
     def __call__(self, observation: Floats) -> Floats:
         """Return actions (N, A) of observations (N, D), within their range.

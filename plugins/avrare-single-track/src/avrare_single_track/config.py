@@ -328,6 +328,10 @@ class RecordedConfig(BaseModel):
     without: tuple[int, ...] = Field(
         default=(), description="obstacles to leave out, such as the one that the ego stands for"
     )
+    route: tuple[int, ...] = Field(
+        default=(),
+        description="lanelets on the ego's way, such as that of a turn; default: straight on from its start",
+    )
     ego: dict[str, float] = Field(
         default_factory=dict,
         description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Road, Scene, Vehicles, World
 from avrare.driving.lanes import ENDLESS
-from avrare.protocols import Bools, Floats
+from avrare.protocols import Bools, Floats, Signals
 from avrare.results.recordings.commonroad import open_problem
 from avrare.results.recordings.recording import VehicleTrack
 from avrare_single_track.config import (
@@ -24,7 +24,7 @@ from avrare_single_track.config import (
     SingleTrackConfig,
     VehicleConfig,
 )
-from avrare_single_track.simulator import ScriptedTraffic, SingleTrack
+from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWorld
 
 _STEADY = 0.3
 """Most that a border of a lane may move aside where drivers keep to it [m]."""
@@ -49,7 +49,8 @@ class RecordedScene(SingleTrack):
         if wrong := sorted(set(config.ego) & {"x", "y", "heading", "speed"}):
             raise UsageError(f"{path}: ego.{wrong[0]} is that of the planning problem", "leave it out")
         drives, start = open_problem(path, config.problem)
-        road, angle = drives.find_road(start)
+        guide = drives.lead(start, config.route)
+        road, angle = drives.find_road(guide)
         if unknown := {str(one) for one in config.without} - set(drives.obstacles):
             raise UsageError(f"{path}: there is no obstacle {min(unknown)}", "look at `without`")
         kept = [one for name, one in drives.obstacles.items() if int(name) not in config.without]
@@ -60,6 +61,7 @@ class RecordedScene(SingleTrack):
             raise UsageError(f"{path}: no obstacle is recorded after the planning problem begins")
         every = [one.track(first, samples, angle, road.line) for one in kept]
         others = [track for track in every if track.present.any()]
+        road, self.lights = drives.add_rules(road, guide, [track.name for track in others], first, samples)
         pose = start.track(first, 1, angle, road.line).states[:4, 0]
         body: dict[str, Any] = {
             **config.ego,
@@ -116,6 +118,11 @@ class RecordedScene(SingleTrack):
             )
         scene = replace(self.scene, road=continue_lanes(self.scene.road))
         self.react(tuple(vehicles), scene)
+
+    def signals(self, world: TrackWorld) -> Signals:
+        """Return the signals of ``single_track``, and the colours ``light_k`` (N,) of lights on the way."""
+        step = np.minimum(world.step, self.last)
+        return {**super().signals(world), **{name: colours[step] for name, colours in self.lights.items()}}
 
     def faults(self, world: World) -> Bools:
         """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""

@@ -97,6 +97,15 @@ class Parameters(BaseModel):
     after_leaving: float = _option(
         0.5, "s", "not into a conflict area after one with priority leaves it", "[M22]", ge=0.0
     )
+    made_to_brake: float = _option(
+        -1.0, "m/s^2", "acceleration below which one with priority is made to brake", "[M22]", lt=0.0
+    )
+    made_to_brake_distance: float = _option(
+        15.0, "m", "from a conflict area, within which one with priority is made to brake", "[M22]", gt=0.0
+    )
+    yellow_braking: float = _option(
+        4.0, "m/s^2", "braking with which one stops at a yellow light", "[M22]", gt=0.0
+    )
     least_time_to_collision: float = _option(1.5, "s", "least time to a collision", "ours", ge=0.0)
     rss_response_time: float = _option(1.0, "s", "response time rho", "[S17], CARLA", ge=0.0)
     rss_acceleration: float = _option(3.5, "m/s^2", "most during the response", "[S17], CARLA", ge=0.0)

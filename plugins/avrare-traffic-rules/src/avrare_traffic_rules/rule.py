@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from typing import Any
 
@@ -17,8 +18,9 @@ from avrare.protocols import Floats, Signals, Verdict
 from avrare_traffic_rules.check import parse_rule, raise_errors
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
 from avrare_traffic_rules.definitions import DEFINITIONS
+from avrare_traffic_rules.intersections import LIT
 from avrare_traffic_rules.rulebook import fill
-from avrare_traffic_rules.traffic import read_traffic
+from avrare_traffic_rules.traffic import read_lights, read_traffic
 from avrare_traffic_rules.vocabulary import Definitions, Predicate, Setting
 
 _UNSCALED = Scales(longitudinal=1.0, lateral=1.0, speed=1.0, acceleration=1.0, heading=1.0, time=1.0)
@@ -64,6 +66,8 @@ class TrafficRule:
         self._definitions = DEFINITIONS[config.definitions]
         self._setting = Setting(config, config.scales if self._definitions.scaled else _UNSCALED, scene.road)
         self._predicates = _look_up(self.formula.node, self._definitions, scene.names)
+        asks = {predicate.name for predicate, _ in self._predicates.values()}
+        self._lit = bool(scene.road.light_lines) and not asks.isdisjoint(LIT)
         default = "all" if config.rule is None else config.rulebook.rules[config.rule].vehicles
         which = config.vehicles or default
         self._chosen = scene.moving if which == "moving" else np.ones(len(scene.names), dtype=bool)
@@ -94,10 +98,12 @@ class TrafficRule:
         """Evaluate the predicates of the formula: (N,), and an axis (V,) for each argument ``others``."""
         definitions = self._definitions
         traffic = read_traffic(signals, self.scene, self._chosen, definitions.extents, definitions.lanes)
-        sample = {}
+        setting, sample = self._setting, {}
+        if self._lit:
+            setting = dataclasses.replace(setting, lights=read_lights(signals, self.scene.road))
         for key, (predicate, names) in self._predicates.items():
             bodies, shape = traffic.arguments(names)
-            sample[key] = np.broadcast_to(predicate(self._setting, *bodies), shape)
+            sample[key] = np.broadcast_to(predicate(setting, *bodies), shape)
         return sample
 
     def explain(self, signals: Signals) -> str:

@@ -37,6 +37,7 @@ class Bodies:
         width: Width of the rectangle [m].
         lanes: (L, ...) how far it reaches into each lane [m]; negative outside.
         number: Index among the other vehicles; -1 for the ego.
+        way: Way through an intersection, by the signal ``others_way``; -1 where it is not known.
     """
 
     x: Floats
@@ -50,6 +51,7 @@ class Bodies:
     width: Floats
     lanes: Floats
     number: NDArray[np.int64]
+    way: Floats
 
     @property
     def front(self) -> Floats:
@@ -123,6 +125,21 @@ def overlap(bodies: Bodies, road: Road) -> Floats:
     return lane_overlap(road, bodies.x, bodies.y, bodies.half_length, bodies.half_width)
 
 
+def read_lights(signals: Signals, road: Road) -> tuple[Floats, ...]:
+    """Return the colours (N,) of the lights of a road at one sample.
+
+    Raises:
+        UsageError: A signal is missing.
+    """
+    names = [f"light_{k}" for k in range(len(road.light_lines))]
+    if missing := [name for name in names if name not in signals]:
+        raise UsageError(
+            f"the road has a traffic light, and there is no signal {missing[0]!r}",
+            "it is 0 for green, 1 for yellow and 2 for red at each sample",
+        )
+    return tuple(signals[name] for name in names)
+
+
 def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents, lanes: Lanes) -> Traffic:
     """Read the traffic of one sample from the simulator's signals.
 
@@ -137,8 +154,9 @@ def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents
             hint = f"they read {', '.join(f'{who}_{name}' for name in _MOTION)}"
             raise UsageError(f"traffic rules need the signal {error}, which does not exist", hint) from error
         half_length, half_width = extents(length, width, heading)
+        way = signals.get(f"{who}_way", np.full(number.shape, -1.0))
         plain = Bodies(
-            x, y, heading, speed, acceleration, half_length, half_width, length, width, x[None], number
+            x, y, heading, speed, acceleration, half_length, half_width, length, width, x[None], number, way
         )
         return dataclasses.replace(plain, lanes=lanes(plain, scene.road))
 

@@ -37,11 +37,13 @@ class Setting:
         parameters: Thresholds and times.
         scales: Units of robustness.
         road: The lanes.
+        lights: Colours (N,) of the road's lights at this sample.
     """
 
     parameters: Parameters
     scales: Scales
     road: Road
+    lights: tuple[Floats, ...] = ()
 
     @property
     def main_lanes(self) -> list[int]:
