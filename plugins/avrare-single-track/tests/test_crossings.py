@@ -47,7 +47,7 @@ def simulate(tmp_path):
 
 
 def drive(sim, rule, accelerations):
-    """Return the verdict of an ego that keeps to its way: it turns as the road does, and back where it is aside."""
+    """Return the verdict of an ego that keeps to its way: it turns as the road does."""
     line = sim.scene.road.line
     world, state = sim.reset(np.zeros((1, sim.noise_size))), rule.start(1)
     state, verdict = rule.update(state, sim.signals(world))
