@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarnin
 
 
 class Turned:
-    """System that fails where a direction of its two normal numbers is long; ``angle`` 0 is the stack."""
+    """System that fails far along a direction of its two normal numbers; ``cosine`` 1 is the stack."""
 
     noise_size = 2
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from avrare.driving.reference_line import PolygonalLine
-from lanelet_scenes import Section, _lanelet, _state
+from lanelet_scenes import Section, lanelet_xml, state_xml
 
 TURNS = ("right", "straight", "left")
 HALF, FAR = 8.0, 60.0  # the intersection's, and that of what is drawn [m]
@@ -127,7 +127,7 @@ def crossroads(
         ' benchmarkID="DEU_Generated-1_1_T-1" date="2020-01-01">',
         "<location><geoNameId>-999</geoNameId><gpsLatitude>999</gpsLatitude>",
         "<gpsLongitude>999</gpsLongitude></location><scenarioTags><intersection/></scenarioTags>",
-        *(_with_signs(one, _lanelet(one, rotate), signs, bool(lights)) for one in sections),
+        *(_with_signs(one, lanelet_xml(one, rotate), signs, bool(lights)) for one in sections),
         *(_sign(arm, number) for arm, number in signs.items()),
         _light(lights, direction) if lights else "",
         _intersection(),
@@ -250,14 +250,12 @@ def _problem(car: Driver, rotate: np.ndarray, turn: float) -> str:
     goal = (
         "<goalState><time><intervalStart>30</intervalStart><intervalEnd>60</intervalEnd></time></goalState>"
     )
-    return (
-        f'<planningProblem id="9999">{_state("initialState", 0, poses[0], speed[0])}{goal}</planningProblem>'
-    )
+    return f'<planningProblem id="9999">{state_xml("initialState", 0, poses[0], speed[0])}{goal}</planningProblem>'
 
 
 def _obstacle(number: int, car: Driver, rotate: np.ndarray, turn: float) -> str:
     poses, speed = _states(car, rotate, turn)
-    states = [_state("state" if t else "initialState", t, p, speed[t]) for t, p in enumerate(poses)]
+    states = [state_xml("state" if t else "initialState", t, p, speed[t]) for t, p in enumerate(poses)]
     return (
         f'<dynamicObstacle id="{number}"><type>car</type><shape><rectangle><length>{LENGTH}</length>'
         f"<width>{WIDTH}</width></rectangle></shape>{states[0]}<trajectory>{''.join(states[1:])}"

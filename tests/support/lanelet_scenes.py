@@ -109,7 +109,7 @@ def scene(line: ReferenceLine, sections: Sequence[Section], cars: Sequence[Car],
         "<location><geoNameId>-999</geoNameId><gpsLatitude>999</gpsLatitude>",
         "<gpsLongitude>999</gpsLongitude></location>",
         "<scenarioTags><interstate/></scenarioTags>",
-        *(_lanelet(one, rotate) for one in sections),
+        *(lanelet_xml(one, rotate) for one in sections),
         *(_obstacle(line, one, rotate, turn) for one in cars),
         _planning_problem(line, cars[0], rotate, turn),
         "</commonRoad>",
@@ -121,7 +121,7 @@ def _points(points: np.ndarray, rotate: np.ndarray) -> str:
     return "".join(f"<point><x>{x!r}</x><y>{y!r}</y></point>" for x, y in (points @ rotate).tolist())
 
 
-def _lanelet(one: Section, rotate: np.ndarray) -> str:
+def lanelet_xml(one: Section, rotate: np.ndarray) -> str:
     bounds = ""
     for side, points in (("left", one.left), ("right", one.right)):
         marking = one.markings.get(side)
@@ -143,7 +143,7 @@ def _poses(line: ReferenceLine, one: Car, rotate: np.ndarray, turn: float) -> np
     )
 
 
-def _state(tag: str, step: int, pose: Sequence[float], speed: float) -> str:
+def state_xml(tag: str, step: int, pose: Sequence[float], speed: float) -> str:
     x, y, heading = pose
     return (
         f"<{tag}><position><point><x>{x!r}</x><y>{y!r}</y></point></position>"
@@ -160,10 +160,11 @@ def _state(tag: str, step: int, pose: Sequence[float], speed: float) -> str:
 
 def _obstacle(line: ReferenceLine, one: Car, rotate: np.ndarray, turn: float) -> str:
     poses = _poses(line, one, rotate, turn).tolist()
-    states = "".join(_state("state", t, pose, one.speed[t]) for t, pose in enumerate(poses) if t)
+    start = state_xml("initialState", 0, poses[0], one.speed[0])
+    states = "".join(state_xml("state", t, pose, one.speed[t]) for t, pose in enumerate(poses) if t)
     return (
         f'<dynamicObstacle id="{one.name}"><type>car</type><shape><rectangle><length>{one.length}</length>'
-        f"<width>{one.width}</width></rectangle></shape>{_state('initialState', 0, poses[0], one.speed[0])}"
+        f"<width>{one.width}</width></rectangle></shape>{start}"
         f"<trajectory>{states}</trajectory></dynamicObstacle>"
     )
 
@@ -173,9 +174,8 @@ def _planning_problem(line: ReferenceLine, one: Car, rotate: np.ndarray, turn: f
     goal = (
         "<goalState><time><intervalStart>30</intervalStart><intervalEnd>60</intervalEnd></time></goalState>"
     )
-    return (
-        f'<planningProblem id="9999">{_state("initialState", 0, pose, one.speed[0])}{goal}</planningProblem>'
-    )
+    start = state_xml("initialState", 0, pose, one.speed[0])
+    return f'<planningProblem id="9999">{start}{goal}</planningProblem>'
 
 
 def bend(turn: float = 0.0) -> str:

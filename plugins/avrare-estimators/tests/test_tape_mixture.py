@@ -107,7 +107,6 @@ def test_a_law_of_tapes_needs_the_evidence_of_branches():
 
 def test_frozen_mixtures_survive_their_file(tmp_path):
     path = tmp_path / "learned.json"
-    path.write_text(json.dumps({"specification": PAIRED.to_dict()}))
     path.write_text(json.dumps({"specification": described(PAIRED, NoiseNames(("a", "b", "c"), None))}))
     read = ProposalFile.read(path).mixtures["specification"]
     assert read.digest == PAIRED.digest
