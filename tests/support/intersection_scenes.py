@@ -250,7 +250,8 @@ def _problem(car: Driver, rotate: np.ndarray, turn: float) -> str:
     goal = (
         "<goalState><time><intervalStart>30</intervalStart><intervalEnd>60</intervalEnd></time></goalState>"
     )
-    return f'<planningProblem id="9999">{state_xml("initialState", 0, poses[0], speed[0])}{goal}</planningProblem>'
+    start = state_xml("initialState", 0, poses[0], speed[0])
+    return f'<planningProblem id="9999">{start}{goal}</planningProblem>'
 
 
 def _obstacle(number: int, car: Driver, rotate: np.ndarray, turn: float) -> str:
