@@ -22,6 +22,7 @@ import numpy as np
 from studies import kept, metadrive_parts, metadrive_picture
 
 import avrare
+from avrare.scenario.fingerprint import fingerprint
 from avrare_metadrive import world
 from avrare_metadrive.config import MetaDriveConfig
 
@@ -72,7 +73,7 @@ def estimate(name: str, parts: int, folder: Path) -> None:
 
     if name == "ams":
         problem = problem.rescored(danger(problem.trace()["reward"]))
-    metadrive_parts.run(problem, name, OPTIONS[name], parts, folder, clock)
+    metadrive_parts.run(problem, name, _options()[name], parts, folder, clock)
 
 
 def cost(steps: int = 150) -> None:
@@ -100,6 +101,12 @@ def cost(steps: int = 150) -> None:
     print(f"memory of its own: {np.median(own):.1f} MB a copy, {own[-1]:.1f} MB the largest process")
 
 
+def _options() -> dict[str, dict[str, Any]]:
+    """Options of a part, and the fingerprint of the scenario that it is of."""
+    mark = fingerprint(avrare.load(SCENARIO).definition)
+    return {name: chosen | {metadrive_parts.SCENARIO: mark} for name, chosen in OPTIONS.items()}
+
+
 def _config() -> MetaDriveConfig:
     """Options of the scenario's simulator."""
     config: Any = avrare.load(SCENARIO).definition.blocks["simulator"].config
@@ -124,7 +131,7 @@ def main() -> None:
         case "picture":
             metadrive_picture.draw(SCENARIO, given.results, PICTURES, LEAST_SPEED, LEAST_REWARD)
         case "report":
-            print(metadrive_parts.table(given.results, OPTIONS))
+            print(metadrive_parts.table(given.results, _options()))
     if given.keep:
         kept.pack(KEPT, given.results)
 

@@ -16,6 +16,8 @@ from avrare.rollout.problem import Problem
 
 Part = dict[str, Any]
 Clock = Callable[[], float]
+SCENARIO = "scenario"
+"""Key of the scenario's fingerprint among the options of a part: no option, but must be equal as well."""
 CONFIDENCE = 0.95
 
 
@@ -24,7 +26,8 @@ def run(
 ) -> None:
     """Run the parts that ``NAME.jsonl`` lacks.
 
-    Part k has seed k, and keeps its failing tapes in ``NAME-k.npz``. Only finished parts are kept.
+    Part k has seed k, and keeps its failing tapes in ``NAME-k.npz``. One that was interrupted goes on from
+    its last chunk, until which its CPU time was counted.
 
     Args:
         problem: What is estimated.
@@ -36,23 +39,38 @@ def run(
     """
     folder.mkdir(parents=True, exist_ok=True)
     for seed in range(len(read(folder, name, options)), count):
-        begin = clock()
-        result = avrare.estimate(problem, name, seed=seed, **options)
-        part = json.loads(result.to_json()) | {"seed": seed, "options": dict(options), "cpu": clock() - begin}
-        failures = result.failures
-        empty = np.zeros((len(failures.noise), 2), dtype=np.int64)
-        ancestors = empty if failures.ancestors is None else failures.ancestors
-        np.savez(folder / f"{name}-{seed}.npz", noise=failures.noise.astype(np.float32), ancestors=ancestors)
+        part = {"seed": seed, "options": dict(options)} | _run_part(
+            problem, name, options, seed, folder, clock
+        )
         with (folder / f"{name}.jsonl").open("a") as file:
             file.write(json.dumps(part) + "\n")
+        (folder / f"{name}-{seed}.cpu").unlink()
         print(name, seed, part["run_probabilities"], part["failures"], f"{part['cpu']:.0f} s", flush=True)
+
+
+def _run_part(
+    problem: Problem, name: str, options: Mapping[str, Any], seed: int, folder: Path, clock: Clock
+) -> Part:
+    begin, spent = clock(), folder / f"{name}-{seed}.cpu"
+    before = float(spent.read_text()) if spent.exists() else 0.0
+
+    def note(_: Any) -> None:
+        spent.write_text(repr(before + clock() - begin))
+
+    given = {key: value for key, value in options.items() if key != SCENARIO}
+    chunks = folder / f"{name}-{seed}-chunks"
+    result = avrare.estimate(problem, name, seed=seed, checkpoint=chunks, progress=note, **given)
+    noise, ancestors = result.failures.noise.astype(np.float32), result.failures.ancestors
+    ancestors = np.zeros((len(noise), 2), dtype=np.int64) if ancestors is None else ancestors
+    np.savez(folder / f"{name}-{seed}.npz", noise=noise, ancestors=ancestors)
+    return json.loads(result.to_json()) | {"cpu": before + clock() - begin}
 
 
 def read(folder: Path, name: str, options: Mapping[str, Any]) -> list[Part]:
     """Return the finished parts.
 
     Raises:
-        ValueError: They were made with other options.
+        ValueError: They were made with other options, or from another scenario.
     """
     path = folder / f"{name}.jsonl"
     parts = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
@@ -96,7 +114,7 @@ def table(folder: Path, options: Mapping[str, Mapping[str, Any]]) -> str:
         rollouts, steps, cpu = (
             sum(part[key] for part in parts) for key in ("rollouts", "simulated_steps", "cpu")
         )
-        told = ", ".join(f"{key} {value}" for key, value in chosen.items())
+        told = ", ".join(f"{key} {value}" for key, value in chosen.items() if key != SCENARIO)
         lines.append(
             f"| `{name}` | {told} | {len(parts)} | {p:.2e} | {low:.1e} to {high:.1e} "
             f"| {rollouts:,} | {steps:,} | {cpu / 60:.1f} min | {', '.join(warnings) or '-'} |"

@@ -10,7 +10,7 @@ from studies import metadrive_parts as parts
 from avrare.estimation import intervals
 from avrare.testing.static_problems import linear
 
-MC = {"rollouts": 40}
+MC = {"rollouts": 40, "scenario": "a"}
 ESS = {"chains": 10, "level_probability": 0.25, "runs": 1}
 
 
@@ -51,16 +51,32 @@ def test_a_later_call_adds_only_the_missing_parts(tmp_path):
     with np.load(tmp_path / "mc-2.npz") as kept:
         assert len(kept["noise"]) == more[2]["failures"] == len(kept["ancestors"])
     with pytest.raises(ValueError, match="other options"):
-        parts.read(tmp_path, "mc", {"rollouts": 41})
+        parts.read(tmp_path, "mc", MC | {"rollouts": 41})
+    with pytest.raises(ValueError, match="other options"):
+        parts.read(tmp_path, "mc", MC | {"scenario": "b"})
+
+
+def test_an_interrupted_part_goes_on_and_keeps_its_cpu_time(tmp_path):
+    problem = linear(1.5, dim=5).problem(chunk=10)
+    whole = finished(tmp_path / "whole", "mc", MC, 1, problem)
+    times = iter([0.0, 60.0, 120.0])
+    with pytest.raises(StopIteration):
+        parts.run(problem, "mc", MC, 1, tmp_path / "cut", times.__next__)
+    again = finished(tmp_path / "cut", "mc", MC, 1, problem)
+    timed = ("cpu", "seconds")
+    assert [part | dict.fromkeys(timed) for part in again] == [part | dict.fromkeys(timed) for part in whole]
+    assert again[0]["cpu"] > 120.0
+    assert not list((tmp_path / "cut").glob("*.cpu"))
 
 
 def test_the_table_has_the_cost_of_all_parts(tmp_path):
-    finished(tmp_path, "mc", MC, 3)
+    found = finished(tmp_path, "mc", MC, 3)
     rows = parts.table(tmp_path, {"mc": MC, "ess": ESS}).splitlines()[2:]
     assert len(rows) == 1
     assert "| `mc` | rollouts 40 | 3 |" in rows[0]
     assert "| 120 |" in rows[0]
-    assert "| 3.0 min |" in rows[0]  # 60 s a part, by the clock of this test
+    assert all(part["cpu"] >= 60.0 for part in found)  # a minute between two looks at the clock
+    assert f"| {sum(part['cpu'] for part in found) / 60:.1f} min |" in rows[0]
 
 
 def test_the_score_reads_delay_and_speed_and_is_0_where_a_failure_begins():
