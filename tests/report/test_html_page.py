@@ -6,9 +6,11 @@ import re
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount_in_words, format_typeset
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
+from avrare.report.html import stored_rollouts
 from avrare.report.html.page import render_report
 
 EVIL = "<script>alert('x')</script>"
@@ -251,3 +253,14 @@ def test_each_number_leads_to_its_command(made):
     anchors = set(re.findall(r' id="([^"]+)"', html))
     assert set(re.findall(r' href="#([^"]+)"', html)) <= anchors
     assert re.search(r"avrare replay --run \S+ --specification left --failure \d+ --lost", html)
+
+
+def test_a_drive_whose_loss_cannot_be_found_is_shown_all_the_same(made, monkeypatch):
+    def refuse(problem, tape):
+        raise UsageError("its continuations broke")
+
+    monkeypatch.setattr(stored_rollouts, "continue_without_noise", refuse)
+    html = render_report(made)
+    assert "When it was lost could not be found: its continuations broke." in html
+    monkeypatch.undo()
+    assert len(films(html)) == len(films(render_report(made)))

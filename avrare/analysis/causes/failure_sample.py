@@ -25,6 +25,29 @@ from avrare.results.reader import StoredEstimate
 
 
 @dataclass(frozen=True)
+class ModelInterval:
+    """Interval of an estimate over an ensemble, which includes that the model is not known.
+
+    Attributes:
+        interval: The interval.
+        confidence: Its level.
+        members: Models that were drawn, K.
+    """
+
+    interval: Interval
+    confidence: float
+    members: int
+
+    def distances(self, probability: float, confidence: float) -> tuple[float, float]:
+        """Return how far its ends lie from the estimate in log p, at another level as a t law widens it."""
+        freedom = max(1, self.members - 1)
+        factor = t_factor(confidence, freedom) / t_factor(self.confidence, freedom)
+        low, high = self.interval
+        below = math.log(probability / low) if low > 0.0 else math.inf
+        return factor * max(below, 0.0), factor * max(math.log(high / probability), 0.0)
+
+
+@dataclass(frozen=True)
 class FailureSample:
     """Failures of one estimate.
 
@@ -36,6 +59,7 @@ class FailureSample:
         runs: Number of runs.
         errors: Rollouts that broke down.
         confidence: Level of the intervals.
+        model: Interval over an ensemble of models; None where there was none.
     """
 
     failures: Failures
@@ -45,6 +69,7 @@ class FailureSample:
     runs: int
     errors: int
     confidence: float
+    model: ModelInterval | None = None
 
     @staticmethod
     def of(result: Result) -> FailureSample:
@@ -62,7 +87,7 @@ class FailureSample:
         return FailureSample(
             result.failures, result.probability, result.relative_error,
             trials, len(result.run_probabilities), result.errors,
-            result.confidence,
+            result.confidence, _model_interval(result.interval, result.confidence, result.diagnostics),
         )  # fmt: skip
 
     @staticmethod
@@ -73,6 +98,7 @@ class FailureSample:
         return FailureSample(
             failures, estimate.probability, error, trials,
             len(estimate.run_probabilities or ()) or 1, estimate.errors, estimate.confidence,
+            _model_interval(estimate.interval, estimate.confidence, estimate.diagnostics or {}),
         )  # fmt: skip
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:
@@ -159,11 +185,20 @@ class FailureSample:
         part = share * self.probability
         if share == 0.0:
             return 0.0, (0.0, self.probability)
+        if self.model is not None and part > 0.0:
+            return part, self._with_model(self.model, chosen, part)
         complete = self.failures.count == self.size
         if self.trials and complete:
             exact = intervals.clopper_pearson(int(chosen.sum()), self.trials, self.confidence, self.errors)
             return part, exact
         return part, self._log_normal(chosen, part)
+
+    def _with_model(self, model: ModelInterval, chosen: Bools, part: float) -> Interval:
+        # The share is known from the failures of one model; its error adds to that of the whole.
+        share, error, freedom = self.mean(chosen.astype(np.float64))
+        own = 0.0 if chosen.all() or share <= 0.0 else t_factor(self.confidence, freedom) * error / share
+        below, above = (math.hypot(own, one) for one in model.distances(self.probability, self.confidence))
+        return part * math.exp(-below), min(1.0, part * math.exp(above))
 
     def _log_normal(self, chosen: Bools, part: float) -> Interval:
         pieces = np.bincount(self.clusters, self.shares * chosen, minlength=int(self.clusters.max()) + 1)
@@ -188,6 +223,13 @@ def _count_trials(estimator: str, rollouts: int, failures: Failures, diagnostics
     if estimator != "mc" or failures.weights is not None or not plain:
         return 0
     return int(diagnostics.get("twin", {}).get("counted", rollouts))
+
+
+def _model_interval(
+    interval: Interval, confidence: float, diagnostics: Mapping[str, Any]
+) -> ModelInterval | None:
+    members = diagnostics.get("model", {}).get("members")
+    return None if members is None else ModelInterval(interval, confidence, len(members))
 
 
 def normal_interval(value: float, error: float, confidence: float) -> Interval:

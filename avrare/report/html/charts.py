@@ -45,11 +45,20 @@ def draw_histogram(robustness: Floats, splitting: bool) -> Markup | None:
 
 
 def draw_convergence(entry: StoredEstimate, robustness: Floats) -> Markup | None:
-    """Return the running estimate and its interval over rollouts or runs; None if it is unknown."""
+    """Return the running estimate and its interval over rollouts or runs; None if it is unknown.
+
+    Over an ensemble of models the rollouts are those of the scenario's own, and there are no runs.
+    """
     if entry.estimator == "mc":
         return _draw_rollout_convergence(entry, robustness)
+    if _of_ensemble(entry):
+        return None
     values = np.array(entry.run_probabilities or [], dtype=np.float64)
     return _draw_run_convergence(entry, values) if len(values) > 1 else None
+
+
+def _of_ensemble(entry: StoredEstimate) -> bool:
+    return "model" in (entry.diagnostics or {})
 
 
 def _draw_rollout_convergence(entry: StoredEstimate, robustness: Floats) -> Markup | None:
@@ -76,8 +85,11 @@ def _draw_rollout_convergence(entry: StoredEstimate, robustness: Floats) -> Mark
     chart.fill_band(at, np.maximum(low, scale.low), high)
     chart.draw_line(at, np.where(share > 0, share, np.nan), "accent")
     interval = f"{format_percent(confidence)} interval of that many"
+    heading = "Convergence"
+    if _of_ensemble(entry):
+        heading, interval = "Convergence under the scenario's own model", f"{interval}, of sampling alone"
     key = render_legend(("line accent", "estimate"), ("box soft", interval))
-    return chart.render("Convergence", key)
+    return chart.render(heading, key)
 
 
 def _draw_run_convergence(entry: StoredEstimate, values: Floats) -> Markup:

@@ -66,6 +66,8 @@ def name_rollout(specification: str, index: int) -> str:
 
 
 def _render_lost(rollout: MonitoredRollout) -> Markup | None:
+    if rollout.not_continued:
+        return tag("p", f"When it was lost could not be found: {rollout.not_continued}.", class_="sentence")
     if rollout.continuations is None:
         return None
     text = rollout.continuations.describe(rollout.violation)

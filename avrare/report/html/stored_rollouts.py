@@ -49,7 +49,8 @@ class MonitoredRollout:
     """A stored rollout, replayed and monitored.
 
     Without a result it cannot be shown, for the reason ``problem``; without vehicles it has no frames.
-    ``continuations`` tell when it was lost; None where that was too much to compute.
+    ``continuations`` tell when it was lost; None where that was too much to compute, or could not be, for the
+    reason ``not_continued``.
     """
 
     stored: StoredRollout
@@ -57,6 +58,7 @@ class MonitoredRollout:
     frames: tuple[Frame, ...] = ()
     problem: str = ""
     continuations: Continuations | None = None
+    not_continued: str = ""
 
     @property
     def violation(self) -> int | None:
@@ -139,4 +141,7 @@ def _fails(rollout: MonitoredRollout) -> bool:
 
 def _continue(scenario: LoadedScenario, rollout: MonitoredRollout) -> MonitoredRollout:
     problem = scenario.problem(rollout.stored.specification)
-    return replace(rollout, continuations=continue_without_noise(problem, rollout.stored.tape))
+    try:
+        return replace(rollout, continuations=continue_without_noise(problem, rollout.stored.tape))
+    except AvrareError as error:  # the replay itself is shown all the same
+        return replace(rollout, not_continued=error.message)

@@ -1,16 +1,18 @@
 """Kinds of failure, on systems whose kinds and probabilities are known."""
 
 import dataclasses
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.failure_sample import FailureSample, ModelInterval
 from avrare.analysis.causes.kinds import describe_noise
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share
+from avrare.estimation.ensemble import combine
 from avrare.estimation.result import Failures
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
@@ -190,3 +192,28 @@ def test_noise_of_copies_tells_as_much_as_that_of_their_ancestors():
 )
 def test_shares_in_words(share, text):
     assert describe_share(share) == text
+
+
+def test_parts_of_an_estimate_over_an_ensemble_have_the_share_of_the_model():
+    whole = ModelInterval((0.002, 0.05), 0.95, 8)
+    alone = sample_of(np.zeros((40, 1, 1)), trials=4000)
+    sample, chosen = replace(alone, trials=0, model=whole), np.arange(40) < 10
+    assert sample.part_interval(np.ones(40, dtype=bool)) == (0.01, pytest.approx((0.002, 0.05)))
+    part, (low, high) = sample.part_interval(chosen)
+    assert part == pytest.approx(0.0025)
+    assert low < 0.25 * 0.002  # the error of the share comes on top
+    assert high > 0.25 * 0.05
+    narrow = alone.part_interval(chosen)[1]
+    assert low < narrow[0]
+    assert high > narrow[1]
+    surer = replace(sample, confidence=0.99).part_interval(np.ones(40, dtype=bool))[1]
+    assert surer[0] < 0.002
+    assert surer[1] > 0.05
+
+
+def test_the_interval_over_an_ensemble_is_that_of_all_failures(result):
+    fresh = {k: replace(result, probability=result.probability * f) for k, f in enumerate((0.5, 1.0, 2.0))}
+    over = combine(result, 3, None, fresh)
+    sample = FailureSample.of(over)
+    assert sample.part_interval(np.ones(sample.size, dtype=bool))[1] == pytest.approx(over.interval)
+    assert over.kinds()[0].interval[1] > result.kinds()[0].interval[1]
