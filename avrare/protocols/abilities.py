@@ -72,6 +72,12 @@ class HasScene(Protocol):
     scene: Scene
 
 
+class HasJunction(Protocol):
+    """Simulator whose scene is no road, but an intersection for the rules of intersections."""
+
+    junction: Scene
+
+
 class HasSimulator(Protocol):
     """System that is built around a simulator, such as the closed loop."""
 
@@ -202,6 +208,12 @@ def find_scene(simulator: object) -> Scene | None:
     """Return the scene of a driving simulator, None for any other."""
     driving = find_ability(simulator, HasScene)
     return driving.scene if driving is not None else None
+
+
+def find_judged_scene(simulator: object) -> Scene | None:
+    """Return what specifications know of the scene: that of a driving simulator, or an intersection."""
+    crossing = find_ability(simulator, HasJunction)
+    return find_scene(simulator) or (crossing.junction if crossing is not None else None)
 
 
 def find_simulator(system: object) -> object:

@@ -20,6 +20,7 @@ from avrare.protocols import (
     HasMargin,
     Specification,
     find_ability,
+    find_judged_scene,
     find_scene,
 )
 from avrare.scenario.overrides import override
@@ -58,10 +59,10 @@ def build_stack(scenario: Scenario) -> Stack:
         simulator = _build_simulator(scenario.simulator)
     scene = find_scene(simulator)
     perception, tracker, controller = _build_parts(scenario, scene)
-    specifications = {}
+    specifications, judged = {}, find_judged_scene(simulator)
     for name, part in scenario.specifications.items():
         with _located(scenario, f"specifications.{name}"):
-            specifications[name] = build_specification(part, scene, simulator.dt)
+            specifications[name] = build_specification(part, judged, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
     return Stack(ClosedLoop(simulator, perception, tracker, controller, start), scene, specifications)

@@ -77,6 +77,9 @@ class HighwayEnvConfig(_Model):
         gt=0.0,
         description="x at which a rollout is over [m], for merge (default 370) and highway",
     )
+    way: Literal["left", "straight", "right"] = Field(
+        default="straight", description="the ego's way over the intersection, which the rules there judge"
+    )
     ego_speed: Drawable | None = Field(
         default=None, ge=0.0, le=40.0, description="speed of the ego at the start [m/s]; default: the scene's"
     )
@@ -89,6 +92,8 @@ class HighwayEnvConfig(_Model):
             raise ValueError(f"the scene {self.scene} always has four other vehicles: omit vehicles")
         if self.scene not in ("merge", "highway") and self.goal is not None:
             raise ValueError(f"the scene {self.scene} has no straight road: omit goal")
+        if self.scene != "intersection" and self.way != "straight":
+            raise ValueError(f"the scene {self.scene} has no intersection: omit way")
         if self.scene == "intersection" and self.dt / self.substeps > 0.5:
             raise ValueError(
                 "the intersection updates its right of way twice a second: dt / substeps must be at most 0.5"

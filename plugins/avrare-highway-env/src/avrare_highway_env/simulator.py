@@ -17,6 +17,7 @@ from avrare.protocols import Bools, Floats, Signals
 from avrare_highway_env.actions import native_action
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.drivers import MoodyDriver
+from avrare_highway_env.junction import crossing_road, label_vehicles, read_ways
 from avrare_highway_env.scenes import scene_of, setting_of
 from avrare_highway_env.sensing import Ego, Sensors
 from avrare_highway_env.tape import TapeRandom
@@ -43,6 +44,7 @@ class HighwayWorld:
         arrived: (N,) the ego has reached its goal, on the road.
         on_road: (N,) the ego's centre is on a lane.
         over: (N,) crashed or past the goal: the world stops.
+        ways: (N, V) numbers of the others' ways over the intersection, -1 without; None: there is none.
     """
 
     snapshot: NDArray[np.object_]
@@ -52,6 +54,7 @@ class HighwayWorld:
     arrived: Bools
     on_road: Bools
     over: Bools
+    ways: Floats | None = None
 
 
 class HighwayEnvSimulator:
@@ -64,6 +67,7 @@ class HighwayEnvSimulator:
         dt: Step [s].
         noise_size: Numbers per row, depending on the options.
         scene: Road, sizes and names if the lanes are straight, else None.
+        junction: What the rules of intersections need of the scene intersection, else None.
         environment: Environment of highway-env, in the state of the last particle.
     """
 
@@ -98,6 +102,13 @@ class HighwayEnvSimulator:
             objects = [*self.environment.road.vehicles, *self.environment.road.objects]
             self.scene = scene_of(self.setting.road, config.dt, objects)
             self._lengths, self._widths = self.scene.lengths, self.scene.widths
+
+        self.junction: Scene | None = None
+        if config.scene == "intersection":
+            road, (length, width) = crossing_road(self.environment.road.network, config.way), self._ego_size
+            names = tuple(f"vehicle_{slot}" for slot in range(capacity))
+            sizes_of = self._lengths, self._widths, np.ones(capacity, dtype=bool)
+            self.junction = Scene(config.dt, road, length, width, names, *sizes_of)
 
     def reset(self, noise: Floats) -> HighwayWorld:
         """Return the worlds at t = 0 from noise (N, noise_size)."""
@@ -154,7 +165,8 @@ class HighwayEnvSimulator:
 
         ``ego_*`` (N,) and ``others_*`` (N, V) as for every driving simulator, ``distance`` (N, V) to each
         vehicle and ``gap`` (N,), the smallest; ``x``, ``y``, ``heading``, ``speed``, ``acceleration`` of the
-        ego; ``gap_ahead`` [m], and ``crashed``, ``arrived``, ``on_road``, ``over`` as 0 or 1.
+        ego; ``gap_ahead`` [m], and ``crashed``, ``arrived``, ``on_road``, ``over`` as 0 or 1. At the
+        intersection also ``others_way`` (N, V), the number of each vehicle's way.
         """
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"{prefix}{name}": getattr(world.ego, name) for name in fields for prefix in ("ego_", "")}
@@ -168,6 +180,8 @@ class HighwayEnvSimulator:
             Rectangle(ego.x[:, None], ego.y[:, None], ego.heading[:, None], *map(np.asarray, self._ego_size)),
             Rectangle(others.x, others.y, others.heading, *sizes),
         )
+        if world.ways is not None:
+            named["others_way"] = world.ways
         named["gap_ahead"] = gap_ahead(ego, self._ego_size, others, *sizes)
         return {**named, "distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 
@@ -223,8 +237,12 @@ class HighwayEnvSimulator:
     def _worlds(self, move: Callable[[int], None], noise: Floats) -> HighwayWorld:
         """Apply ``move(row)`` to the environment for every row of noise and collect the worlds."""
         snapshots, readings = np.empty(len(noise), dtype=object), []
+        ways: list[list[float]] = []
         for row in range(len(noise)):
             move(row)
+            if self.junction is not None:
+                label_vehicles(self.environment)
+                ways.append(read_ways(self.environment, self.setting.capacity))
             snapshots[row] = capture(self.environment)
             readings.append(read(self.environment, self.setting.capacity, self.setting.goal, self.dt))
         table = np.array(readings, dtype=np.float64)
@@ -235,4 +253,5 @@ class HighwayEnvSimulator:
             self._lengths, self._widths, noise[:, self._rays],
         )  # fmt: skip
         flags = (column.astype(bool) for column in table.T[6 : len(EGO)])
-        return HighwayWorld(snapshots, ego, others, *flags)
+        numbered = np.array(ways, dtype=np.float64) if self.junction is not None else None
+        return HighwayWorld(snapshots, ego, others, *flags, numbered)

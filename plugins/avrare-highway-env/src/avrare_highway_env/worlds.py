@@ -88,9 +88,11 @@ def read(environment: Any, capacity: int, goal: float | None, dt: float) -> list
     there = ego.position[0] > goal if goal is not None else _arrived(environment, ego)
     found = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
     found += [crashed, there and on_road, on_road, crashed or there]
-    for other in others:
-        found += _kinematics(other, dt, crashed)
-    return found + list(_ABSENT_STATE) * (capacity - len(others))
+    states: list[tuple[float, ...]] = [_ABSENT_STATE] * capacity
+    for k, other in enumerate(others):
+        if (slot := getattr(other, "slot", k)) < capacity:
+            states[slot] = _kinematics(other, dt, crashed)
+    return found + [number for state in states for number in state]
 
 
 def _kinematics(thing: Any, dt: float, crashed: bool) -> tuple[float, ...]:

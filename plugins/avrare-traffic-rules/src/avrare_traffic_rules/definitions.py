@@ -23,6 +23,10 @@ RECOMMENDED = Definitions(
     scaled=True,
 )
 
+PLAIN = frozenset({"distance", "speed", "acceleration", "other_than"})
+WITHOUT_LANES = PLAIN | frozenset(named(vars(intersections)))
+"""Names of the predicates that mean something in the plane, where a road has no lanes."""
+
 
 def edge_midpoints(length: Floats, width: Floats, heading: Floats) -> tuple[Floats, Floats]:
     """Return the offsets of the front edge's midpoint along the road and the left edge's across it."""

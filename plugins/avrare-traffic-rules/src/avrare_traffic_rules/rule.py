@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from avrare.logic.syntax import nodes
 from avrare.protocols import Floats, Signals, Verdict
 from avrare_traffic_rules.check import parse_rule, raise_errors
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
-from avrare_traffic_rules.definitions import DEFINITIONS
+from avrare_traffic_rules.definitions import DEFINITIONS, PLAIN, WITHOUT_LANES
 from avrare_traffic_rules.intersections import LIT
 from avrare_traffic_rules.rulebook import fill
 from avrare_traffic_rules.traffic import read_lights, read_traffic
@@ -66,6 +67,8 @@ class TrafficRule:
         self._definitions = DEFINITIONS[config.definitions]
         self._setting = Setting(config, config.scales if self._definitions.scaled else _UNSCALED, scene.road)
         self._predicates = _look_up(self.formula.node, self._definitions, scene.names)
+        if not scene.road.lane_centres:
+            _require_no_lanes(config, self._predicates)
         asks = {predicate.name for predicate, _ in self._predicates.values()}
         self._lit = bool(scene.road.light_lines) and not asks.isdisjoint(LIT)
         default = "all" if config.rule is None else config.rulebook.rules[config.rule].vehicles
@@ -132,6 +135,16 @@ def _require_lanes(config: TrafficRuleConfig, road: Road) -> None:
     if isinstance(limit, tuple) and len(limit) != lanes:
         message = f"lane_limit has {len(limit)} entries, the road {lanes} lanes"
         raise UsageError(message, f"{hint}; write null where there is no limit")
+
+
+def _require_no_lanes(config: TrafficRuleConfig, predicates: Mapping[str, Any]) -> None:
+    # in the plane of an intersection there is no x along the road
+    for call, (predicate, _) in predicates.items():
+        if predicate.name not in WITHOUT_LANES:
+            raise UsageError(
+                f"rule {config.rule or config.formula!r} reads {call}, and this simulator has no lanes",
+                f"an intersection has rules of its own, and {', '.join(sorted(PLAIN))}",
+            )
 
 
 def _look_up(
