@@ -219,8 +219,46 @@ class Empirical(_Law):
         return _number_at(share, 1.0 - share)
 
 
+class Discrete(_Law):
+    """One of a few values, each with a weight."""
+
+    law: Literal["discrete"]
+    values: tuple[float, ...] = Field(min_length=2, max_length=1000, description="the values, ascending")
+    weights: tuple[Positive, ...] = Field(description="share of each value, in proportion to the others'")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(self.weights) != len(self.values):
+            raise ValueError(f"{len(self.values)} values need as many weights, not {len(self.weights)}")
+        if list(self.values) != sorted(set(self.values)):
+            raise ValueError("values must ascend")
+        return self
+
+    def _shares(self) -> tuple[Floats, Floats]:
+        # Probabilities of at most each value but the last, and of more.
+        weights = np.array(self.weights) / math.fsum(self.weights)
+        return np.cumsum(weights)[:-1], np.cumsum(weights[::-1])[::-1][1:]
+
+    def at(self, z: ArrayLike) -> Floats:
+        """Return the value of a standard normal number."""
+        edges = _number_at(*self._shares())
+        return np.array(self.values)[np.searchsorted(edges, np.asarray(z, dtype=np.float64))]
+
+    def score(self, value: ArrayLike) -> Floats:
+        """Return the normal score of a value: the middle of its share, or a border between two."""
+        below, above = self._shares()
+        lower, upper = np.concatenate([[0.0], below]), np.concatenate([above, [0.0]])
+        at, left = np.concatenate([below, [1.0]]), np.concatenate([[1.0], above])
+        number, values = np.asarray(value, dtype=np.float64), np.array(self.values)
+        k = np.searchsorted(values, number)
+        place = np.minimum(k, len(values) - 1)
+        middle = _number_at(0.5 * (lower + at)[place], 0.5 * (upper + left)[place])
+        border = _number_at(np.append(lower, 1.0)[k], np.append(left, 0.0)[k])
+        return np.where(values[place] == number, middle, border)
+
+
 Law: TypeAlias = Annotated[
-    Normal | Lognormal | Uniform | Truncated | Mixture | Empirical, Field(discriminator="law")
+    Normal | Lognormal | Uniform | Truncated | Mixture | Empirical | Discrete, Field(discriminator="law")
 ]
 LAWS: dict[str, type[_Law]] = {
     "normal": Normal,
@@ -229,6 +267,7 @@ LAWS: dict[str, type[_Law]] = {
     "truncated": Truncated,
     "mixture": Mixture,
     "empirical": Empirical,
+    "discrete": Discrete,
 }
 """Name after ``law:`` -> model of its options."""
 for _kind in (Truncated, Part, Mixture):

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias, get_args
 from pydantic import GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
 
-LAW_NAMES = ("normal", "lognormal", "uniform", "truncated", "mixture", "empirical")
+LAW_NAMES = ("normal", "lognormal", "uniform", "truncated", "mixture", "empirical", "discrete")
 """Names of the laws in ``avrare.base.laws``, which this module does not import: it needs NumPy."""
 
 

@@ -83,9 +83,23 @@ def test_an_empirical_law_lies_between_what_was_seen():
     assert np.quantile(condense(column), 0.3) == pytest.approx(np.quantile(column, 0.3), rel=1e-2)
 
 
+def test_a_discrete_law_has_the_shares_of_its_values():
+    found = law({"law": "discrete", "values": [1.0, 4.0, 5.0], "weights": [2.0, 5.0, 3.0]})
+    edges = stats.norm.ppf([0.2, 0.7])
+    assert found.at([-9.0, edges[0] - 1e-9, edges[0] + 1e-9, edges[1] + 1e-9, 9.0]) == pytest.approx(
+        [1.0, 1.0, 4.0, 5.0, 5.0]
+    )
+    assert found.score([1.0, 4.0, 5.0]) == pytest.approx(stats.norm.ppf([0.1, 0.45, 0.85]))
+    assert found.score([0.0, 2.0, 9.0]) == pytest.approx([-np.inf, edges[0], np.inf])
+    rare = law({"law": "discrete", "values": [0.0, 1.0], "weights": [1.0, 1e-20]})
+    assert rare.at([9.2, 9.4]) == pytest.approx([0.0, 1.0])  # the tail above 9.26 has 1e-20
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"law": "discrete", "values": [1.0, 2.0], "weights": [1.0]}, "need as many weights"),
+        ({"law": "discrete", "values": [2.0, 1.0], "weights": [1.0, 1.0]}, "values must ascend"),
         ({"law": "uniform", "low": 2.0, "high": 2.0}, "must be below"),
         ({"law": "truncated", "of": NORMAL}, "give low, high or both"),
         ({"law": "truncated", "of": UNIFORM, "low": 7.0}, "no values between"),

@@ -58,3 +58,20 @@ def test_the_slip_is_that_of_a_circle_about_the_road_s_centre():
     rear = np.sqrt(middle**2 - 1.35**2)
     assert slip_of_road(ARC, ego(), 2.7)[0] == pytest.approx(np.arctan2(1.35, rear), rel=1e-12)
     assert slip_of_road(CurvedLine((Piece(400.0),)), ego(), 2.7)[0] == 0.0
+
+
+@pytest.mark.parametrize("limit", [4.0, 1.5])
+def test_the_lateral_bound_counts_the_road_s_own_turn(limit):
+    road = Road((-1.75, 1.75, 5.25), 3.5, line=ARC)
+    none = np.zeros(0)
+    scene = Scene(0.1, road, 4.3, 1.7, (), none, none, none.astype(bool))
+    options = {"horizon": 8, "backend": "casadi", "y_goal": 5.25, "lanes": (2,), "turn_rate_weight": 0.0}
+    prediction = Prediction(np.zeros((1, 0, 9)), np.zeros((1, 0, 9)))
+    found = []
+    for bound in (None, limit):
+        controller = MpcController(MpcConfig(**options, lateral_acceleration_max=bound), scene)
+        action, _ = controller.act(controller.start(1), ego(), prediction)
+        found.append(20.0 * action.yaw_rate[0])
+    own = 20.0 * turn_of_road(ARC, ego(), 0.1)[0]  # 2.02 m/s^2
+    assert found[0] > 5.0
+    assert found[1] == pytest.approx(max(limit, own))

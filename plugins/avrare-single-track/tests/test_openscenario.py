@@ -5,7 +5,9 @@ import pytest
 
 from avrare.base.errors import ScenarioError, UsageError
 from avrare.scenario.load import load
+from avrare_single_track.openscenario.distributions import read_distributions
 from avrare_single_track.openscenario.opendrive import read_opendrive
+from avrare_single_track.openscenario.xml_tree import read_xml
 from openscenario_files import (
     APART,
     AT_ONE,
@@ -257,3 +259,22 @@ def test_a_headway_is_a_distance_in_the_plane_unless_it_is_along_the_road(build)
         text = document(event(slow_down(), of_entity(near.replace("greaterThan", "lessThan"))))
         text = text.replace('laneId="-2"', 'laneId="-1"')
         assert (drive(build(text), 1.0)["speed"][-1, 0, 0] < 20.0) is np.bool_(begins)
+
+
+def test_a_set_of_values_with_probabilities_is_a_discrete_law(tmp_path):
+    text = (SCENARIOS / "openscenario" / "cut_in_distributions.xosc").read_text(encoding="utf-8")
+    begin = text.index("<StochasticDistribution ")
+    name = text[begin:].split('parameterName="')[1].split('"')[0]
+    end = text.index("</StochasticDistribution>", begin)
+    parts = "".join(f'<Element value="{v}" weight="{w}"/>' for v, w in ((24.0, 3.0), (20.0, 1.0), (9.0, 0.0)))
+    one = f'<StochasticDistribution parameterName="{name}">'
+    one += f"<ProbabilityDistributionSet>{parts}</ProbabilityDistributionSet>"
+    path = tmp_path / "set.xosc"
+    path.write_text(text[:begin] + one + text[end:], encoding="utf-8")
+    _, laws = read_distributions(read_xml(str(path), "OpenSCENARIO"))
+    assert laws[name] == {"law": "discrete", "values": [20.0, 24.0], "weights": [1.0, 3.0]}
+    path.write_text(
+        path.read_text(encoding="utf-8").replace('weight="3.0"', 'weight="0.0"'), encoding="utf-8"
+    )
+    with pytest.raises(UsageError, match="fewer than two values"):
+        read_distributions(read_xml(str(path), "OpenSCENARIO"))

@@ -4,12 +4,13 @@ import re
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Lane, Road
 from avrare.driving.lanes import ENDLESS
 from avrare.results.recordings.commonroad import open_commonroad
-from avrare_single_track.config import RecordedConfig
+from avrare_single_track.config import OpenScenarioConfig, RecordedConfig
 from avrare_single_track.driver_model import idm
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
 from lanelet_scenes import KINDS
@@ -60,12 +61,23 @@ def test_mistakes(write):
     assert "there are: 9999" in caught.value.hint
     with pytest.raises(UsageError, match="no obstacle 77"):
         RecordedScene(RecordedConfig(file=path, without=(77,)))
-    with pytest.raises(UsageError, match=r"ego\.speed is that of the planning problem"):
-        RecordedScene(RecordedConfig(file=path, ego={"speed": 3.0}))
-    for ego, words in (({"lenght": 4.0}, r"ego\.lenght"), ({"length": -4.0}, r"ego\.length")):
-        with pytest.raises(UsageError, match=words) as caught:
-            RecordedScene(RecordedConfig(file=path, ego=ego))
-        assert caught.value.hint == ("did you mean 'length'?" if "lenght" in ego else None)
+    with pytest.raises(UsageError, match="speed must not be above speed_max"):
+        RecordedScene(RecordedConfig(file=path, ego={"speed_max": 3.0}))
+
+
+@pytest.mark.parametrize(
+    ("ego", "words"),
+    [
+        ({"speed": 3.0}, r"ego\.speed is that of the planning problem: leave it out"),
+        ({"lenght": 4.0}, r"ego\.lenght: unknown key; did you mean 'length'"),
+        ({"length": -4.0}, r"ego\.length: Input should be greater than 0"),
+    ],
+)
+def test_the_ego_s_options_are_checked_before_anything_is_built(ego, words):
+    with pytest.raises(ValidationError, match=words):
+        RecordedConfig(file="scene.xml", ego=ego)
+    with pytest.raises(ValidationError, match=words.replace("the planning problem", "the file")):
+        OpenScenarioConfig(file="scene.xosc", ego=ego)
 
 
 def test_a_start_that_is_not_exact_is_refused(write):

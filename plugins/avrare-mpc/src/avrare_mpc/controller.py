@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
+from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Bools, Floats
 from avrare_mpc.bends import beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
@@ -94,8 +95,18 @@ class MpcController:
         )
         action = self._action(solved, inputs[:, 0], ego.speed)
         if line is not None:
-            action = replace(action, yaw_rate=action.yaw_rate + turn_of_road(line, ego, self._scene.dt))
+            action = replace(action, yaw_rate=self._turn_with_road(action.yaw_rate, ego, line))
         return action, later
+
+    def _turn_with_road(self, turn_rate: Floats, ego: Vehicles, line: ReferenceLine) -> Floats:
+        # Both together keep the lateral bound, but what the road itself demands is always driven.
+        road = turn_of_road(line, ego, self._scene.dt)
+        lateral = self._config.lateral_acceleration_max
+        if lateral is None:
+            return turn_rate + road
+        with np.errstate(divide="ignore"):
+            limit = np.maximum(lateral / np.abs(ego.speed), np.abs(road))
+        return np.clip(turn_rate + road, -limit, limit)
 
     def counts(self, memory: Memory) -> dict[str, NDArray[np.int64]]:
         """Return the counters to report, each (N,)."""

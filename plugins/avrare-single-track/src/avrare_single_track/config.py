@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from avrare.base.errors import did_you_mean
 from avrare.plugin import Drawable
 from avrare_mpc.config import TrajectoryPlan
 
@@ -316,6 +317,22 @@ class HandedOverConfig(_Options):
     correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
 
 
+def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:
+    for name in ego:
+        if name in ("x", "y", "heading", "speed"):
+            raise ValueError(f"ego.{name} is that of {source}: leave it out")
+        if name not in EgoConfig.model_fields:
+            hint = did_you_mean(name, EgoConfig.model_fields)
+            raise ValueError(f"ego.{name}: unknown key" + (f"; {hint}" if hint else ""))
+    try:
+        EgoConfig(x=0.0, y=0.0, speed=0.0, **ego)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, ("ego", *first["loc"])))
+        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
+    return ego
+
+
 class RecordedConfig(BaseModel):
     """Options of the simulator ``commonroad``."""
 
@@ -339,6 +356,11 @@ class RecordedConfig(BaseModel):
     drivers: HandedOverConfig | None = Field(
         default=None, description="recorded vehicles that react; default: all repeat what was recorded"
     )
+
+    @field_validator("ego")
+    @classmethod
+    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
+        return _check_body(ego, "the planning problem")
 
 
 class OpenScenarioConfig(_Options):
@@ -370,3 +392,8 @@ class OpenScenarioConfig(_Options):
     weather: Drawable | None = Field(
         default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
     )
+
+    @field_validator("ego")
+    @classmethod
+    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
+        return _check_body(ego, "the file")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
 from avrare.driving.lanes import ENDLESS
 from avrare.protocols import Bools, Floats, Signals
@@ -46,8 +46,6 @@ class RecordedScene(SingleTrack):
 
     def __init__(self, config: RecordedConfig) -> None:
         path = str(config.file)
-        if wrong := sorted(set(config.ego) & {"x", "y", "heading", "speed"}):
-            raise UsageError(f"{path}: ego.{wrong[0]} is that of the planning problem", "leave it out")
         drives, start = open_problem(path, config.problem)
         guide = drives.lead(start, config.route)
         road, angle = drives.find_road(guide)
@@ -146,15 +144,12 @@ def continue_lanes(road: Road) -> Road:
 
 
 def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:
-    try:
+    try:  # a start may be beyond what the options allow
         return EgoConfig(**body)
     except ValidationError as error:
         first = error.errors()[0]
-        name = str((*first["loc"], "")[0])
-        where = f"{path}: ego.{name}" if name else f"{path}: ego"
-        if first["type"] == "extra_forbidden":
-            raise UsageError(f"{where}: unknown key", did_you_mean(name, EgoConfig.model_fields)) from None
-        raise UsageError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
+        where = ".".join(map(str, ("ego", *first["loc"])))
+        raise UsageError(f"{path}: {where}: {first['msg'].removeprefix('Value error, ')}") from None
 
 
 class ReplayedTraffic(ScriptedTraffic):

@@ -7,7 +7,9 @@ from typing import Any
 
 from avrare_single_track.openscenario.xml_tree import Element
 
-_KNOWN = "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram"
+_KNOWN = (
+    "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram, ProbabilityDistributionSet"
+)
 
 
 def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
@@ -62,7 +64,21 @@ def _read_law(one: Element) -> dict[str, Any]:
             if not parts:
                 raise one.error("has no bin with a weight")
             return {"law": "mixture", "parts": parts} if len(parts) > 1 else parts[0]["of"]
+        case "ProbabilityDistributionSet":
+            return _read_set(one)
     raise one.unknown(_KNOWN)
+
+
+def _read_set(one: Element) -> dict[str, Any]:
+    weights: dict[float, float] = {}
+    for part in one.list("Element"):
+        value = part.number("value")
+        weights[value] = weights.get(value, 0.0) + _not_negative(part, "weight")
+    kept = sorted(value for value, weight in weights.items() if weight > 0.0)
+    if len(kept) < 2:
+        text = "has fewer than two values with a weight"
+        raise one.error(text, "give the parameter a fixed value under `parameters`")
+    return {"law": "discrete", "values": kept, "weights": [weights[value] for value in kept]}
 
 
 def _cut(one: Element, law: dict[str, Any]) -> dict[str, Any]:
