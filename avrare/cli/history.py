@@ -79,6 +79,8 @@ def _plot(shown: list[Any], path: Path) -> None:
         raise PluginError("--plot needs matplotlib", "pip install 'avrare[plot]'")
     if path.suffix.lower() != ".png":
         raise UsageError(f"--plot {path}: the picture is written as PNG", "use the suffix .png")
+    if not shown:
+        raise UsageError("--plot: the history is empty", "add results: avrare history add DIR...")
     with explain_file_errors(f"{path}: cannot write", "choose another --plot"):
         draw(shown, path)
 

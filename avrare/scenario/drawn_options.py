@@ -97,7 +97,7 @@ def _places(node: Node, path: Path) -> Iterator[Path]:
 
 def _read_law(node: Node, path: Path, folder: str) -> tuple[Any, list[Mistake]]:
     name = node.entries["law"]
-    if name.value not in LAWS:
+    if not isinstance(name.value, str) or name.value not in LAWS:
         text = f"should be one of {', '.join(LAWS)}, found {describe(name)}"
         return None, [Mistake(name.mark, (*path, "law"), text, did_you_mean(str(name.value), LAWS))]
     try:

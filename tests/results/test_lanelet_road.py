@@ -1,5 +1,7 @@
 """Roads of lanelet networks: bends, merges, opposing lanes, crossings; verdicts worked out by hand."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -150,6 +152,12 @@ class TestMistakes:
         text = scene(BEND, carriageway(BEND, 1), [car(BEND, 1, 20.0, -9.0, 20.0)])
         with pytest.raises(UsageError, match="ego drives on no lanelet"):
             drives(text).recording("1")
+
+    def test_a_border_that_leaves_its_lane(self, drives):
+        text = scene(BEND, carriageway(BEND, 1), [car(BEND, 1, 20.0, 0.0, 20.0)])
+        far = re.sub(r"(<rightBound>.*?<y>)[^<]*", r"\g<1>1e3", text, flags=re.DOTALL)
+        with pytest.raises(UsageError, match="no border of the lanelets that the ego drives on"):
+            drives(far).recording("1")
 
     def test_an_ego_in_no_straight_lane(self, drives):
         text = scene(STRAIGHT, carriageway(STRAIGHT, 1), [car(STRAIGHT, 1, 20.0, -9.0, 20.0)])

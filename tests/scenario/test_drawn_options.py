@@ -85,6 +85,7 @@ def test_another_law_is_another_fingerprint(read):
     ("old", "new", "place", "words"),
     [
         ("normal", "norml", "8:18", "did you mean 'normal'?"),
+        ("law: normal", "law: {a: 1}", "8:18", "should be one of"),
         ("sd: 1.0", "sd: -1.0", "8:42", "should be greater than 0"),
         ("sd: 1.0", "deviation: 1.0", "8:38", "unknown key"),
         ("sd: 1.0", "sd: 9.0", "8:12", "draws reach -34: should be greater than or equal to 0"),

@@ -48,13 +48,16 @@ def find_road(path: str, lanelets: Sequence[Any], positions: Floats, headings: F
         headings: (T,) its headings [rad].
 
     Raises:
-        UsageError: The vehicle drives on no lanelet.
+        UsageError: The vehicle drives on no lanelet, or on damaged ones.
     """
     known = {int(one.lanelet_id): one for one in lanelets}
     names = find_path(path, lanelets, positions, headings)
     line = _join_centres([known[name] for name in names])
     sections = _collect_sections(known, names, line)
     chains = [chain for way in (False, True) for chain in _chain(sections, names, way)]
+    if not chains:
+        text = f"{path}: no border of the lanelets that the ego drives on runs along their middle"
+        raise UsageError(text, "mend the lanelets, or give the lanes with --lanes")
     return _assemble(line, sorted(chains, key=_mean_offset))
 
 

@@ -205,6 +205,15 @@ def test_the_picture_shows_every_estimate(write, told):
     assert (code, "written as PNG" in err) == (4, True)
 
 
+def test_an_empty_history_has_no_plot(write, told):
+    pytest.importorskip("matplotlib")
+    told("add", write(1))
+    with sqlite3.connect(".avrare/history.sqlite") as database:
+        database.execute("DELETE FROM avrare_history")
+    code, _, err = told("--plot", "trend.png")
+    assert (code, "--plot: the history is empty" in err) == (4, True)
+
+
 def test_printed_urls_contain_no_secrets(write, told):
     pytest.importorskip("sqlalchemy")
     url = "sqlite+pysqlite:///h.db?cache=secret"
