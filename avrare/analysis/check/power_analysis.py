@@ -65,6 +65,7 @@ def _price(
 ) -> CostEstimate:
     if rollouts is None:
         return CostEstimate(scenario, entry.specification, question, None, 0, 0.0, reason)
+    rollouts = max(rollouts, 1.0)  # an earlier estimate without any error of its own
     digits = max(0, math.floor(math.log10(rollouts)) - 1)  # the prediction is good to two digits at most
     needed = math.ceil(rollouts / 10**digits) * 10**digits
     share = needed / entry.rollouts

@@ -63,6 +63,11 @@ def test_a_rule_that_was_never_broken(entry):
     assert "no failures in" in precision.reason
 
 
+def test_an_earlier_estimate_without_any_error_needs_one_rollout(estimate):
+    exact = BaselineEntry.from_result(estimate(Binomial(4, 200), relative_error=0.0, rollouts=200))
+    assert planned(exact, Threshold(specification="rule", probability="< 0.5"))[1].rollouts == 1
+
+
 @pytest.mark.slow
 def test_a_regression(estimate, entry):
     baseline = entry(40, 4000)
