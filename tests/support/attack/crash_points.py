@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from attack import warm_workers
+from attack import fits, warm_workers
 from attack.attempts import BITS, CODE, HANG, TRACEBACK
 from attack.kills import Program
 from attack.material import ESTIMATORS, copy_material, result
@@ -38,7 +38,7 @@ class Task:
         again: Words of the command after a crash, as the messages or the documentation advise.
         left: What must be equal to that of an undisturbed command.
         codes: Exit codes of a command that succeeds.
-        orders: How many of ``_ORDERS`` are tried: all calls, or fewer where processes are slow to start.
+        prepare: Called in this process before the first command, which is forked from it.
     """
 
     words: list[str]
@@ -46,7 +46,7 @@ class Task:
     needs: tuple[str, ...] = ()
     again: list[str] | None = None
     codes: tuple[int, ...] = (0,)
-    orders: int = 9
+    prepare: Callable[[], None] = lambda: None
 
 
 def _run(estimator, workers) -> Task:
@@ -57,7 +57,6 @@ def _run(estimator, workers) -> Task:
         lambda: result("out"),
         (f"{estimator}.yaml",),
         again,
-        orders=9 if workers == 1 else 3,
     )
 
 
@@ -141,6 +140,18 @@ TASKS = {
          "--out", "better.yaml"],
         lambda: Path("better.yaml").read_text(), ("linear.yaml",),
     ),
+    "pem fit": Task(
+        fits.FIT, lambda: Path("fitted/model.npz").read_bytes(), ("detections.csv",), prepare=fits.shorten,
+    ),
+    "pem convert": Task(
+        ["pem", "convert", "vehicles.txt", "labels.txt", "--out", "made.csv"],
+        _texts("made.csv"), ("vehicles.txt", "labels.txt"),
+    ),
+    "flow fit": Task(fits.FLOW, lambda: Path("fitted.npz").read_bytes(), ("samples.npy",)),
+    "policy convert": Task(
+        ["policy", "convert", "policy.zip", "--out", "p.npz"],
+        lambda: Path("p.npz").read_bytes(), ("policy.zip",),
+    ),
     "new scenario": Task(
         ["new", "scenario", "first", "--simulator", "toy_walk"], lambda: Path("first.yaml").read_text(),
     ),
@@ -181,8 +192,9 @@ def points(task, home, begin=(0, 0)):
 
     Every eighth call comes first, then those between, so that a short attack sees all of the command.
     """
+    task.prepare()
     wanted = undisturbed(task, home)
-    for i, order in enumerate(_ORDERS[: task.orders]):
+    for i, order in enumerate(_ORDERS):
         for j, point in enumerate(order):
             if (i, j) < tuple(begin):
                 continue
