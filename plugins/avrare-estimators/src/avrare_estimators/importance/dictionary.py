@@ -1,8 +1,9 @@
 """Dictionary of small changes of a tape, and the shares of those that explain an elite.
 
-Given failures (or rows near them) with importance weights, the shares of the mixture
-a0 p + sum_j a_j g_j maximise the weighted likelihood, which is concave in the shares: the cross-entropy
-method for a mixture whose components are given, by expectation-maximisation. The dictionary has several
+Given failures (or rows near them) with importance weights, the shares of the mixture q = a0 p + sum_j a_j g_j
+go towards the least mean of p/q, which is the relative variance of importance sampling and convex in the
+shares. (Likelihood, the aim of the cross-entropy method, gives up on the few rows that are hardest to
+explain, and these make most of the variance.) The dictionary has several
 resolutions in time, as eighty rows tell soon that a channel matters, and later at which step: single atoms,
 and groups that draw one atom of many. The iteration stops early. Converged, it would put all weight on the
 few atoms nearest to the elite's own rows.
@@ -30,7 +31,7 @@ _FADED = 0.02
 _SHORTEST = 4
 _OVERLAP = 4
 """Windows of w steps begin every w / 4 steps."""
-_ROUNDS = 10
+_MOST_ROUNDS = 20
 _LEAST_NATS = 0.3
 """Gain in held-out likelihood from which pairs of channels are drawn."""
 _MOST_ITEMS, _MOST_GROUPS = 4000, 12
@@ -178,7 +179,9 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     # 1. Entries that the tapes speak for, and their shares.
     table, found, ratios = _screened(tapes, weights)
     kind = table.kind[[index for _, index in found]]
-    share = _shares(ratios, weights, defensive, _even(kind))
+    start = _even(kind)
+    rounds = _best_rounds(ratios, weights, defensive, start)
+    share = _shares(ratios, weights, defensive, start, rounds)
     single: dict[tuple[tuple[Row, float], ...], float] = {}
     for k in np.flatnonzero(share > _LEAST_SHARE * share.max()):
         channel, index = found[k]
@@ -193,8 +196,8 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
         start = np.array([amount for amount, _ in components] + [sum(share) / len(pairs)] * len(pairs))
         candidates = [own for _, own in components] + pairs
         ratios = np.exp(np.minimum(_component_logs(candidates, tapes), _LARGEST_LOG))
-        if _held_out_gain(ratios, weights, defensive, start, len(components)) > _LEAST_NATS:
-            share = _shares(ratios, weights, defensive, start)
+        if _held_out_gain(ratios, weights, defensive, start, len(components), rounds) > _LEAST_NATS:
+            share = _shares(ratios, weights, defensive, start, rounds)
             components = [(float(a), own) for a, own in zip(share, candidates, strict=True)]
     return TapeMixture.frozen(components, shape)
 
@@ -231,28 +234,48 @@ def _even(kind: Floats) -> Floats:
     return np.asarray(1.0 / counts[index])
 
 
-def _shares(ratios: Floats, weights: Floats, defensive: float, start: Floats) -> Floats:
-    """Return shares (J,) after some rounds of expectation-maximisation from the first ones."""
+def _shares(ratios: Floats, weights: Floats, defensive: float, start: Floats, rounds: int) -> Floats:
+    """Return shares (J,) after some rounds from the first ones towards the least second moment."""
     share: Floats = (1.0 - defensive) * start / start.sum()
-    alive = np.arange(len(share))
-    for turn in range(_ROUNDS):
-        share[alive] *= (weights / (defensive + ratios @ share[alive])) @ ratios
-        share *= (1.0 - defensive) / max(float(share.sum()), 1e-300)
-        if turn % 10 == 9:
-            kept = share[alive] > 1e-6 * share.max()
-            share[np.setdiff1d(np.arange(len(share)), alive[kept])] = 0.0
-            alive, ratios = alive[kept], ratios[:, kept]
+    for _ in range(rounds):
+        share = _improved(share, ratios, weights, defensive)
     return share
 
 
-def _held_out_gain(ratios: Floats, weights: Floats, defensive: float, start: Floats, count: int) -> float:
+def _improved(share: Floats, ratios: Floats, weights: Floats, defensive: float) -> Floats:
+    """Return shares after a round.
+
+    It is one of expectation-maximisation with each row weighed by p/q as well. Its fixed point is the minimum
+    of sum_i w_i / (a0 + sum_j a_j r_ij), which is convex: rows that nothing covers yet count most.
+    """
+    share = share * ((weights / (defensive + ratios @ share) ** 2) @ ratios)
+    return np.asarray(share * (1.0 - defensive) / max(float(share.sum()), 1e-300))
+
+
+def _best_rounds(ratios: Floats, weights: Floats, defensive: float, start: Floats) -> int:
+    """Return the number of rounds after which rows left out have the least second moment."""
+    loss = np.zeros(_MOST_ROUNDS)
+    for fold in range(_FOLDS):
+        out = np.arange(len(weights)) % _FOLDS == fold
+        own, rest = ratios[~out], ratios[out]
+        share = (1.0 - defensive) * start / start.sum()
+        for turn in range(_MOST_ROUNDS):
+            share = _improved(share, own, weights[~out], defensive)
+            loss[turn] += weights[out] @ (1.0 / (defensive + rest @ share))
+    return int(loss.argmin()) + 1
+
+
+def _held_out_gain(
+    ratios: Floats, weights: Floats, defensive: float, start: Floats, count: int, rounds: int
+) -> float:
     """Return what entries from ``count`` on add to the mean log q/p of rows left out, less its error."""
     gains = np.zeros(len(weights))
     for fold in range(_FOLDS):
         out = np.arange(len(weights)) % _FOLDS == fold
         found = []
         for own in (ratios[:, :count], ratios):
-            share = _shares(own[~out], weights[~out] / weights[~out].sum(), defensive, start[: own.shape[1]])
+            given = weights[~out] / weights[~out].sum()
+            share = _shares(own[~out], given, defensive, start[: own.shape[1]], rounds)
             found.append(np.log(defensive + own[out] @ share))
         gains[out] = found[1] - found[0]
     mean = float(weights @ gains)

@@ -148,7 +148,7 @@ class WeightedSampler:
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample, doubts = state.samples[-1], self._doubts(state)
         checked = self.config.check > 0.0 and sample.share < 1.0
-        outcome = RunOutcome(sample, checked, result, state.stages, doubts)
+        outcome = RunOutcome(sample, checked, result, state.stages, doubts, self._counted(state))
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
@@ -167,6 +167,10 @@ class WeightedSampler:
     def _doubts(self, state: SamplingState) -> dict[str, str]:
         """Return the health warnings of a run whose samples are complete."""
         return {}
+
+    def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
+        """Return the samples of learning that count in the estimate, and their shares."""
+        return ()
 
     def _check_rollouts(self, state: SamplingState) -> int:
         share = self.config.check

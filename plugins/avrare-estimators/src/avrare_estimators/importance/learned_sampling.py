@@ -1,15 +1,15 @@
 """Importance sampling whose proposal on the noise tape is learnt: pilot, stages, then a fresh sample.
 
-Every number of the proposal is fixed before the first row that counts is drawn. The pilot and the stages
-choose it, decide how many rows are worth drawing, and are then left out of the estimate.
+Every number of a proposal is fixed before the first of its rows is drawn. So is the share of the estimate
+that these rows have: a stage whose forerunner has shown a gain over Monte Carlo counts, the pilot never does.
+Each sample is unbiased given those before it, and so is their sum, whatever was learnt in between.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-
-import numpy as np
 
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.plan import GaveUp, Info, Plan
@@ -19,9 +19,16 @@ from avrare_estimators.config import IsConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
-from avrare_estimators.importance.lessons import Lessons, is_learnt, is_stuck, is_worthless
+from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile, described
-from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
+from avrare_estimators.importance.sampling import (
+    PartialSample,
+    Sample,
+    TapeSource,
+    failing_weights,
+    wave_rows,
+)
+from avrare_estimators.importance.stages import LEAST_GAIN, has_reached, is_learnt, is_stuck, is_worthless
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.words import NoiseNames, describe_failures
 from avrare_estimators.looks import Looks
@@ -30,6 +37,10 @@ from avrare_estimators.weights import stratified_variance
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half."""
 _LEAST_LOOK = 1000
+_MOST_COUNTED = 0.75
+"""Largest share of the estimate that the stages of learning have together."""
+_LAST_STAGES = 2.0
+"""Stages in whose cost the estimate can be ended: then learning more does not pay."""
 _WORTHLESS = "learning found no proposal that beats Monte Carlo by a factor of two"
 
 _UNREACHED = "learning did not reach a failure"
@@ -43,11 +54,23 @@ class LearnedState(SamplingState):
         lessons: Stages of the present run.
         looks: Numbers of rows at which the final sample may end; None while learning.
         final: Parts of the final sample so far.
+        shares: Share of the estimate that each stage has, the present one included.
     """
 
     lessons: Lessons = field(default_factory=lambda: Lessons(0.0))
     looks: Looks | None = None
     final: tuple[Sample, ...] = ()
+    shares: tuple[float, ...] = ()
+
+    @property
+    def left(self) -> float:
+        """Share of the estimate that no stage has."""
+        return 1.0 - sum(self.shares)
+
+    @property
+    def rows(self) -> int:
+        """Rows drawn in this run."""
+        return sum(len(sample.error) for sample in self.samples)
 
 
 class LearnedSampling(WeightedSampler):
@@ -106,7 +129,7 @@ class LearnedSampling(WeightedSampler):
 
     def _begin_run(self, state: SamplingState) -> LearnedState:
         assert isinstance(state, LearnedState)
-        state = replace(state, lessons=Lessons(self.config.defensive), looks=None, final=())
+        state = replace(state, lessons=Lessons(self.config.defensive), looks=None, final=(), shares=())
         if self.file is not None:
             return self._begin_final(state, self.file.find(state.plan))
         return self._learn(state)
@@ -119,7 +142,26 @@ class LearnedSampling(WeightedSampler):
         source = TapeSource(mixtures[-1] if mixtures else None)
         wave = wave_rows(state.plan, self.config.memory)
         task = PartialSample.begin(source, state.plan, state.run, stage, rows, target_rows, wave)
-        return replace(state, source=source, task=task)
+        shares = (*state.shares, self._share(state, rows))
+        return replace(state, source=source, task=task, shares=shares)
+
+    def _share(self, state: LearnedState, rows: int) -> float:
+        """Return the share of the estimate that the next stage has: that of its rows in all that it takes."""
+        shown = state.lessons.shown_variance if state.stages else None
+        if shown is None or state.stages[-1]["gain_shown"] < LEAST_GAIN:
+            return 0.0
+        share = state.left * rows / max(rows, self._missing(state, shown))
+        return min(share, _MOST_COUNTED - sum(state.shares))
+
+    def _missing(self, state: LearnedState, variance: float) -> float:
+        """Return the rows of this variance that the rest of the estimate takes."""
+        most = float(self._affordable(state))
+        if self.config.relative_error is None:
+            return most
+        return min(most, state.left * variance / self.config.relative_error**2)
+
+    def _affordable(self, state: LearnedState) -> int:
+        return max(2, int((1.0 - self.config.check) * state.rollouts) - state.rows)
 
     def _stage_rows(self, state: LearnedState, stage: int) -> int:
         pilot = max(2, min(self.config.pilot, state.rollouts // _PILOT_SHARE))
@@ -132,10 +174,12 @@ class LearnedSampling(WeightedSampler):
         lessons = state.lessons.add(sample)
         state = replace(state, lessons=lessons, stages=(*state.stages, lessons.report()))
         if self._learnt(state):
-            # 2. What the stages have seen decides from where to draw, once and for all.
-            plain = is_worthless(state.stages[-1])
-            if (plain or not state.stages[-1]["reached"]) and not self.config.fall_back:
-                reason = _WORTHLESS if plain else _UNREACHED
+            # 2. What the stages have seen decides from where to draw, once and for all. Where some of them
+            #    count, it is from the proposal: to leave them out for what they have seen would be a bias.
+            last, counts = state.stages[-1], any(state.shares)
+            plain = is_worthless(last) and not counts
+            if (plain or not (counts or has_reached(last))) and not self.config.fall_back:
+                reason = _WORTHLESS if plain and not is_stuck(state.stages) else _UNREACHED
                 raise GaveUp.after(state.tally, reason, "leave fall_back true, or use another estimator")
             return self._begin_final(state, None if plain else lessons.final())
         return self._learn(replace(state, lessons=lessons.learn()))
@@ -145,16 +189,23 @@ class LearnedSampling(WeightedSampler):
         affordable = done + self._stage_rows(state, 1) <= state.rollouts // _LEARNING_SHARE
         hopeless = not len(state.lessons.elite[0])
         hopeless |= not self.config.fall_back and is_stuck(state.stages)
-        return hopeless or not affordable or is_learnt(state.stages, self.config.stages)
+        return hopeless or not affordable or self._ends(state) or is_learnt(state.stages, self.config.stages)
+
+    def _ends(self, state: LearnedState) -> bool:
+        """Return whether the estimate is nearly done: another stage would cost more than it saves."""
+        shown = state.lessons.shown_variance
+        if self.config.relative_error is None or shown is None or not has_reached(state.stages[-1]):
+            return False
+        return self._missing(state, shown) < _LAST_STAGES * self._stage_rows(state, 1)
 
     def _begin_final(self, state: LearnedState, mixture: TapeMixture | None) -> LearnedState:
         source, goal = TapeSource(mixture), self.config.relative_error
-        learning = sum(len(sample.error) for sample in state.samples)
-        most = max(2, int((1.0 - self.config.check) * state.rollouts) - learning)
-        first = most
+        most, first = self._affordable(state), self._affordable(state)
         if goal is not None:
-            variance = state.lessons.expected_variance(mixture)
-            first = min(most, max(_LEAST_LOOK, int((variance or 0.0) / goal**2 / 2.0)))
+            variance = state.lessons.expected_variance(mixture) or 0.0
+            if state.stages:
+                variance = max(variance, state.lessons.shown_variance or 0.0)
+            first = min(most, max(_LEAST_LOOK, int(self._missing(state, variance) / 2.0)))
         looks = Looks.until(goal, first, most)
         return self._draw(replace(state, source=source, looks=looks), looks.runs[0])
 
@@ -162,7 +213,8 @@ class LearnedSampling(WeightedSampler):
         # 3. The final sample ends at the first look at which it is exact enough.
         assert state.looks is not None
         sample = Sample.join(state.final)
-        more = state.looks.missing(len(sample.error), lambda: relative_error(sample))
+        parts = [(state.left, sample), *counted_samples(state)]
+        more = state.looks.missing(len(sample.error), lambda: relative_error(parts))
         if more:
             return self._draw(state, more)
         learning = state.samples[: len(state.samples) - len(state.final)]
@@ -177,16 +229,32 @@ class LearnedSampling(WeightedSampler):
         task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows, wave)
         return replace(state, task=task)
 
+    def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
+        assert isinstance(state, LearnedState)
+        return counted_samples(state)
+
     def _doubts(self, state: SamplingState) -> dict[str, str]:
         assert isinstance(state, LearnedState)
         return find_coverage_doubts(state.lessons, state.samples[-1])
 
 
-def relative_error(sample: Sample) -> float:
-    """Return the standard error of a sample's estimate over the estimate; infinite without a failure."""
-    values = np.where(sample.violated, np.exp(sample.log_weights), 0.0)
-    mean = float(values.mean())
-    return math.sqrt(stratified_variance(values / mean, sample.target_rows)) if mean else math.inf
+def counted_samples(state: LearnedState) -> tuple[tuple[float, Sample], ...]:
+    """Return the stages that count, and their shares of the estimate."""
+    samples = state.samples[: len(state.shares)]
+    return tuple((share, sample) for share, sample in zip(state.shares, samples, strict=True) if share)
+
+
+def relative_error(parts: Sequence[tuple[float, Sample]]) -> float:
+    """Return the standard error of an estimate over the estimate; infinite without a failure.
+
+    Args:
+        parts: Samples that count, and their shares of the estimate.
+    """
+    values = [(share, failing_weights(sample), sample.target_rows) for share, sample in parts]
+    mean = sum(share * float(own.mean()) for share, own, _ in values)
+    if not mean:
+        return math.inf
+    return math.sqrt(sum(share**2 * stratified_variance(own / mean, n) for share, own, n in values))
 
 
 def mixture_of(sample: Sample) -> TapeMixture | None:

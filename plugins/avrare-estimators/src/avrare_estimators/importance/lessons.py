@@ -8,7 +8,6 @@ the pool, whichever stage a row came from.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,20 +16,15 @@ import numpy as np
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.importance.dictionary import fit
-from avrare_estimators.importance.sampling import Sample
+from avrare_estimators.importance.sampling import Sample, failing_weights
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
-from avrare_estimators.weights import effective_size, resample
+from avrare_estimators.weights import effective_size, resample, stratified_variance
 
 LEAST_ELITE = 80.0
 """Effective number of rows to learn from."""
 _MOST_ELITE = 500
 _BLOCK = 2**21
 """Noise numbers that are drawn again at once."""
-_STALLED = 0.8
-"""Ratio of a stage's relative variance to that before it above which learning has nothing left to gain."""
-_LEAST_GAIN = 2.0
-_RISING = 1.25
-"""Ratio of a stage's gain to that before it from which learning goes on, however small the gain."""
 _FEW = 10.0
 """Effective number of failures from which the gain is that for failures, not for the elite."""
 _PAST = 0.2
@@ -118,7 +112,6 @@ class Lessons:
         rows, elite = self.elite
         weights, violated = self.weights, self.violated
         newest = self.samples[-1]
-        own = np.exp(newest.log_weights)
         score = np.concatenate([sample.score for sample in self.samples])
         reached = bool(len(rows) and violated[rows].all())
         variance = self._variance(rows, np.concatenate(self.log_ratios)[:, -1]) if self.mixtures else None
@@ -131,13 +124,27 @@ class Lessons:
             "reached": reached,
             "rollouts": len(newest.error),
             "failures": int(newest.violated.sum()),
-            "probability": float(np.where(newest.violated, own, 0.0).mean()),
+            "probability": float(failing_weights(newest).mean()),
             "level_probability": float(elite.sum() / len(weights)),
             "elite_effective": effective_size(elite),
+            "failures_effective": effective_size(weights[violated]),
             "relative_variance": variance,
             "gain": _gain(chance, variance_there),
+            "gain_shown": _gain(self.probability, self.shown_variance),
             "components": len(self.mixtures[-1].share) if self.mixtures else 0,
         }
+
+    @property
+    def shown_variance(self) -> float | None:
+        """Relative variance of one row of the newest sample, by its failures alone; None where they are few.
+
+        No row of it has taught the proposal that it was drawn from.
+        """
+        values = failing_weights(self.samples[-1])
+        if effective_size(values) < _FEW:
+            return None
+        own = values / values.mean()
+        return len(own) * stratified_variance(own, self.samples[-1].target_rows)
 
     def expected_variance(self, mixture: TapeMixture | None) -> float | None:
         """Return the relative variance of one row drawn from ``mixture`` (None: the target), for failures."""
@@ -177,33 +184,6 @@ class Lessons:
 
 def _gain(chance: float, variance: float | None) -> float | None:
     return (1.0 / chance - 1.0) / max(variance, 1e-9) if variance is not None and chance else None
-
-
-def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
-    """Return whether learning ends after stages with these entries.
-
-    It ends once the elite are failures and their variance stalls, or where two stages have gained nothing
-    and the gain does not rise.
-    """
-    if len(stages) > most:
-        return True
-    variances = [stage["relative_variance"] for stage in stages[1:] if stage["reached"]]
-    if len(variances) > 1 and variances[-1] > _STALLED * variances[-2]:
-        return True
-    last = stages[-2:]
-    hopeless = len(stages) > 2 and all(is_worthless(stage) for stage in last)
-    return hopeless and not (last[1]["gain"] or 0.0) > _RISING * (last[0]["gain"] or 0.0)
-
-
-def is_stuck(stages: Sequence[dict[str, Any]]) -> bool:
-    """Return whether two stages in a row have found nothing nearer to failure: they are at a plateau."""
-    levels = [stage["level"] for stage in stages[-3:]]
-    return len(levels) == 3 and None not in levels and levels[2] <= levels[0]
-
-
-def is_worthless(stage: dict[str, Any]) -> bool:
-    """Return whether a stage's proposal is hardly better than the target, even at the level of its elite."""
-    return stage["gain"] is None or stage["gain"] < _LEAST_GAIN
 
 
 def ratios_of(sample: Sample, mixture: TapeMixture) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -19,8 +19,9 @@ from avrare.rollout.request import Integers
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.agreement import find_doubts, missed_probability
 from avrare_estimators.importance.cross_check import CrossCheckResult
-from avrare_estimators.importance.sampling import Sample
-from avrare_estimators.weights import Quality, quality, stratified_variance
+from avrare_estimators.importance.sampling import Sample, failing_weights
+from avrare_estimators.importance.stages import has_reached
+from avrare_estimators.weights import Quality, effective_size, quality, stratified_variance
 
 DISTRUST = {
     "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered",
@@ -39,6 +40,9 @@ class RunOutcome:
         cross_check: Its result; None where there was none, or it did not reach failure.
         stages: Learning stages, one entry each.
         doubts: Health warnings of the run.
+        counted: Shares of the estimate that stages of learning have, and their samples. Each share was fixed
+            before its sample was drawn, and so was the proposal: every sample alone is unbiased given those
+            before it, and with the rest for the final sample so is their sum.
     """
 
     sample: Sample
@@ -46,6 +50,7 @@ class RunOutcome:
     cross_check: CrossCheckResult | None
     stages: tuple[dict[str, Any], ...]
     doubts: dict[str, str] = field(default_factory=dict)
+    counted: tuple[tuple[float, Sample], ...] = ()
 
     @cached_property
     def weights(self) -> Floats:
@@ -55,17 +60,25 @@ class RunOutcome:
     @cached_property
     def contributions(self) -> Floats:
         """(n,) weight of the failing rows, 0 for the others."""
-        return np.where(self.sample.violated, self.weights, 0.0)
+        return failing_weights(self.sample)
+
+    @cached_property
+    def parts(self) -> list[tuple[float, Sample]]:
+        """Shares of the estimate and their samples, the final one first."""
+        own = 1.0 - sum(share for share, _ in self.counted)
+        return [(own, self.sample), *self.counted]
 
     @property
     def probability(self) -> float:
         """Estimate of the run, unbiased but for the cut at 1."""
-        return min(1.0, float(self.contributions.mean()))
+        return min(1.0, sum(share * float(failing_weights(part).mean()) for share, part in self.parts))
 
     @property
     def error_weight(self) -> float:
         """Weight of the rows that broke down."""
-        return float(np.where(self.sample.error, self.weights, 0.0).mean())
+        return float(
+            sum(share * np.where(p.error, np.exp(p.log_weights), 0.0).mean() for share, p in self.parts)
+        )
 
     @property
     def plain(self) -> bool:
@@ -75,11 +88,14 @@ class RunOutcome:
     @property
     def unreached(self) -> bool:
         """Learning ended short of failure."""
-        return bool(self.stages) and not self.stages[-1]["reached"] and not self.plain
+        return bool(self.stages) and not has_reached(self.stages[-1]) and not self.plain
 
     def variance(self, unit: float) -> float:
         """Return the variance of ``probability`` in units of ``unit``."""
-        return stratified_variance(self.contributions / unit, self.sample.target_rows)
+        return sum(
+            share**2 * stratified_variance(failing_weights(part) / unit, part.target_rows)
+            for share, part in self.parts
+        )
 
 
 def summarise(
@@ -135,7 +151,15 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
 
     weights = target_first(lambda run: run.weights)
     failing = target_first(lambda run: run.contributions) > 0.0
-    return quality(weights, failing, sum(run.sample.target_rows for run in runs))
+    marks = quality(weights, failing, sum(run.sample.target_rows for run in runs))
+    if not any(run.counted for run in runs):
+        return marks
+    terms = np.concatenate(
+        [share / len(part.error) * failing_weights(part) for run in runs for share, part in run.parts]
+    )
+    total = float(terms.sum())
+    largest = float(terms.max()) / total if total > 0.0 else 0.0
+    return replace(marks, effective_failures=effective_size(terms), largest_share=largest)
 
 
 def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info) -> dict[str, str]:
@@ -194,6 +218,8 @@ def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
         "rows": [len(run.sample.error) for run in runs],
         "check_rollouts": sum(run.cross_check.rollouts for run in runs if run.cross_check is not None),
     }
+    if any(run.counted for run in runs):
+        found["shares"] = [[round(share, 4) for share, _ in run.parts] for run in runs]
     if any(run.stages for run in runs):
         found["stages"] = [list(run.stages) for run in runs]
     return found

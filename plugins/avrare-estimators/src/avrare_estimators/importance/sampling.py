@@ -364,3 +364,8 @@ class Sample:
     def without_carries(self) -> Sample:
         """Return the sample without the carries, which only the fit of a proposal needs."""
         return replace(self, carries=())
+
+
+def failing_weights(sample: Sample) -> Floats:
+    """Return the weight (n,) of the failing rows, 0 for the others."""
+    return np.where(sample.violated, np.exp(sample.log_weights), 0.0)

@@ -16,8 +16,9 @@ from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
 from avrare_estimators.config import SmcConfig
-from avrare_estimators.importance.lessons import Lessons, is_learnt, is_worthless
+from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
+from avrare_estimators.importance.stages import is_learnt, is_worthless
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.learned_file import Learned
