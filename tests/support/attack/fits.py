@@ -95,7 +95,7 @@ def make() -> None:
     ):
         many = zip(*(rows[name][:30] for name in columns), strict=True)
         Path(file).write_text("\n".join(" ".join(f"{x:.4g}" for x in row) for row in many) + "\n")
-    samples = random.normal(size=(40, 2))
+    samples = random.normal(size=(60, 2))
     np.save("samples.npy", samples)
     np.savetxt("samples.csv", samples, fmt="%.4f", delimiter=",", header="a,b", comments="")
     _make_policies()
