@@ -63,11 +63,7 @@ def require(
     scenario = ParametricScenario(path, tuple(overrides))
     name, value = scenario.specification(specification), scenario.value(parameter)
     limit = _read_limit(probability)
-    if between is None:
-        if value <= 0.0:
-            raise UsageError(f"{parameter} is {value:g}: where should be looked?", "give --between LOW,HIGH")
-        least = 1.0 if isinstance(value, int) else 0.0
-        between = max(least, value / _WIDE), value * _WIDE
+    between = between or _choose_range(parameter, value)
     definition = scenario.scenario.definition
     task = {
         "fingerprint": fingerprint(definition), "parameter": parameter, "specification": name, "limit": limit,
@@ -99,6 +95,13 @@ def require(
     search: Evaluate = evaluate
     with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
         return find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
+
+
+def _choose_range(parameter: str, value: float) -> tuple[float, float]:
+    if value <= 0.0:
+        raise UsageError(f"{parameter} is {value:g}: where should be looked?", "give --between LOW,HIGH")
+    least = 1.0 if isinstance(value, int) else 0.0
+    return max(least, value / _WIDE), value * _WIDE
 
 
 def _reweighable(problem: Problem, parameter: str, result: Result) -> bool:

@@ -34,7 +34,7 @@ _SHARE = 0.25
 
 @dataclass(frozen=True)
 class Score:
-    """What failures tell of the slope of log p.
+    """Slope of log p, from failures.
 
     Attributes:
         slope: d log p / d parameter.
