@@ -171,9 +171,8 @@ class _Search:
             width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCHING)
         side = (-1.0 if number % 2 else 1.0) * (1.0 if slope > 0 else -1.0)
         point = root + side * _MARGIN * width / max(abs(slope), _LEAST_SLOPE)
-        if not ends[0] < point < ends[1]:  # so few rollouts that a distance from the root tells nothing
-            point = root if number < _SEARCHING and ends[0] < root < ends[1] else middle
-        return _from(point, self.scaled)
+        inside = ends[0] < point < ends[1]
+        return _from(point if inside else middle, self.scaled)
 
     def _inside(self, root: float) -> float:
         """Return the value of a root, or the middle of what is left where it lies outside."""
