@@ -94,6 +94,27 @@ def test_they_stand_on_the_road_or_move_with_the_ego(make, motion):
     np.testing.assert_allclose(second.speed_x[:, 1:][there], 10.0 if motion == "ego" else 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("motion", ["road", "ego"])
+def test_those_near_vehicles_are_around_them(make, motion):
+    options = SHARED | {"near": 0.5, "near_sd": (3.0, 1.0), "sd": 0.0, "motion": motion}
+    model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(2))
+    cars = [[200.0, 50.0, np.pi / 2], [300.0, -40.0, 0.0]]
+    world = make.world(cars, ego=(100.0, 0.0, 0.3), n=4000)
+    _, seen, memories = course(model, world, 3)
+    for one, memory in zip(seen, memories, strict=True):
+        x, y = (part[:, 2:][memory.present] for part in (one.x, one.y))
+        first, second = (np.hypot(x - cx, y - cy) < 20.0 for cx, cy, _ in cars)
+        size = len(x)
+        for found, share in ((first, 0.25), (second, 0.25)):
+            assert found.mean() == pytest.approx(share, abs=4 * math.sqrt(0.19 / size))
+        elsewhere = ~first & ~second
+        assert (np.hypot(x[elsewhere] - 100.0, y[elsewhere]) < 31.0).all()
+        few = 4 / math.sqrt(2 * first.sum())
+        assert (y[first] - 50.0).std() == pytest.approx(3.0, rel=few)  # this car looks along y
+        assert (x[first] - 200.0).std() == pytest.approx(1.0, rel=few)
+        assert (x[second] - 300.0).std() == pytest.approx(3.0, rel=few)
+
+
 def test_new_and_lasting_ghosts_have_the_errors_of_speed(make):
     for persistence in (0.0, 1e6):
         options = SHARED | {"persistence": persistence}

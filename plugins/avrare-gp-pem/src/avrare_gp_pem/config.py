@@ -32,6 +32,9 @@ class Persistence(BaseModel):
     )
 
 
+_Spread = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
 class Ghosts(BaseModel):
     """False detections, boxes that are of no vehicle; they need a tracker with `association: hungarian`."""
 
@@ -54,6 +57,14 @@ class Ghosts(BaseModel):
     )
     sd: Annotated[float, Field(ge=0, allow_inf_nan=False)] = Field(
         default=0.2, description="standard deviation of the place of one that lasts, each step anew [m]"
+    )
+    near: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=0.0,
+        description="share of them that appear around a vehicle, each vehicle as likely [-]",
+    )
+    near_sd: tuple[_Spread, _Spread] = Field(
+        default=(3.0, 1.5),
+        description="standard deviations of their place around its centre, along and across it [m]",
     )
     motion: Literal["road", "ego"] = Field(
         default="road", description="they stand on the road, or move with the ego"

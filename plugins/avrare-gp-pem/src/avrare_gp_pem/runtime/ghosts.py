@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene, World
@@ -42,6 +43,8 @@ class GhostLaw:
         ranges: (2, 2) least and greatest distance ahead and to the left [m], where ``points`` is empty.
         points: (P, 2) places ahead and to the left of the ego [m], equally likely.
         width: Standard deviation of the normal law around each of them [m].
+        near: Share of the ghosts that appear around a vehicle.
+        near_sd: (2,) standard deviations of their places, along and across it [m].
     """
 
     rate: float
@@ -53,6 +56,8 @@ class GhostLaw:
     ranges: Floats
     points: Floats
     width: float
+    near: float
+    near_sd: Floats
 
     @property
     def share(self) -> float:
@@ -60,7 +65,10 @@ class GhostLaw:
         return self.rate / self.slots
 
     def place(self, parts: Floats) -> tuple[Floats, Floats]:
-        """Return distances ahead and to the left (N, K) of new ghosts, from noise (N, K, NOISE_PER_GHOST)."""
+        """Return distances ahead and to the left (N, K) of new ghosts, from noise (N, K, NOISE_PER_GHOST).
+
+        They are counted from the ego, or from the vehicle that ``host`` names.
+        """
         if not len(self.points):
             low, high = self.ranges.T
             place = low + (high - low) * normal.cdf(parts[..., 2:4])
@@ -68,7 +76,21 @@ class GhostLaw:
             rank = normal.cdf(parts[..., 1])
             chosen = np.minimum((rank * len(self.points)).astype(np.int64), len(self.points) - 1)
             place = self.points[chosen] + self.width * parts[..., 2:4]
+        if self.near:
+            beside = self._is_near(parts)[..., None]
+            place = np.where(beside, self.near_sd * parts[..., 2:4], place)
         return place[..., 0], place[..., 1]
+
+    def host(self, parts: Floats, vehicles: int) -> NDArray[np.int64]:
+        """Return (N, K) the vehicle around which each new ghost appears; -1: none."""
+        if not (self.near and vehicles):
+            return np.full(parts.shape[:2], -1, dtype=np.int64)
+        rank = normal.cdf(parts[..., 1]) / self.near
+        chosen = np.minimum((rank * vehicles).astype(np.int64), vehicles - 1)
+        return np.where(self._is_near(parts), chosen, -1)
+
+    def _is_near(self, parts: Floats) -> Bools:
+        return np.asarray(normal.cdf(parts[..., 1]) < self.near)
 
     def same_places(self, other: GhostLaw) -> bool:
         """Tell whether both laws differ in rate and persistence at most."""
@@ -88,6 +110,7 @@ class GhostMemory:
         present: (N, K) which slots hold a ghost.
         forward: (N, K) distance ahead of the ego when the ghost appeared [m].
         left: (N, K) distance to the left [m].
+        host: (N, K) before the first observation: the vehicle from which these are counted, -1 for the ego.
         x: (N, K) where it appeared, along the road [m].
         y: (N, K) across the road [m].
         begun: (N,) False before the first observation.
@@ -100,6 +123,7 @@ class GhostMemory:
     x: Floats
     y: Floats
     begun: Bools
+    host: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -112,10 +136,12 @@ class GhostPem:
     Attributes:
         vehicles: The model of the vehicles' detections.
         ghosts: Law of the false ones.
+        count: Number of the vehicles.
     """
 
     vehicles: Any
     ghosts: GhostLaw
+    count: int
 
     @property
     def ghost_slots(self) -> int:
@@ -145,7 +171,8 @@ class GhostPem:
         present = normal.cdf(parts[..., 0]) < self.ghosts.share
         nowhere = np.zeros_like(forward)
         inner = self.vehicles.start(first) if self._lasts else None
-        return GhostMemory(inner, present, forward, left, nowhere, nowhere, np.zeros(len(noise), bool))
+        host, begun = self.ghosts.host(parts, self.count), np.zeros(len(noise), bool)
+        return GhostMemory(inner, present, forward, left, nowhere, nowhere, begun, host)
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation without a past, from noise (N, noise_size)."""
@@ -163,8 +190,7 @@ class GhostPem:
             observation, inner = self.vehicles.observe(world, first), None
         memory = _anchored(memory, world)
         new, gone = self._events(parts)
-        forward, left = self.ghosts.place(parts)
-        at = _on_road(world, forward, left)
+        forward, left, *at = _locate(world, *self.ghosts.place(parts), self.ghosts.host(parts, self.count))
         later = GhostMemory(
             vehicles=inner,
             present=new | (memory.present & ~gone),
@@ -173,6 +199,7 @@ class GhostPem:
             x=np.where(new, at[0], memory.x),
             y=np.where(new, at[1], memory.y),
             begun=memory.begun,
+            host=memory.host,
         )
         return self._with_ghosts(observation, world, _without_jitter(parts, new), later), later
 
@@ -266,16 +293,35 @@ def with_ghosts(model: Any, ghosts: Ghosts | MeasuredGhosts | None, scene: Scene
         ranges=np.array([options.forward, options.left]),
         points=points,
         width=width,
+        near=options.near,
+        near_sd=np.array(options.near_sd),
     )
-    return GhostPem(model, law)
+    return GhostPem(model, law, len(scene.names))
 
 
 def _anchored(memory: GhostMemory, world: World) -> GhostMemory:
     """Place the ghosts of t = 0, whose world is not known there, in the first world."""
-    x, y = _on_road(world, memory.forward, memory.left)
-    begun = memory.begun[:, None]
-    placed = np.where(begun, memory.x, x), np.where(begun, memory.y, y)
-    return replace(memory, x=placed[0], y=placed[1], begun=np.ones_like(memory.begun))
+    begun, old = memory.begun[:, None], (memory.forward, memory.left, memory.x, memory.y)
+    new = _locate(world, memory.forward, memory.left, memory.host)
+    forward, left, x, y = (np.where(begun, *pair) for pair in zip(old, new, strict=True))
+    return replace(memory, forward=forward, left=left, x=x, y=y, begun=np.ones_like(memory.begun))
+
+
+def _locate(
+    world: World, forward: Floats, left: Floats, host: NDArray[np.int64]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return distances ahead and to the left of the ego, and places on the road, of new ghosts (N, K)."""
+    x, y = _on_road(world, forward, left)
+    near = host >= 0
+    if not near.any():
+        return forward, left, x, y
+    ego, rows = world.ego, np.arange(len(host))[:, None]
+    hx, hy, turn = (getattr(world.others, name)[rows, np.maximum(host, 0)] for name in ("x", "y", "heading"))
+    x = np.where(near, hx + np.cos(turn) * forward - np.sin(turn) * left, x)
+    y = np.where(near, hy + np.sin(turn) * forward + np.cos(turn) * left, y)
+    dx, dy = x - ego.x[:, None], y - ego.y[:, None]
+    cos, sin = np.cos(ego.heading)[:, None], np.sin(ego.heading)[:, None]
+    return np.where(near, cos * dx + sin * dy, forward), np.where(near, cos * dy - sin * dx, left), x, y
 
 
 def _without_jitter(parts: Floats, new: Bools) -> Floats:
