@@ -20,6 +20,7 @@ _PAUSE = 1.0
 """Time between two lane changes of a driver [s]."""
 _LOOK = 0.5
 """Time between two comparisons of the lanes by a driver [s]; not at the same steps for all drivers."""
+_SEEN = ("x", "y", "speed")
 _REACTION = PARAMETERS.index("reaction_time")
 
 
@@ -161,6 +162,7 @@ class Flow:
         self._rows = None if way > 0 and len(rows) == len(known) else rows
         forth = np.cos([*(one.heading for one in vehicles), 0.0]) >= 0.0
         self._signs = np.where(forth, way, -way)  # of speeds: what comes towards them is negative
+        self._turned = bool((self._signs < 0).any()) or way < 0
         self._places = np.array([k for k, _, _ in mine], dtype=np.int64)
         self._index = np.full(len(vehicles) + 1, -1, dtype=np.int64)
         self._index[self._places] = np.arange(len(mine))
@@ -208,10 +210,9 @@ class Flow:
         out: Floats,
     ) -> None:
         """Write the next states into ``out`` (5, N, R) and into the fields of the memory."""
-        seen: Any = [
-            np.column_stack([getattr(others, name), getattr(ego, name)]) * sign
-            for name, sign in (("x", self._way), ("y", self._way), ("speed", self._signs))
-        ]
+        seen: Any = [np.column_stack([getattr(others, name), getattr(ego, name)]) for name in _SEEN]
+        if self._turned:
+            seen = [seen[0] * self._way, seen[1] * self._way, seen[2] * self._signs]
         own: Any = [memory.mood, late, memory.lane, memory.base, memory.clock, memory.pause, memory.past]
         found = out
         if self._rows is not None:  # some of the drivers, or turned around
