@@ -117,7 +117,6 @@ def measure_memory() -> float:
     rng = np.random.default_rng(0)
     lane, start = rng.integers(0, 3, vehicles), rng.uniform(0.0, 900.0, vehicles)
     speed = rng.uniform(20.0, 30.0, vehicles)
-    pace = np.asarray(speed, dtype=np.float64)[None]
     tracemalloc.start()
     state = rule.start(1)
     for t in range(samples):
