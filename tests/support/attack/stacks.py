@@ -73,8 +73,8 @@ def _twin(random):
             del tree[part]
     tree = reduce_sizes(mutate_tree(tree, random, [scenarios()["cartpole"]]))
     Path("twin.yaml").write_bytes(as_text(tree))
-    commands = [["validate"], ["validate", "--build"], ["run", *_RUN], ["run", *_RUN]]
-    return [*pick(random, commands), "twin.yaml"]
+    run = ["run", *_RUN, "--budget", "rollouts=100"]  # each member of an ensemble has it again
+    return [*pick(random, [["validate"], ["validate", "--build"], run, run]), "twin.yaml"]
 
 
 def _ensemble(random):
