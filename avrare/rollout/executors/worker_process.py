@@ -44,6 +44,7 @@ class WorkerProcess:
             theirs.close()  # from now on the death of the process is an end of file
         self._work: bytes | None = work  # sent with the first chunk: a lost process must not block the start
         self._stopped = 0
+        self._hanging_up = threading.Lock()  # the number of a closed pipe may be that of another worker's
 
     def run(self, chunk: Request) -> bytes:
         """Run a chunk and return the pickled outcome or exception; raise ``WorkerLost`` at its death."""
@@ -72,12 +73,14 @@ class WorkerProcess:
     def kill(self) -> None:
         """Kill the process; a thread in ``run`` gets an end of file, even if a child still has the pipe."""
         self._process.kill()
-        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as pipe:
-            pipe.shutdown(socket.SHUT_RDWR)
+        with self._hanging_up, suppress(OSError):
+            with socket.socket(fileno=os.dup(self._connection.fileno())) as pipe:
+                pipe.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Wait until the process, which is idle or killed, has ended; kill one that does not."""
-        self._connection.close()
+        with self._hanging_up:
+            self._connection.close()
         self._process.join(_END)
         self._process.kill()
         self._process.join()

@@ -3,12 +3,14 @@
 What a worker does from its first chunk on is the same; kills reach it at work, and seldom at its imports.
 """
 
+import contextlib
 import multiprocessing
+import os
 import signal
 import weakref
 from multiprocessing.context import ForkContext, ForkProcess
 
-_PARENTS_ENDS = weakref.WeakSet()
+_PARENTS_ENDS = weakref.WeakKeyDictionary()
 
 
 class _Process(ForkProcess):
@@ -26,8 +28,12 @@ class _Process(ForkProcess):
             signal.signal(number, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
-        for connection in _PARENTS_ENDS:  # or else another worker would not see the end of its pipe
-            connection.close()
+        for connection, inode in list(
+            _PARENTS_ENDS.items()
+        ):  # or else others would not see the end of a pipe
+            with contextlib.suppress(OSError):  # a thread of the parent was closing it when this was forked
+                if os.fstat(connection.fileno()).st_ino == inode:
+                    connection.close()
         super().run()
 
 
@@ -36,7 +42,7 @@ class _Context(ForkContext):
 
     def Pipe(self, duplex=True):
         ours, theirs = super().Pipe(duplex)
-        _PARENTS_ENDS.add(ours)
+        _PARENTS_ENDS[ours] = os.fstat(ours.fileno()).st_ino
         return ours, theirs
 
 
