@@ -73,9 +73,12 @@ class WorkerProcess:
     def kill(self) -> None:
         """Kill the process; a thread in ``run`` gets an end of file, even if a child still has the pipe."""
         self._process.kill()
-        with self._hanging_up, suppress(OSError):
-            with socket.socket(fileno=os.dup(self._connection.fileno())) as pipe:
-                pipe.shutdown(socket.SHUT_RDWR)
+        with (
+            self._hanging_up,
+            suppress(OSError),
+            socket.socket(fileno=os.dup(self._connection.fileno())) as pipe,
+        ):
+            pipe.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Wait until the process, which is idle or killed, has ended; kill one that does not."""
