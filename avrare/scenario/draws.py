@@ -70,12 +70,19 @@ class Draws:
     def write_into(self, options: dict[str, Any]) -> None:
         """Put the laws into plain options, in the places of their medians."""
         for path, law in zip(self.paths, self.laws, strict=True):
-            *way, last = [int(step) if step.isdecimal() else step for step in path.split(".")]
-            place: Any = options
-            for step in way:
-                place = place[step]
-            place[last] = law.model_dump(mode="json")
+            place, key = _find(options, path.split("."))
+            place[key] = law.model_dump(mode="json")
         options[KEY] = self.settings.model_dump(mode="json")
+
+
+def _find(place: Any, way: Sequence[str]) -> tuple[Any, Any]:
+    # The container and the key of a path; a key may have dots of its own, or be a number as text
+    if isinstance(place, list):
+        key, used = int(way[0]), 1
+    else:
+        used = next(n for n in range(1, len(way) + 1) if ".".join(way[:n]) in place)
+        key = ".".join(way[:used])
+    return (place, key) if used == len(way) else _find(place[key], way[used:])
 
 
 def correlation_matrix(names: Sequence[str], correlations: Sequence[Correlation]) -> NDArray[np.float64]:

@@ -190,6 +190,24 @@ specifications:
     assert block.config.noise.observation.law == "uniform"
 
 
+@pytest.mark.parametrize("name", ["pole.length", "7"])
+def test_options_may_have_dots_or_be_numbers(read, name):
+    text = f"""\
+name: pole
+steps: 2
+simulator:
+  plugin: gymnasium
+  env: CartPole-v1
+  attributes: {{"{name}": {{law: uniform, low: 0.5, high: 2.0}}, gravity: 9.8}}
+specifications:
+  up: {{stl: "always (o2 < 0.2)"}}
+"""
+    scenario = read(text)
+    assert scenario.simulator.draws.names == (f"attributes.{name}",)
+    assert scenario.simulator.resolved["attributes"][name]["law"] == "uniform"
+    assert fingerprint(scenario)
+
+
 def test_the_json_schema_allows_a_law_where_it_is_drawn():
     definitions = scenario_schema(default_registry())["$defs"]
     ego = definitions["simulator.single_track.EgoConfig"]["properties"]

@@ -75,6 +75,7 @@ def test_what_is_not_understood_is_named_at_its_place(build, old, new, message):
         ('x="100.0"', 'x="101.0"', r":10:13: geometry: begins 1 m and 0 rad from the end"),
         ('id="-2"', 'id="-4"', r"laneSection: the ids of its lanes do not count"),
         ('id="-2"', 'id="-1"', r"laneSection: the ids of its lanes do not count"),
+        ('curvEnd="0.00125"', 'curvEnd="1e3"', r"spiral: turns by more than 100 rad"),
         ('a="3.5" b="0.0"', 'a="3.5" b="0.1"', r"width: changes along the road"),
         ('<arc curvature="0.00125"/>', '<poly3 a="0" b="0" c="0" d="0"/>', r"poly3: is not read"),
         ('rule="RHT"', 'rule="LHT"', r"traffic on the left"),
@@ -165,6 +166,15 @@ def test_what_the_file_says_of_the_ego_is_no_option(build, name):
 def test_options_that_cannot_be(option, message):
     with pytest.raises(AvrareError, match=message):
         build_stack(load(SCENARIOS / "cut_in.yaml", [f"simulator.{option}"]))
+
+
+@pytest.mark.parametrize("name", ["scene.xosc", "7", "", "a b"])
+def test_names_that_no_parameter_has(tmp_path, name):
+    text = (SCENARIOS / "openscenario" / "cut_in_distributions.xosc").read_text(encoding="utf-8")
+    path = tmp_path / "named.xosc"
+    path.write_text(text.replace('"CutInSpeed"', f'"{name}"'), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"named\.xosc:12:\d+: .*is no name of a parameter"):
+        read_distributions(read_xml(str(path), "OpenSCENARIO"))
 
 
 def test_two_distributions_of_one_parameter(tmp_path):

@@ -35,6 +35,8 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
         stochastic.get(name)  # the estimator's rollouts and the scenario's seed
     for one in stochastic.list("StochasticDistribution"):
         name = one.attribute("parameterName")
+        if not name.isidentifier():
+            raise one.error(f"{name!r} is no name of a parameter", "letters, digits and _")
         if name in laws:
             raise one.error(f"a second distribution of {name!r}")
         laws[name] = _read_law(one.choice())

@@ -18,6 +18,8 @@ _APART = 0.01
 """Most distance of a piece from the end of the one before it [m]."""
 _TURNED = 1e-3
 """Most angle between them [rad]."""
+_MOST_TURNED = 100.0
+"""Most angle that a spiral may turn by [rad]: more would be computed for hours."""
 _KINDS = {
     "driving": "driving",
     "entry": "ramp",
@@ -135,7 +137,10 @@ def _read_piece(geometry: Element) -> Piece:
             curvature = shape.number("curvature")
             return Piece(length, curvature, curvature)
         case "spiral":
-            return Piece(length, shape.number("curvStart"), shape.number("curvEnd"))
+            ends = shape.number("curvStart"), shape.number("curvEnd")
+            if max(map(abs, ends)) * length > _MOST_TURNED:
+                raise shape.error(f"turns by more than {_MOST_TURNED:g} rad: no road does")
+            return Piece(length, *ends)
     raise shape.unknown("line, arc, spiral")
 
 
