@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from avrare.base.errors import ScenarioError
+from avrare.base.laws import LAWS
 from avrare.plugin.registry import default_registry
+from avrare.scenario.draws import Draws, DrawSettings
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.json_schema import scenario_schema
 from avrare.scenario.load import load
@@ -190,22 +192,14 @@ specifications:
     assert block.config.noise.observation.law == "uniform"
 
 
-@pytest.mark.parametrize("name", ["pole.length", "7"])
-def test_options_may_have_dots_or_be_numbers(read, name):
-    text = f"""\
-name: pole
-steps: 2
-simulator:
-  plugin: gymnasium
-  env: CartPole-v1
-  attributes: {{"{name}": {{law: uniform, low: 0.5, high: 2.0}}, gravity: 9.8}}
-specifications:
-  up: {{stl: "always (o2 < 0.2)"}}
-"""
-    scenario = read(text)
-    assert scenario.simulator.draws.names == (f"attributes.{name}",)
-    assert scenario.simulator.resolved["attributes"][name]["law"] == "uniform"
-    assert fingerprint(scenario)
+def test_options_may_have_dots_or_be_numbers():
+    law = LAWS["uniform"](law="uniform", low=0.5, high=2.0)
+    paths = ("parameters.a.b", "parameters.7", "cars.0.speed")
+    options = {"parameters": {"a.b": 1.0, "7": 1.0}, "cars": [{"speed": 1.0}]}
+    Draws(paths, paths, (law,) * 3, DrawSettings()).write_into(options)
+    plain = law.model_dump(mode="json")
+    assert options["parameters"] == {"a.b": plain, "7": plain}
+    assert options["cars"] == [{"speed": plain}]
 
 
 def test_the_json_schema_allows_a_law_where_it_is_drawn():
