@@ -115,7 +115,7 @@ def measure_memory() -> float:
     names = tuple(f"v{k}" for k in range(vehicles))
     rule = build_rule("R_I2", [], Scene(0.1, road, 4.5, 1.8, names, *sizes, np.ones(vehicles, dtype=bool)))
     rng = np.random.default_rng(0)
-    lane, start = rng.integers(0, 3, vehicles), rng.uniform(0.0, 900.0, vehicles)
+    lane, start = rng.integers(0, 3, vehicles).astype(np.float64), rng.uniform(0.0, 900.0, vehicles)
     speed = rng.uniform(20.0, 30.0, vehicles)
     tracemalloc.start()
     state = rule.start(1)
