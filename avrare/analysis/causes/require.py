@@ -160,11 +160,11 @@ def _as_list(path: Path, value: Any) -> list[Any]:
 
 def _read_trial(path: Path, entry: Any) -> Trial:
     try:
-        low, high = map(float, entry["interval"])
+        probability, interval = float(entry["probability"]), _read_interval(entry)
         nearby = tuple(_read_nearby(one) for one in entry["nearby"])
         score = None if entry["score"] is None else Score(**{k: float(v) for k, v in entry["score"].items()})
         return Trial(
-            entry["value"], float(entry["probability"]), (low, high), int(entry["rollouts"]),
+            entry["value"], probability, interval, int(entry["rollouts"]),
             tuple(map(str, entry["warnings"])), score, nearby,
         )  # fmt: skip
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
@@ -172,5 +172,11 @@ def _read_trial(path: Path, entry: Any) -> Trial:
 
 
 def _read_nearby(entry: Any) -> Nearby:
+    return Nearby(float(entry["value"]), float(entry["probability"]), _read_interval(entry))
+
+
+def _read_interval(entry: Any) -> tuple[float, float]:
     low, high = map(float, entry["interval"])
-    return Nearby(float(entry["value"]), float(entry["probability"]), (low, high))
+    if low < 0.0 or low > high or high <= 0.0 < float(entry["probability"]):
+        raise ValueError(f"{low:g} .. {high:g} is no interval of {entry['probability']}")
+    return low, high

@@ -185,6 +185,15 @@ def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
     assert avrare.require(*arguments, **keywords, out=out) == whole
     with pytest.raises(UsageError, match="holds another search"):
         avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
+    trial = next(one for one in kept["trials"] if one["probability"] > 0.0)
+    interval = trial["interval"]
+    for wrong in ([0.0, 0.0], interval[::-1], [-0.1, 0.1]):
+        trial["interval"] = wrong
+        (out / "trials.json").write_text(json.dumps(seal(kept)))
+        with pytest.raises(UsageError, match="cannot be read"):
+            avrare.require(*arguments, **keywords, out=out)
+    trial["interval"] = interval
+    kept = seal(kept)
     kept["trials"][0]["probability"] *= 0.5  # would steer the search without a word
     (out / "trials.json").write_text(json.dumps(kept))
     with pytest.raises(UsageError, match="it was changed after it was written"):
