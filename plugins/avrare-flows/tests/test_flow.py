@@ -217,6 +217,14 @@ def test_a_byte_order_mark_loses_no_row(tmp_path):
     assert read_samples(path).tolist() == [[1.0, 2.0], [3.0, 4.0]]
 
 
+def test_samples_with_a_damaged_header_are_refused(tmp_path):
+    path = tmp_path / "samples.npy"
+    np.save(path, np.zeros((60, 2)))
+    path.write_bytes(path.read_bytes().replace(b"(60, 2)", b"(60, 2 "))
+    with pytest.raises(UsageError, match="not a table of numbers"):
+        command.read_samples(path)
+
+
 def test_complex_samples_are_refused(tmp_path):
     np.save(tmp_path / "samples.npy", np.ones((60, 2)) + 1j)
     with pytest.raises(UsageError, match="complex"):

@@ -69,7 +69,9 @@ def read_samples(path: Path) -> Floats:
         rows = np.asarray(table, dtype=np.float64)
     except OSError as error:
         raise UsageError(f"{path}: {(error.strerror or str(error)).lower()}") from error
-    except (ValueError, TypeError, EOFError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # NumPy raises many kinds of errors for a damaged header
         raise UsageError(f"{path}: not a table of numbers: {error}", "one row of noise a line") from error
     rows = rows[:, None] if rows.ndim == 1 else rows
     if not rows.size:
