@@ -222,7 +222,7 @@ def test_samples_with_a_damaged_header_are_refused(tmp_path):
     np.save(path, np.zeros((60, 2)))
     path.write_bytes(path.read_bytes().replace(b"(60, 2)", b"(60, 2 "))
     with pytest.raises(UsageError, match="not a table of numbers"):
-        command.read_samples(path)
+        read_samples(path)
 
 
 def test_complex_samples_are_refused(tmp_path):
