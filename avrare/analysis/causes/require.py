@@ -87,7 +87,9 @@ def require(
         trial = Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
         if whole or not _reweighable(problem, parameter, result):
             return trial
-        reweigher = Reweigher(problem, at, lambda one: scenario.at(parameter, one).stack.loop.perception)
+        reweigher = Reweigher(
+            problem, at, lambda one: scenario.at(parameter, one).stack.loop.perception, between
+        )
         return replace(
             trial, score=reweigher.score(result.failures), nearby=reweigher.reweigh(result, nearby, level)
         )

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Failures, Result
@@ -70,23 +71,31 @@ class Reweigher:
         problem: The problem at the value that was run.
         value: That value.
         build: Function from a value to the perception error model.
+        between: Smallest and largest value that can be built.
     """
 
     problem: Problem
     value: float
     build: Callable[[float], Any]
+    between: tuple[float, float] = (-math.inf, math.inf)
 
     def score(self, failures: Failures) -> Score | None:
-        """Return the slope of log p, and how far the failures can be reweighed; None: they are too few.
+        """Return the slope of log p, and how far the failures can be reweighed.
+
+        It is None where they are too few, or the model knows no density ratio for this parameter.
 
         The log weights of a nearby value are, to first order, the score times the distance.
         """
         step, count = _SMALL * abs(self.value), len(failures.noise)
         if count < _FEW or step == 0.0:
             return None
-        ratios = self._ratios(failures, (self.value + step, self.value - step))
-        scores = (ratios[:, 0] - ratios[:, 1]) / (2.0 * step)
-        spread = float(scores.std(ddof=1))
+        low, high = max(self.value - step, self.between[0]), min(self.value + step, self.between[1])
+        ratios = self._ratios(failures, (high, low))
+        if ratios is None:
+            return None
+        with np.errstate(invalid="ignore"):  # what cannot happen at a value has no ratio
+            scores = (ratios[:, 0] - ratios[:, 1]) / (high - low)
+            spread = float(scores.std(ddof=1))
         if not spread > 0.0 or not math.isfinite(spread):
             return None
         return Score(float(scores.mean()), spread / math.sqrt(count), HALVING / spread)
@@ -99,10 +108,13 @@ class Reweigher:
             values: The values.
             level: Level of the intervals.
         """
-        if len(result.failures.noise) < _LEAST:
+        if len(result.failures.noise) < _LEAST or not len(values):
             return ()
-        weights = np.exp(self._ratios(result.failures, values))
+        ratios = self._ratios(result.failures, values)
+        if ratios is None:
+            return ()
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            weights = np.exp(ratios)
             effective = weights.sum(axis=0) ** 2 / (weights**2).sum(axis=0)
         return tuple(
             _estimate(float(value), column, result, level)
@@ -110,8 +122,12 @@ class Reweigher:
             if left >= _SHARE * len(column)
         )
 
-    def _ratios(self, failures: Failures, values: Sequence[float]) -> Floats:
-        return log_ratios(self.problem, [self.build(value) for value in values], failures.noise)
+    def _ratios(self, failures: Failures, values: Sequence[float]) -> Floats | None:
+        others = [self.build(value) for value in values]
+        try:
+            return log_ratios(self.problem, others, failures.noise)
+        except UsageError:  # the model has ratios, but not for this parameter: estimates stand alone
+            return None
 
 
 def _estimate(value: float, weights: Floats, result: Result, level: float) -> Nearby:

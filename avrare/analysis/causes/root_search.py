@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from avrare.analysis.causes.requirement import Requirement, Trial
+from avrare.analysis.causes.reweighed_trial import Nearby
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor
 
@@ -69,8 +70,8 @@ def find_requirement(
     low, high = between
     if not 0.0 < limit < 1.0 or not -math.inf < low < high < math.inf:
         raise UsageError(f"{parameter}: bound {limit:g} between {low:g} and {high:g} cannot be searched")
-    search = _Search(evaluate, limit, 1.0 - confidence, logarithmic and low > 0.0)
-    if search.look(between):
+    search = _Search(evaluate, limit, 1.0 - confidence, logarithmic and low > 0.0, between)
+    if search.look():
         search.decide()
     trials = search.trials
     kept, broken = search.bracket()
@@ -88,13 +89,14 @@ class _Search:
     limit: float
     alpha: float
     scaled: bool
+    between: tuple[float, float]
     trials: list[Trial] = field(default_factory=list)
 
-    def look(self, between: tuple[float, float]) -> bool:
+    def look(self) -> bool:
         """Run the small trials; return whether there is something left to decide."""
         level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCHING
         for number in range(_SEARCHING):
-            value = between[number] if number < 2 else self._choose(number, level)
+            value = self.between[number] if number < 2 else self._choose(number, level)
             if value is None:
                 return False
             self._run(value, SHARES[number], level)
@@ -143,13 +145,13 @@ class _Search:
         self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
 
     def _shown(self, trial: Trial, keeps: bool) -> Iterator[float]:
-        """Give the values that a trial shows to keep the bound, or to break it."""
-        if trial.interval[1] < self.limit if keeps else trial.interval[0] > self.limit:
-            yield trial.value
-        for near in trial.nearby if keeps == self.rising else reversed(trial.nearby):
-            if not (near.interval[1] < self.limit if keeps else near.interval[0] > self.limit):
+        """Give the values that a trial shows to keep the bound, or to break it, its own in its place."""
+        nearby = [near for near in trial.nearby if near.value != trial.value]
+        values: list[Trial | Nearby] = sorted([trial, *nearby], key=lambda one: one.value)
+        for one in values if keeps == self.rising else reversed(values):
+            if not (one.interval[1] < self.limit if keeps else one.interval[0] > self.limit):
                 return
-            yield near.value
+            yield one.value
 
     def _choose(self, number: int, level: float) -> float | None:
         kept, broken = self.bracket()
@@ -193,8 +195,11 @@ class _Search:
 
     def _grid(self, value: float) -> list[float]:
         centre, reach = _to(value, self.scaled), self._reach()
-        steps = np.arange(-_GRID, _GRID + 1) / _GRID
-        return [_from(centre + reach * step, self.scaled) for step in steps.tolist()] if reach else []
+        if not reach:
+            return []
+        steps, (low, high) = np.arange(-_GRID, _GRID + 1) / _GRID, self.between
+        values = (_from(centre + reach * step, self.scaled) for step in steps.tolist())
+        return [one for one in values if low <= one <= high]  # others may not be valid
 
     def _fit(self) -> tuple[float, float] | None:
         """Return root and slope of a line through log p, which slopes of the trials help to find.

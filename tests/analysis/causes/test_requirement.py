@@ -9,7 +9,7 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.requirement import Trial
-from avrare.analysis.causes.reweighed_trial import HALVING, Reweigher
+from avrare.analysis.causes.reweighed_trial import HALVING, Nearby, Reweigher, Score
 from avrare.analysis.causes.root_search import SHARES, find_requirement
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import bisect
@@ -125,6 +125,62 @@ def test_too_few_failures_are_not_reweighed():
     few = Failures(result.failures.noise[:7], result.failures.robustness[:7], 7)
     assert reweigher.score(few) is None
     assert reweigher.reweigh(result, (0.7,), 0.95) == ()
+
+
+def test_no_value_outside_the_ends_is_built():
+    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=3_000, seed=4)
+    tried = []
+
+    def build(value):
+        tried.append(value)
+        return Sensor(value)
+
+    free = Reweigher(noisy_problem(1.0), 1.0, Sensor).score(result.failures)
+    score = Reweigher(noisy_problem(1.0), 1.0, build, (0.2, 1.0)).score(result.failures)
+    assert max(tried) == 1.0
+    assert score.slope == pytest.approx(free.slope, rel=0.01)
+
+
+def test_failures_without_a_density_ratio_tell_nothing_of_other_values(monkeypatch):
+    def refuse(*arguments):
+        raise UsageError("no density ratio is known for this number", "vary another")
+
+    monkeypatch.setattr(Sensor, "log_ratio", refuse)
+    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=3_000, seed=4)
+    reweigher = Reweigher(noisy_problem(1.0), 1.0, Sensor)
+    assert result.failures.count > 20
+    assert reweigher.score(result.failures) is None
+    assert reweigher.reweigh(result, (0.9, 1.1), 0.95) == ()
+
+
+def search_made(intervals_of, between):
+    """Search with p = 0.01 value^2; ``intervals_of`` gives what the deciding run tells of values nearby."""
+    asked = []
+
+    def evaluate(value, share, number, level, nearby):
+        p = min(0.01 * value**2, 0.9)
+        low, high = intervals_of(value) if nearby else clopper_pearson(round(1e5 * p), 10**5, level)
+        found = tuple(Nearby(one, 0.01 * one**2, intervals_of(one)) for one in nearby)
+        asked.extend(nearby)
+        return Trial(value, p, (low, high), 10**5, (), Score(2.0 / value, 0.01, 0.5 * value), found)
+
+    return find_requirement(evaluate, "sd", "low", 0.01, between), asked
+
+
+def test_values_to_reweigh_for_lie_between_the_ends():
+    _, asked = search_made(lambda one: (0.0099 * one**2, 0.0101 * one**2), (0.8, 1.2))
+    assert len(asked) > 5
+    assert 0.8 <= min(asked) < max(asked) <= 1.2
+
+
+def test_the_value_of_a_run_is_tested_in_its_place():
+    # The safest values cannot tell: fixed-sequence testing ends there, though the run's own could.
+    found, asked = search_made(lambda one: (0.0, 0.02 if one < 0.9 else 0.0095), (0.2, 5.0))
+    assert min(asked) < 0.9 < max(asked)
+    before = [one.value for one in found.trials[:-1] if one.interval[1] < 0.01]
+    assert found.kept == max(before)
+    found, asked = search_made(lambda one: (0.0, 0.0095 if one < 1.0001 else 0.02), (0.2, 5.0))
+    assert found.kept == max(one for one in asked if one < 1.0001)
 
 
 def test_reweighing_narrows_the_answer():

@@ -151,7 +151,7 @@ class LearnedSampling(WeightedSampler):
         if shown is None or state.stages[-1]["gain_shown"] < LEAST_GAIN:
             return 0.0
         share = state.left * rows / max(rows, self._missing(state, shown))
-        return min(share, _MOST_COUNTED - sum(state.shares))
+        return min(share, max(0.0, _MOST_COUNTED - sum(state.shares)))  # the sum is rounded
 
     def _missing(self, state: LearnedState, variance: float) -> float:
         """Return the rows of this variance that the rest of the estimate takes."""
