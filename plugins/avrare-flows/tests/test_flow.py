@@ -217,10 +217,15 @@ def test_a_byte_order_mark_loses_no_row(tmp_path):
     assert read_samples(path).tolist() == [[1.0, 2.0], [3.0, 4.0]]
 
 
-def test_samples_with_a_damaged_header_are_refused(tmp_path):
+@pytest.mark.parametrize("shape", ["(60, 2 ", "(60, 2000000000)"])
+def test_samples_with_a_damaged_header_are_refused(tmp_path, shape):
     path = tmp_path / "samples.npy"
     np.save(path, np.zeros((60, 2)))
-    path.write_bytes(path.read_bytes().replace(b"(60, 2)", b"(60, 2 "))
+    whole = path.read_bytes()
+    changed = (
+        whole[10:].replace(b"(60, 2)", shape.encode()).replace(b" " * (len(shape) - 7) + b"\n", b"\n", 1)
+    )
+    path.write_bytes(whole[:10] + changed)
     with pytest.raises(UsageError, match="not a table of numbers"):
         read_samples(path)
 

@@ -57,7 +57,8 @@ def read_samples(path: Path) -> Floats:
     """
     try:
         if path.suffix == ".npy":
-            table = np.load(path, allow_pickle=False)
+            # Mapped, a header that promises more than the file has is an error before any memory is taken
+            table = np.load(path, mmap_mode="r", allow_pickle=False)
             if np.iscomplexobj(table):
                 raise ValueError("its numbers are complex")
         else:
