@@ -1,13 +1,27 @@
 """Rules of intersections on CommonRoad files; verdicts by hand (``intersection_scenes``)."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
 from avrare.results.recordings.commonroad import open_commonroad
 from avrare.stack.builder import build_rule
-from intersection_scenes import EGO, ENTRY, LENGTH, RIGHT_OF_WAY, SOUTH, crossroads, stops
+from intersection_scenes import (
+    EAST,
+    EGO,
+    ENTRY,
+    LENGTH,
+    PRIORITY,
+    RED,
+    RIGHT_OF_WAY,
+    SOUTH,
+    crossroads,
+    drives,
+    stops,
+)
 
 pytest.importorskip("commonroad.common.file_reader")
 
@@ -67,3 +81,40 @@ def test_the_stop_line_is_the_end_of_the_lanelet(recording):
     found = recording([stops(SOUTH, "straight", FRONT, 1.0)], signs={SOUTH: "206"})
     (line,) = found.scene.road.stop_signs
     assert line == pytest.approx(float(found.signals["ego_x"][20]) + 0.5 * LENGTH, abs=1e-6)
+
+
+def damaged(tmp_path, pattern, by):
+    """Return the road of an ego in a scene with signs and lights of which something is replaced."""
+    text = crossroads([EGO, drives(EAST, "straight", 40.0)], signs=PRIORITY, **RED)
+    changed = re.sub(pattern, by, text, flags=re.DOTALL)
+    assert changed != text
+    path = tmp_path / "scene.xml"
+    path.write_text(changed, encoding="utf-8")
+    return open_commonroad(str(path)).recording("1").scene.road
+
+
+@pytest.mark.parametrize(
+    ("pattern", "by", "message"),
+    [
+        ("<trafficSign id.*?</trafficSign>", "", "lanelet 100 refers to the traffic sign 900, which is not"),
+        ("<trafficLight id.*?</trafficLight>", "", "lanelet 100 refers to the traffic light 990, which is"),
+        ('incomingLanelet ref="101"', 'incomingLanelet ref="777"', "950 has the incoming lanelet 777, which"),
+        ("<duration>50", "<duration>0", "the cycle of traffic light 990 takes no time"),
+        ("<cycle>.*?</cycle>", "", r"scene\.xml: not a CommonRoad scenario"),
+    ],
+)
+def test_files_that_refer_to_nothing_are_refused(tmp_path, pattern, by, message):
+    with pytest.raises(UsageError, match=message):
+        damaged(tmp_path, pattern, by)
+
+
+def test_an_intersection_without_incoming_lanelets_has_no_conflict_areas(tmp_path):
+    road = damaged(tmp_path, "<incoming .*</incoming>", "")
+    assert road.crossings == ()
+    assert len(road.light_lines) == 1
+
+
+def test_a_light_that_is_off_leaves_the_signs_in_force(tmp_path):
+    road = damaged(tmp_path, "<active>true", "<active>false")
+    assert road.light_lines == ()
+    assert {one.reason for one in road.crossings} == {"sign"}

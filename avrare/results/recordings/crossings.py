@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Crossing, Road
 from avrare.driving.values import GREEN, RED, YELLOW
 from avrare.protocols import Floats
@@ -30,6 +31,27 @@ def has_right_of_way(network: Any) -> bool:
     return bool(network.intersections) or any(
         "STOP" in _signs(network, one) or one.traffic_lights for one in lanelets
     )
+
+
+def check_references(path: str, network: Any) -> None:
+    """Raise UsageError if a network refers to signs, lights or lanelets that it does not have."""
+    known = {int(one.lanelet_id) for one in network.lanelets}
+    for one in network.lanelets:
+        signs, lights = sorted(one.traffic_signs or ()), sorted(one.traffic_lights or ())
+        missing = [f"sign {each}" for each in signs if network.find_traffic_sign_by_id(each) is None]
+        missing += [f"light {each}" for each in lights if network.find_traffic_light_by_id(each) is None]
+        if missing:
+            text = f"{path}: lanelet {one.lanelet_id} refers to the traffic {missing[0]}, which is not there"
+            raise UsageError(text, "add it to the file, or delete the reference")
+    for each in network.intersections:
+        named = {int(name) for one in each.incomings for name in one.incoming_lanelets or ()}
+        if unknown := sorted(named - known):
+            text = f"{path}: intersection {each.intersection_id} has the incoming lanelet {unknown[0]}"
+            raise UsageError(f"{text}, which is not there", "mend the intersection")
+    for light in network.traffic_lights:
+        if light.active and sum(one.duration for one in light.traffic_light_cycle.cycle_elements) <= 0:
+            text = f"{path}: the cycle of traffic light {light.traffic_light_id} takes no time"
+            raise UsageError(text, "its durations are numbers of steps")
 
 
 def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequence[Sequence[int]]) -> Road:

@@ -103,7 +103,7 @@ def is_inside(outline: Floats, points: Floats) -> Bools:
 
 def _find_path(known: Mapping[int, Any], used: Mapping[int, int]) -> list[int]:
     # successive lanelets beside which, or on which, the vehicle is for most samples
-    beside = {name: _find_neighbours(known, name) for name in known}
+    beside = {name: find_neighbours(known, name) for name in known}
 
     def weight(name: int) -> tuple[int, int]:
         return sum(used.get(other, 0) for other in beside[name]), used.get(name, 0)
@@ -124,8 +124,8 @@ def _find_path(known: Mapping[int, Any], used: Mapping[int, int]) -> list[int]:
     return max(paths, key=lambda path: (*total(path), -path[0]))
 
 
-def _find_neighbours(known: Mapping[int, Any], name: int) -> set[int]:
-    # itself and all lanelets of the same direction beside it
+def find_neighbours(known: Mapping[int, Any], name: int) -> set[int]:
+    """Return a lanelet and all of the same direction beside it."""
     found = {name}
     for side in ("left", "right"):
         at = name

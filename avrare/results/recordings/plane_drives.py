@@ -16,8 +16,8 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
-from avrare.results.recordings.crossings import add_crossings, has_right_of_way, show_lights
-from avrare.results.recordings.lanelet_road import ASIDE, find_path
+from avrare.results.recordings.crossings import add_crossings, check_references, has_right_of_way, show_lights
+from avrare.results.recordings.lanelet_road import ASIDE, find_neighbours, find_path
 from avrare.results.recordings.lanelet_road import find_road as find_lanelet_road
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
 from avrare.results.recordings.straight_road import find_straight_lanes, rotate
@@ -80,7 +80,7 @@ class PlaneDrives:
             first: Step of the first sample.
             samples: Number of samples.
         """
-        if not self._has_right_of_way or self.road is not None:
+        if self.road is not None or not self._has_right_of_way:
             return road, {}
         names = self._find_route(own)
         road = add_crossings(road, self.network, names, [self._routes[name] for name in others])
@@ -95,7 +95,7 @@ class PlaneDrives:
         return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
 
     def lead(self, own: Obstacle, route: Sequence[int]) -> Obstacle:
-        """Return a vehicle that also drives along the lanelets ``route``; UsageError if one is not there."""
+        """Return a vehicle that also drives along the lanelets ``route``; UsageError if they are no way."""
         known = {int(one.lanelet_id): one for one in self.lanelets}
         if unknown := sorted(set(route) - set(known)):
             raise UsageError(f"{self.path}: there is no lanelet {unknown[0]}", "look at `route`")
@@ -105,7 +105,14 @@ class PlaneDrives:
             middles = np.stack([0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])])
             headings = np.arctan2(np.diff(y), np.diff(x))
             states.append(np.stack([*middles, headings, np.zeros_like(headings)]))
-        return dataclasses.replace(own, states=np.concatenate(states, axis=1))
+        x, y, headings, _ = joined = np.concatenate(states, axis=1)
+        path = find_path(self.path, self.lanelets, np.stack([x, y], axis=1), headings) if route else []
+        beside = [find_neighbours(known, name) for name in route]
+        places = [next((k for k, name in enumerate(path) if name in each), -1) for each in beside]
+        if -1 in places or places != sorted(places):
+            text = f"{self.path}: the lanelets of `route` are no way from the ego's start"
+            raise UsageError(text, "each follows the one before it: " + ", ".join(map(str, route)))
+        return dataclasses.replace(own, states=joined)
 
     @cached_property
     def _routes(self) -> Mapping[str, Sequence[int]]:
@@ -120,7 +127,10 @@ class PlaneDrives:
 
     @cached_property
     def _has_right_of_way(self) -> bool:
-        return self.network is not None and has_right_of_way(self.network)
+        if self.network is None:
+            return False
+        check_references(self.path, self.network)
+        return has_right_of_way(self.network)
 
     @cached_property
     def _straight(self) -> tuple[Road, float] | None:

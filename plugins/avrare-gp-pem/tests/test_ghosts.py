@@ -100,7 +100,7 @@ def test_those_near_vehicles_are_around_them(make, motion):
     model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(2))
     cars = [[200.0, 50.0, np.pi / 2], [300.0, -40.0, 0.0]]
     world = make.world(cars, ego=(100.0, 0.0, 0.3), n=4000)
-    _, seen, memories = course(model, world, 3)
+    _, seen, memories = course(model, world, 2)
     for one, memory in zip(seen, memories, strict=True):
         x, y = (part[:, 2:][memory.present] for part in (one.x, one.y))
         first, second = (np.hypot(x - cx, y - cy) < 20.0 for cx, cy, _ in cars)
@@ -113,6 +113,13 @@ def test_those_near_vehicles_are_around_them(make, motion):
         assert (y[first] - 50.0).std() == pytest.approx(3.0, rel=few)  # this car looks along y
         assert (x[first] - 200.0).std() == pytest.approx(1.0, rel=few)
         assert (x[second] - 300.0).std() == pytest.approx(3.0, rel=few)
+
+
+def test_where_there_is_no_vehicle_none_is_near_one(make):
+    model = build_parametric(ParametricPemConfig(ghosts=SHARED | {"near": 1.0}), make.scene(0))
+    _, seen, memories = course(model, make.world(np.zeros((0, 3)), n=200), 1)
+    assert memories[0].present.any()
+    assert seen[0].x[seen[0].detected].min() >= 10.0
 
 
 def test_new_and_lasting_ghosts_have_the_errors_of_speed(make):

@@ -6,6 +6,8 @@ ego's way begins 111 m before it: its conflict area with the straight way from t
 to 111 m, of which the other's stations are 11 to 15 m.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from highway_runs import simulator, tape
@@ -16,6 +18,7 @@ from avrare.stack.builder import build_rule
 
 WEST, NORTH, EAST = 4, 8, 12  # numbers of ways are these and 3 to the right, 2 straight on, 1 to the left
 STEPS = 81
+SCENARIO = Path(__file__).parents[3] / "scenarios" / "intersection.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -134,10 +137,8 @@ def test_vehicles_keep_their_slots_and_ways():
     assert sim.signals(world)["others_way"].shape == world.others.x.shape
 
 
-def test_a_probability_of_breaking_a_rule(tmp_path):
-    problem = avrare.load(
-        "scenarios/intersection.yaml", ["steps=45", "simulator.vehicles=3", "chunk=4"]
-    ).problem("priority")
+def test_a_probability_of_breaking_a_rule():
+    problem = avrare.load(SCENARIO, ["steps=45", "simulator.vehicles=3", "chunk=4"]).problem("priority")
     found = avrare.estimate(problem, "mc", rollouts=4, seed=1)
     assert found.errors == 0
     assert 0.0 <= found.interval[0] <= found.probability <= found.interval[1] <= 1.0

@@ -86,11 +86,21 @@ def test_a_route_leads_through_the_turn(simulate):
     assert simulate([EGO]).scene.road.line.length == pytest.approx(120, abs=0.1)
 
 
-def test_a_route_that_is_not_there(tmp_path):
+@pytest.mark.parametrize(
+    ("lanelets", "message"),
+    [
+        ((77,), "no lanelet 77"),
+        ((103, 101), "the lanelets of `route` are no way"),
+        ((100, 301, 300), "the lanelets of `route` are no way"),
+        ((200, 301, 100), "the lanelets of `route` are no way"),
+        ((311,), "the ego does not start on the way along `route`"),
+    ],
+)
+def test_a_route_that_is_no_way(tmp_path, lanelets, message):
     path = tmp_path / "scene.xml"
     path.write_text(crossroads([EGO, LEFT]), encoding="utf-8")
-    with pytest.raises(UsageError, match="no lanelet 77"):
-        RecordedScene(RecordedConfig(file=path, route=(77,)))
+    with pytest.raises(UsageError, match=message):
+        RecordedScene(RecordedConfig(file=path, route=lanelets))
 
 
 def test_lights_are_signals_that_follow_the_cycle(simulate):

@@ -252,6 +252,6 @@ class HighwayEnvSimulator:
             Vehicles(x, y, heading, speed, acceleration), steering, others,
             self._lengths, self._widths, noise[:, self._rays],
         )  # fmt: skip
-        flags = (column.astype(bool) for column in table.T[6 : len(EGO)])
+        crashed, arrived, on_road, over = (column.astype(bool) for column in table.T[6 : len(EGO)])
         numbered = np.array(ways, dtype=np.float64) if self.junction is not None else None
-        return HighwayWorld(snapshots, ego, others, *flags, numbered)
+        return HighwayWorld(snapshots, ego, others, crashed, arrived, on_road, over, numbered)

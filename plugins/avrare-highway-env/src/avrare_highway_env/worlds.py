@@ -83,7 +83,7 @@ _ABSENT_STATE = (ABSENT, ABSENT, 0.0, 0.0, 0.0)
 def read(environment: Any, capacity: int, goal: float | None, dt: float) -> list[float]:
     """Return a world as numbers: ``EGO``, then x, y, heading, speed, acceleration of the others."""
     road, ego = environment.road, environment.vehicle
-    others = [thing for thing in (*road.vehicles, *road.objects) if thing is not ego][:capacity]
+    others = [thing for thing in (*road.vehicles, *road.objects) if thing is not ego]
     on_road, crashed = bool(ego.on_road), bool(ego.crashed)
     there = ego.position[0] > goal if goal is not None else _arrived(environment, ego)
     found = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]

@@ -102,7 +102,7 @@ def build(config: PolicyConfig, scene: object | None = None) -> PolicyController
     path = locate(config.model)
     if path.suffix == ".onnx":
         for name in ("arrays", "gain"):
-            if getattr(config, name):
+            if getattr(config, name) is not None:
                 hint = "see `avrare policy convert`"
                 raise UsageError(f"{config.model}: {name} is an option for .npz files", hint)
         return PolicyController(OnnxPolicy(path), config.output == "argmax")

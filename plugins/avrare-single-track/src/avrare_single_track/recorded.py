@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare.driving.lanes import ENDLESS
+from avrare.driving.lanes import ENDLESS, lane_borders
 from avrare.protocols import Bools, Floats, Signals
 from avrare.results.recordings.commonroad import open_problem
 from avrare.results.recordings.recording import VehicleTrack
@@ -61,6 +61,8 @@ class RecordedScene(SingleTrack):
         others = [track for track in every if track.present.any()]
         road, self.lights = drives.add_rules(road, guide, [track.name for track in others], first, samples)
         pose = start.track(first, 1, angle, road.line).states[:4, 0]
+        if config.route:
+            _check_start(path, road, *pose[:2])
         body: dict[str, Any] = {
             **config.ego,
             **dict(zip(("x", "y", "heading", "speed"), pose.tolist(), strict=True)),
@@ -141,6 +143,12 @@ def continue_lanes(road: Road) -> Road:
         stations[-1] = ENDLESS if stations[-1] >= road.end - _REACH else stations[-1]
         lanes.append(replace(lane, stations=stations))
     return replace(road, lanes=tuple(lanes))
+
+
+def _check_start(path: str, road: Road, x: float, y: float) -> None:
+    right, left = lane_borders(road, np.array(x))
+    if not (right <= y).any() or not (y <= left).any():
+        raise UsageError(f"{path}: the ego does not start on the way along `route`", "look at `route`")
 
 
 def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:

@@ -293,7 +293,7 @@ def with_ghosts(model: Any, ghosts: Ghosts | MeasuredGhosts | None, scene: Scene
         ranges=np.array([options.forward, options.left]),
         points=points,
         width=width,
-        near=options.near,
+        near=options.near if scene.names else 0.0,
         near_sd=np.array(options.near_sd),
     )
     return GhostPem(model, law, len(scene.names))
