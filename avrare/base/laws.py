@@ -120,9 +120,14 @@ class Truncated(_Law):
         return self
 
     def _bounds(self) -> tuple[float, float]:
-        low = -math.inf if self.low is None else float(self.of.score(self.low))
-        high = math.inf if self.high is None else float(self.of.score(self.high))
-        return low, high
+        low, high = self.low, self.high
+        if _has_steps(self.of):  # the score of a value is the middle of its share, and all of it is kept
+            low = None if low is None else math.nextafter(low, -math.inf)
+            high = None if high is None else math.nextafter(high, math.inf)
+        return (
+            -math.inf if low is None else float(self.of.score(low)),
+            math.inf if high is None else float(self.of.score(high)),
+        )
 
     def at(self, z: ArrayLike) -> Floats:
         """Return the value of a standard normal number."""
@@ -236,7 +241,8 @@ class Discrete(_Law):
 
     def _shares(self) -> tuple[Floats, Floats]:
         # Probabilities of at most each value but the last, and of more.
-        weights = np.array(self.weights) / math.fsum(self.weights)
+        weights = np.array(self.weights) / max(self.weights)
+        weights /= math.fsum(weights)
         return np.cumsum(weights)[:-1], np.cumsum(weights[::-1])[::-1][1:]
 
     def at(self, z: ArrayLike) -> Floats:
@@ -255,6 +261,12 @@ class Discrete(_Law):
         middle = _number_at(0.5 * (lower + at)[place], 0.5 * (upper + left)[place])
         border = _number_at(np.append(lower, 1.0)[k], np.append(left, 0.0)[k])
         return np.where(values[place] == number, middle, border)
+
+
+def _has_steps(law: _Law) -> bool:
+    if isinstance(law, Mixture):
+        return any(_has_steps(part.of) for part in law.parts)
+    return isinstance(law, Discrete) or (isinstance(law, Truncated) and _has_steps(law.of))
 
 
 Law: TypeAlias = Annotated[

@@ -39,7 +39,7 @@ def _build(scenario: Scenario) -> list[str]:
 
 @contextmanager
 def _first_steps(scenario: Scenario) -> Iterator[None]:
-    """What a part of the stack raises is its own; in a run such rollouts count as errors."""
+    """Tell what a part of the stack raises as its own mistake; in a run such rollouts count as errors."""
     try:
         yield
     except (AvrareError, MemoryError):

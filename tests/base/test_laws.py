@@ -95,6 +95,16 @@ def test_a_discrete_law_has_the_shares_of_its_values():
     assert rare.at([9.2, 9.4]) == pytest.approx([0.0, 1.0])  # the tail above 9.26 has 1e-20
 
 
+def test_a_discrete_law_that_is_cut_keeps_the_whole_share_of_its_bounds():
+    coins = {"law": "discrete", "values": [1.0, 2.0, 3.0], "weights": [1e308, 1e308, 1e308]}
+    mixed = {"law": "mixture", "parts": [{"weight": 1, "of": coins}, {"weight": 1e-9, "of": UNIFORM}]}
+    edges = stats.norm.ppf([0.49, 0.51])
+    for of in (coins, mixed):
+        for bounds, kept in (({"low": 2.0}, [2.0, 3.0]), ({"high": 2.0}, [1.0, 2.0])):
+            found = law({"law": "truncated", "of": of, **bounds})
+            assert found.at(edges) == pytest.approx(kept, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -28,7 +28,8 @@ from avrare.worlds.capabilities import capabilities
 MAX_STORED = 10
 """Largest number of new failures of a specification stored from one run, the worst ones."""
 
-_OUTCOMES = ("still fails", "passes now", "other error")
+_OUTCOMES = {"still fails": "still fail", "passes now": "pass now", "other error": "other errors"}
+"""Words for the outcome of one failure -> of several."""
 _MAX_NAMED = 3
 """Number of differing signals that are named; the others are counted."""
 
@@ -182,7 +183,11 @@ def check_known_failures(database: FailureDatabase, scenario: LoadedScenario) ->
     if not found:
         return messages
     counts = {outcome: sum(one.outcome == outcome for one in found) for outcome in _OUTCOMES}
-    summary = ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
+    summary = ", ".join(
+        f"{count} {outcome if count == 1 else _OUTCOMES[outcome]}"
+        for outcome, count in counts.items()
+        if count
+    )
     return [*messages, *(one.line() for one in found), f"known failures of {scenario.name}: {summary}"]
 
 

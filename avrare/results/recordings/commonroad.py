@@ -24,6 +24,7 @@ from avrare.results.recordings.recording import FIELDS, Recording
 
 _EGO_ID = 1
 _FIRST_LANELET_ID = 1001
+_MOST = sys.float_info.max
 _MOST_STEPS = 2**62  # what arrays of steps hold
 _MARGIN = 50.0  # length of the lanelets beyond the vehicles [m]
 
@@ -167,7 +168,7 @@ def _read_pose(path: str, name: str, state: Any, static: bool = False) -> list[f
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and abs(value) <= sys.float_info.max
+    return isinstance(value, (int, float, np.number)) and bool(-_MOST <= value <= _MOST)
 
 
 def _read_size(path: str, obstacle: Any) -> tuple[float, float]:

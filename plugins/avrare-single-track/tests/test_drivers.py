@@ -11,8 +11,8 @@ from avrare.driving.geometry import Rectangle, signed_distance
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.driver_model import PARAMETERS, idm
 from avrare_single_track.simulator import build
+from drivers import EGO, car, dense, drive, simulator
 
-EGO = {"x": -200.0, "y": -1.75, "speed": 20.0}
 HIGHWAY = {
     "time_gap": 1.5,
     "standstill_gap": 10.0,
@@ -24,28 +24,6 @@ HIGHWAY = {
     "safe_braking": 2.0,
 }
 """highway-env's parameters; its gaps are between centres, so its vehicles are points with 10 m at rest."""
-
-
-def car(name, x, y=1.75, speed=20.0, desired=25.0, **driver):
-    sizes = {key: driver.pop(key) for key in ("length", "width") if key in driver}
-    return {
-        "name": name, "x": x, "y": y, "speed": speed, **sizes,
-        "driver": {"desired_speed": desired, "lane_changes": False, **driver},
-    }  # fmt: skip
-
-
-def simulator(*vehicles, ego=EGO, dt=0.1):
-    return build(SingleTrackConfig.model_validate({"dt": dt, "ego": ego, "vehicles": list(vehicles)}))
-
-
-def drive(sim, steps, n=1, seed=None):
-    """Return the worlds of a drive whose ego keeps its speed."""
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal((steps + 1, n, sim.noise_size)) * (seed is not None)
-    worlds = [sim.reset(noise[0])]
-    for row in noise[1:]:
-        worlds.append(sim.step(worlds[-1], Action(np.zeros(n), np.zeros(n)), row))
-    return worlds
 
 
 def test_a_free_driver_reaches_its_desired_speed():
@@ -122,14 +100,6 @@ def test_lane_changes_are_highway_env_s():
 
 
 SIZE = np.asarray(4.298), np.asarray(1.674)
-
-
-def dense(**driver):
-    return [
-        car(f"v{k}", 28.0 * (k // 3) + 4.0 * (k % 3), (-1.75, 1.75, 5.25)[k % 3], 20.0 + k % 5, 23.0 + k % 7,
-            lane_changes=True, **driver)
-        for k in range(12)
-    ]  # fmt: skip
 
 
 def test_dense_traffic_does_not_collide_and_changes_lanes():
@@ -255,153 +225,3 @@ def test_drivers_in_a_bend_drive_their_speed_at_their_own_offset():
     speeds = np.stack([world.others.speed[0] for world in worlds])
     driven = 0.05 * (speeds[1:] + speeds[:-1]).sum(axis=0)
     np.testing.assert_allclose(way * (1.0 - 0.01 * np.array([4.0, -4.0])), driven, rtol=1e-9)
-
-
-def test_a_driver_reacts_after_its_reaction_time():
-    lead = car("lead", 40.0, brake=[{"from_step": 20, "to_step": 60, "acceleration": -4.0}], desired=20.0)
-    begins = []
-    for time in (0.0, 0.8):
-        worlds = drive(simulator(lead, car("one", 0.0, desired=30.0, reaction_time=time)), 60)
-        found = np.array([world.others.acceleration[0, 1] for world in worlds])
-        assert np.abs(found[:20]).max() < 0.05  # the gap is the model's own
-        begins.append(int(np.argmax(found < -0.1)))
-    assert begins[1] - begins[0] == 8
-
-
-def test_a_late_acceleration_is_the_prompt_one_of_that_time_ago():
-    # at rest it does not move before it reacts, so that the model demands the same at every step until then
-    sim = simulator(car("one", 0.0, speed=0.0, reaction_time=0.25), ego={"x": 500.0, "y": 1.75, "speed": 0.0})
-    worlds = drive(sim, 12)
-    speeds = np.array([world.others.speed[0, 0] for world in worlds])
-    table = np.array([25.0, 1.5, 2.0, 1.5, 2.0, 8.0])
-    gaps = 500.0 - np.array([world.others.x[0, 0] for world in worlds]) - 4.298
-    wanted = np.array([idm(v, 0.0, gap, table) for v, gap in zip(speeds, gaps, strict=True)])
-    found = np.array([world.others.acceleration[0, 0] for world in worlds])
-    assert found[1:4] == pytest.approx(wanted[:1].repeat(3))  # before the start: as at the start
-    expected = 0.5 * (wanted[1:10] + wanted[:9])  # 2.5 steps ago
-    assert found[4:] == pytest.approx(expected, rel=1e-9)
-
-
-def test_reaction_times_vary_about_their_median():
-    sim = simulator(*[car(f"v{k}", 200.0 * k, reaction_time=1.0, reaction_sd=0.3) for k in range(3)],
-                    car("prompt", 0.0, 5.25))  # fmt: skip
-    assert sim.noise_names[4:] == tuple(f"reaction time of v{k}" for k in range(3))
-    assert sim.noise_size == 7
-    worlds = drive(sim, 20, n=800, seed=5)
-    haste = np.array([world.drivers.haste for world in worlds])
-    assert haste[[0, 10, 20]].std(axis=(1, 2)) == pytest.approx([0.3] * 3, abs=0.02)
-    assert len(np.unique(worlds[-1].others.speed[:, 0])) > 780  # some are at the bound
-    assert len(np.unique(worlds[-1].others.speed[:, 3])) == 1
-
-
-def test_a_row_of_late_drivers_does_not_depend_on_the_others():
-    sim = simulator(*dense(acceleration_sd=0.5, reaction_time=0.8, reaction_sd=0.4))
-    noise = np.random.default_rng(4).standard_normal((30, 4, sim.noise_size))
-
-    def run(rows):
-        world = sim.reset(noise[0][rows])
-        for row in noise[1:]:
-            before = [leaf.copy() for leaf in leaves(world)]
-            after = sim.step(world, Action(np.zeros(len(rows)), np.zeros(len(rows))), row[rows])
-            assert all(np.array_equal(a, b) for a, b in zip(leaves(world), before, strict=True))
-            world = after
-        return world
-
-    whole, alone = run(np.arange(4)), run(np.array([2]))
-    pairs = zip(leaves(take(whole, np.array([2]))), leaves(alone), strict=True)
-    assert all(np.array_equal(a, b) for a, b in pairs)
-
-
-TABLE = np.array([25.0, 1.5, 2.0, 1.5, 2.0, 8.0])
-
-
-def _gap(acceleration):
-    return 60.0 - 4.298 - 0.1 * (15.0 + 0.05 * acceleration)
-
-
-def test_a_drawn_reaction_time_is_each_particle_s_own():
-    ahead = {"name": "wall", "x": 60.0, "y": 1.75}
-    sim = simulator(ahead, car("one", 0.0, speed=15.0))
-    law = TypeAdapter(Law).validate_python({"law": "uniform", "low": 0.0, "high": 1.0})
-    drawn = sim.drawing({"vehicles.1.driver.reaction_time": law})
-    world = drawn.reset_drawn(np.zeros((2, 1)), {"vehicles.1.driver.reaction_time": np.array([0.0, 1.0])})
-    found = []
-    for _ in range(12):
-        world = drawn.step(world, Action(np.zeros(2), np.zeros(2)), np.zeros((2, 1)))
-        found.append(world.others.acceleration[:, 1])
-    prompt, late = np.array(found).T
-    assert prompt[1] != prompt[0]
-    assert (late[:11] == prompt[0]).all()  # 1 s long as at the start
-    assert late[11] == pytest.approx(idm(15.0 + 0.1 * prompt[0], 0.0, _gap(prompt[0]), TABLE), rel=1e-9)
-
-
-ROAD = {"lane_centres": [-1.75, 1.75]}
-
-
-def along(*vehicles, road, ego=EGO):
-    return build(SingleTrackConfig.model_validate({"road": road, "ego": ego, "vehicles": list(vehicles)}))
-
-
-def test_a_lane_that_ends_is_left_or_stopped_in():
-    road = {**ROAD, "lane_spans": [{"lane": 0, "begin": -100.0, "end": 150.0}], "access_ramp": [0]}
-    leaving = drive(along(car("in", 0.0, y=-1.75, lane_changes=True), road=road), 120)
-    assert leaving[-1].others.y[0, 0] == pytest.approx(1.75)
-    blocked = [{"name": f"c{k}", "x": 9.0 * k - 300.0, "y": 1.75, "speed": 20.0} for k in range(80)]
-    staying = drive(along(*blocked, car("in", 0.0, y=-1.75, lane_changes=True), road=road), 200)
-    assert staying[-1].others.y[0, -1] == -1.75
-    assert 140.0 < staying[-1].others.x[0, -1] + 0.5 * 4.298 < 150.0
-
-
-def test_nobody_changes_into_a_lane_that_is_not_there():
-    slow = {"name": "slow", "x": 40.0, "y": 1.75, "speed": 8.0}
-    for span, changes in (({"begin": -500.0}, True), ({"begin": 900.0}, False), ({"end": 20.0}, False)):
-        road = {**ROAD, "lane_spans": [{"lane": 0, **span}]}
-        worlds = drive(along(slow, car("one", 0.0, lane_changes=True), road=road), 60)
-        assert (worlds[-1].others.y[0, 1] < 1.0) == changes
-
-
-def mirrored(world):
-    others = world.others
-    return np.array([-others.x, -others.y, others.speed, others.acceleration])
-
-
-def test_oncoming_drivers_drive_as_those_along_the_road():
-    road = {"lane_centres": [-5.25, -1.75, 1.75, 5.25], "opposing": [2, 3]}
-    plain = [
-        car(f"v{k}", 28.0 * (k // 2), (-5.25, -1.75)[k % 2], 18.0 + 3 * (k % 3),
-            (14.0, 26.0, 24.0, 17.0)[k % 4], lane_changes=True, acceleration_sd=0.3)
-        for k in range(8)
-    ]  # fmt: skip
-    turned = [{**one, "x": -one["x"], "y": -one["y"], "heading": np.pi} for one in plain]
-    ego = {"x": -900.0, "y": 0.0, "speed": 0.0}
-    forth = drive(along(*plain, road=road, ego=ego), 120, seed=3)
-    oncoming = drive(along(*turned, road=road, ego={**ego, "x": 900.0}), 120, seed=3)
-    same = np.array([forth[-1].others.x, forth[-1].others.y, forth[-1].others.speed,
-                     forth[-1].others.acceleration])  # fmt: skip
-    np.testing.assert_allclose(mirrored(oncoming[-1]), same, atol=1e-9)
-    assert (forth[-1].drivers.lane != forth[0].drivers.lane).any()
-    assert np.cos(oncoming[-1].others.heading).max() < -0.9
-
-
-def test_a_driver_brakes_for_one_that_comes_towards_it_in_its_lane():
-    road = {**ROAD, "opposing": [1]}
-    ghost = {"name": "wrong", "x": 120.0, "y": -1.75, "speed": 10.0, "heading": np.pi}
-    worlds = drive(along(car("one", 0.0, y=-1.75), ghost, road=road), 20)
-    assert worlds[-1].others.acceleration[0, 0] < -2.0
-
-
-@pytest.mark.parametrize(
-    ("road", "words"),
-    [
-        ({"lane_spans": [{"lane": 0}]}, "give begin, end or both"),
-        ({"lane_spans": [{"lane": 0, "begin": 5.0, "end": 5.0}]}, "must begin before it ends"),
-        ({"lane_spans": [{"lane": 7, "end": 5.0}]}, "lane_spans must name lanes"),
-        ({"lane_spans": [{"lane": 0, "end": 5.0}, {"lane": 0, "begin": 9.0}]}, "names a lane twice"),
-        ({"opposing": [0, 2]}, "side by side"),
-    ],
-)
-def test_roads_that_cannot_be(road, words):
-    with pytest.raises(ValidationError, match=words):
-        along(road=road)
-    with pytest.raises(ValidationError, match="reaction_time above 0"):
-        simulator(car("a", 0.0, reaction_sd=0.2))

@@ -96,7 +96,7 @@ _ANSWERS = [
 
 
 def _function(random):
-    """The function is the user's own code; whatever it does, its mistakes are told as its."""
+    """Let the user's own function answer oddly: its mistakes must be told as its own."""
     path = Path("pilot.py")
     text = path.read_text().replace("(1.0, 0.0)", pick(random, _ANSWERS))
     if random.random() < 0.2:

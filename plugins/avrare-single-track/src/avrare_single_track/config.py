@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -16,6 +16,8 @@ from avrare_mpc.config import TrajectoryPlan
 _RESERVED = ("ego", "others")
 """Names in formulas of the vehicle under test and of all other vehicles."""
 _Lane = Annotated[int, Field(ge=0)]
+_ReactionSd = Annotated[float, Field(ge=0, le=1, description="standard deviation of log(reaction time)")]
+_Driver = TypeVar("_Driver", "DriverConfig", "HandedOverConfig")
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
 
@@ -154,6 +156,12 @@ class BrakeConfig(_Options):
         return self
 
 
+def _check_spread(driver: _Driver) -> _Driver:
+    if driver.reaction_sd > 0.0 and driver.reaction_time == 0.0:
+        raise ValueError("reaction_sd spreads a reaction_time above 0: give one")
+    return driver
+
+
 class DriverConfig(_Options):
     """Driver that reacts to all vehicles: IDM along the road, MOBIL and gap acceptance across it."""
 
@@ -189,19 +197,10 @@ class DriverConfig(_Options):
         le=MOST_REACTION,
         description="time from what a driver sees to the acceleration that it causes [s]",
     )
-    reaction_sd: float = Field(
-        default=0.0,
-        ge=0.0,
-        le=1.0,
-        description="standard deviation of the logarithm of its reaction time, about reaction_time",
-    )
+    reaction_sd: _ReactionSd = 0.0
     correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
 
-    @model_validator(mode="after")
-    def _something_to_spread(self) -> Self:
-        if self.reaction_sd > 0.0 and self.reaction_time == 0.0:
-            raise ValueError("reaction_sd spreads a reaction_time above 0: give one")
-        return self
+    _spread = model_validator(mode="after")(_check_spread)
 
     @field_validator("lanes")
     @classmethod
@@ -308,13 +307,10 @@ class HandedOverConfig(_Options):
         le=MOST_REACTION,
         description="time from what a driver sees to the acceleration that it causes [s]",
     )
-    reaction_sd: float = Field(
-        default=0.0,
-        ge=0.0,
-        le=1.0,
-        description="standard deviation of the logarithm of its reaction time, about reaction_time",
-    )
+    reaction_sd: _ReactionSd = 0.0
     correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
+
+    _spread = model_validator(mode="after")(_check_spread)
 
 
 def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:

@@ -170,15 +170,16 @@ class Flow:
         self._last, self._width = len(road.lane_centres) - 1, float(road.lane_width)
         self._centres = np.ascontiguousarray(way * np.array(road.lane_centres)[::way])
         self._spans = _spans(road, way)
-        same_way = [lane for lane in range(self._last + 1) if (lane in road.opposing) == (way < 0)]
-        whole = (same_way[0], same_way[-1]) if same_way else (1, 0)
-        limits = [(one.lanes or whole) if one.lane_changes else (1, 0) for _, _, one in mine]
+        starts = [int(_nearest(np.array(way * one.y), self._centres)) for _, one, _ in mine]
+        limits = [
+            (one.lanes or _reach(road, way, self._lane(start))) if one.lane_changes else (1, 0)
+            for (_, _, one), start in zip(mine, starts, strict=True)
+        ]
         self._limits = np.array(
             [[self._lane(a), self._lane(b)][::way] if a <= b else [a, b] for a, b in limits], dtype=np.int64
         )
         ends = [one.lane_end for _, _, one in mine]
         self._ends = np.array([np.inf if end is None else way * end for end in ends])
-        starts = [int(_nearest(np.array(way * one.y), self._centres)) for _, one, _ in mine]
         self._forced = np.array(
             [
                 (self._lane(one.merge.lane), one.merge.from_step, start) if one.merge else (-1, 0, start)
@@ -233,6 +234,14 @@ class Flow:
         found[:2] *= self._way
         found[2] += 0.0 if self._way > 0 else np.pi
         out[:, :, self._rows] = found
+
+
+def _reach(road: Road, way: int, start: int) -> tuple[int, int]:
+    # First and last lane of this direction that are side by side with the one at the start, or next to it.
+    lanes = [lane for lane in range(len(road.lane_centres)) if (lane in road.opposing) == (way < 0)]
+    groups = np.split(lanes, np.flatnonzero(np.diff(lanes) > 1) + 1) if lanes else [np.array([1, 0])]
+    group = min(groups, key=lambda one: float(np.abs(one - start).min()))
+    return int(group[0]), int(group[-1])
 
 
 def _spans(road: Road, way: int) -> Floats:

@@ -1,0 +1,85 @@
+"""Drivers on roads whose lanes begin, end or come towards them."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from avrare_single_track.config import SingleTrackConfig
+from avrare_single_track.simulator import build
+from drivers import EGO, car, drive
+
+ROAD = {"lane_centres": [-1.75, 1.75]}
+
+
+def along(*vehicles, road, ego=EGO):
+    return build(SingleTrackConfig.model_validate({"road": road, "ego": ego, "vehicles": list(vehicles)}))
+
+
+def test_a_lane_that_ends_is_left_or_stopped_in():
+    road = {**ROAD, "lane_spans": [{"lane": 0, "begin": -100.0, "end": 150.0}], "access_ramp": [0]}
+    leaving = drive(along(car("in", 0.0, y=-1.75, lane_changes=True), road=road), 120)
+    assert leaving[-1].others.y[0, 0] == pytest.approx(1.75)
+    blocked = [{"name": f"c{k}", "x": 9.0 * k - 300.0, "y": 1.75, "speed": 20.0} for k in range(80)]
+    staying = drive(along(*blocked, car("in", 0.0, y=-1.75, lane_changes=True), road=road), 200)
+    assert staying[-1].others.y[0, -1] == -1.75
+    assert 140.0 < staying[-1].others.x[0, -1] + 0.5 * 4.298 < 150.0
+
+
+def test_nobody_changes_into_a_lane_that_is_not_there():
+    slow = {"name": "slow", "x": 40.0, "y": 1.75, "speed": 8.0}
+    for span, changes in (({"begin": -500.0}, True), ({"begin": 900.0}, False), ({"end": 20.0}, False)):
+        road = {**ROAD, "lane_spans": [{"lane": 0, **span}]}
+        worlds = drive(along(slow, car("one", 0.0, lane_changes=True), road=road), 60)
+        assert (worlds[-1].others.y[0, 1] < 1.0) == changes
+
+
+def mirrored(world):
+    others = world.others
+    return np.array([-others.x, -others.y, others.speed, others.acceleration])
+
+
+def test_oncoming_drivers_drive_as_those_along_the_road():
+    road = {"lane_centres": [-5.25, -1.75, 1.75, 5.25], "opposing": [2, 3]}
+    plain = [
+        car(f"v{k}", 28.0 * (k // 2), (-5.25, -1.75)[k % 2], 18.0 + 3 * (k % 3),
+            (14.0, 26.0, 24.0, 17.0)[k % 4], lane_changes=True, acceleration_sd=0.3)
+        for k in range(8)
+    ]  # fmt: skip
+    turned = [{**one, "x": -one["x"], "y": -one["y"], "heading": np.pi} for one in plain]
+    ego = {"x": -900.0, "y": 0.0, "speed": 0.0}
+    forth = drive(along(*plain, road=road, ego=ego), 120, seed=3)
+    oncoming = drive(along(*turned, road=road, ego={**ego, "x": 900.0}), 120, seed=3)
+    same = np.array([forth[-1].others.x, forth[-1].others.y, forth[-1].others.speed,
+                     forth[-1].others.acceleration])  # fmt: skip
+    np.testing.assert_allclose(mirrored(oncoming[-1]), same, atol=1e-9)
+    assert (forth[-1].drivers.lane != forth[0].drivers.lane).any()
+    assert np.cos(oncoming[-1].others.heading).max() < -0.9
+
+
+def test_a_driver_brakes_for_one_that_comes_towards_it_in_its_lane():
+    road = {**ROAD, "opposing": [1]}
+    ghost = {"name": "wrong", "x": 120.0, "y": -1.75, "speed": 10.0, "heading": np.pi}
+    worlds = drive(along(car("one", 0.0, y=-1.75), ghost, road=road), 20)
+    assert worlds[-1].others.acceleration[0, 0] < -2.0
+
+
+@pytest.mark.parametrize(
+    ("road", "words"),
+    [
+        ({"lane_spans": [{"lane": 0}]}, "give begin, end or both"),
+        ({"lane_spans": [{"lane": 0, "begin": 5.0, "end": 5.0}]}, "must begin before it ends"),
+        ({"lane_spans": [{"lane": 7, "end": 5.0}]}, "lane_spans must name lanes"),
+        ({"lane_spans": [{"lane": 0, "end": 5.0}, {"lane": 0, "begin": 9.0}]}, "names a lane twice"),
+        ({"opposing": [0, 2]}, "side by side"),
+    ],
+)
+def test_roads_that_cannot_be(road, words):
+    with pytest.raises(ValidationError, match=words):
+        along(road=road)
+
+
+def test_nobody_crosses_an_opposing_lane_in_the_middle():
+    road = {"lane_centres": [-3.5, 0.0, 3.5], "opposing": [1]}
+    slow = {"name": "slow", "x": 40.0, "y": -3.5, "speed": 8.0}
+    worlds = drive(along(slow, car("one", 0.0, y=-3.5, lane_changes=True), road=road), 60)
+    assert worlds[-1].others.y[0, 1] == -3.5
