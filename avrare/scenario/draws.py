@@ -77,6 +77,7 @@ class Draws:
 
 def _find(place: Any, way: Sequence[str]) -> tuple[Any, Any]:
     # The container and the key of a path; a key may have dots of its own, or be a number as text
+    key: int | str
     if isinstance(place, list):
         key, used = int(way[0]), 1
     else:

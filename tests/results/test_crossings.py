@@ -100,7 +100,11 @@ def damaged(tmp_path, pattern, by):
         ("<trafficLight id.*?</trafficLight>", "", "lanelet 100 refers to the traffic light 990, which is"),
         ('incomingLanelet ref="101"', 'incomingLanelet ref="777"', "950 has the incoming lanelet 777, which"),
         ("<duration>50", "<duration>0", "the cycle of traffic light 990 takes no time"),
-        ("<cycle>.*?</cycle>", "", r"scene\.xml: not a CommonRoad scenario"),
+        (
+            "<cycle>.*?</cycle>",
+            "",
+            r"scene\.xml: not a CommonRoad scenario: an element or attribute .* is missing",
+        ),
     ],
 )
 def test_files_that_refer_to_nothing_are_refused(tmp_path, pattern, by, message):

@@ -127,6 +127,8 @@ def _open_file(path: str) -> tuple[Any, Any]:
         raise UsageError(f"{path}: no such file") from None
     except Exception as error:  # the reader raises whatever its XML parser or its assertions raise
         reason = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, (AttributeError, IndexError, KeyError, TypeError)):
+            reason = f"an element or attribute that its reader needs is missing ({reason})"
         raise UsageError(f"{path}: not a CommonRoad scenario: {reason[:200]}") from None
     return scenario, problems
 

@@ -91,10 +91,12 @@ class Network:
         """Return the network with factors on its outputs, those of the last layer.
 
         Raises:
-            UsageError: There are not as many as outputs.
+            UsageError: There are not as many as outputs, or one is not finite in single precision.
         """
         if len(gain) != len(self.low):
             raise UsageError(f"{path}: gain needs {len(self.low)} numbers, not {len(gain)}")
+        if not np.all(np.abs(gain) <= np.finfo(np.float32).max):
+            raise UsageError(f"{path}: gain needs finite numbers of single precision, not {list(gain)}")
         factors = np.asarray(gain, dtype=np.float32)
         *weights, weight = self.weights
         *biases, bias = self.biases
