@@ -59,6 +59,6 @@ def test_a_gain_multiplies_the_outputs_before_they_are_clipped(path):
     assert doubled[1, 0] == 9.0
     with pytest.raises(avrare.UsageError, match="gain needs 1 numbers, not 2"):
         act((1.0, 1.0))
-    for gain in (1e300, float("nan")):
+    for gain in (1e300, -1e39):
         with pytest.raises(avrare.UsageError, match="gain needs finite numbers"):
             act((gain,))
