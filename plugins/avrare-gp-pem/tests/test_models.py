@@ -11,6 +11,7 @@ from avrare.base.batch import take
 from avrare.base.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.models import build_gp, build_parametric
+from avrare_gp_pem.runtime.store import FOLDER
 from avrare_gp_pem.runtime.student_t import student
 
 FIELDS = ("detected", "x", "y", "speed_x")
@@ -166,3 +167,18 @@ def test_weather_multiplies_errors_and_the_odds_of_a_miss(build, make):
     _, seen = draws(model, rainy)
     assert seen.detected.mean() < draws(model, world)[1].detected.mean()
     np.testing.assert_array_equal(model.log_prob(rainy, seen), law.log_prob(rainy, seen))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"clean_dof": [-3.5, 0.05]}, {"clean_dof": [2.0, 300.0]}, {"clean_limit": -1.0}, {"yaw_dof": 0.0}],
+    ids=str,
+)
+def test_damaged_laws_of_errors_are_refused(make, tmp_path, change):
+    with np.load(FOLDER / "measured.npz") as file:
+        arrays = dict(file)
+    assert change.keys() <= arrays.keys()
+    path = tmp_path / "damaged.npz"
+    np.savez(path, **(arrays | {name: np.array(value) for name, value in change.items()}))
+    with pytest.raises(UsageError, match="degrees of freedom not from 1 to 30"):
+        build_gp(GpPemConfig(model=str(path)), make.scene(1))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
@@ -159,8 +159,8 @@ def _model(arrays: Arrays, provenance: Mapping[str, str]) -> FittedPem:
 def _yaw(flip: Floats, scale: Floats, dof: Floats) -> YawErrors:
     if flip.shape != (2,) or scale.shape != (2,) or dof.shape != () or not np.isfinite([*flip, *scale]).all():
         raise ValueError("its yaw errors are no two pairs of numbers and a number")
-    if not (scale[0] > 0 and scale[1] >= 0 and dof > 0):
-        raise ValueError("its yaw errors have no positive scale and degrees of freedom")
+    if not (scale[0] > 0 and scale[1] >= 0 and _tabulated(dof)):
+        raise ValueError("its yaw errors have no positive scale, or degrees of freedom not from 1 to 30")
     return YawErrors(flip, scale, dof)
 
 
@@ -215,7 +215,14 @@ def _checked(variant: Variant) -> Variant:
     unbounded = np.isinf(law.dof).all() and np.isinf(law.limit)  # normal errors
     if not all(np.isfinite(part).all() for part in (parts[:3] if unbounded else parts)):
         raise ValueError("its predictions are not finite")
+    if not (_tabulated(law.dof) and np.min(law.scale) > 0.0 and np.min(law.limit) > 0.0):
+        raise ValueError("its scales or limit are not positive, or its degrees of freedom not from 1 to 30")
     return variant
+
+
+def _tabulated(dof: ArrayLike) -> bool:
+    numbers = np.asarray(dof, float)
+    return bool(np.all((numbers >= 1.0) & (numbers <= 30.0) | (numbers == np.inf)))
 
 
 def _networks(arrays: Arrays) -> Networks:
