@@ -15,7 +15,7 @@ from pathlib import Path
 
 from attack import fits, warm_workers
 from attack.attempts import BITS, CODE, HANG, TRACEBACK
-from attack.kills import Program
+from attack.kills import Program, outlive
 from attack.material import ESTIMATORS, copy_material, result
 
 CHANGES = {
@@ -170,10 +170,10 @@ def crash(task, point, home) -> tuple[bool, str | None, str]:
     """
     _fresh(task, home)
     with contextlib.chdir(home / "work"):
-        code = _killed(task.words, point, home / "log")
+        code, leader = _killed(task.words, point, home / "log")
         if code >= 0:
             return False, None, ""
-        found, told = _mend(task, home)
+        found, told = (HANG, "its workers outlive it") if outlive(leader) else _mend(task, home)
     return True, found, f"avrare {' '.join(task.words)}, killed at point {point}\n{told}" if found else ""
 
 
@@ -221,7 +221,7 @@ def _killed(words, point, log):
     child = os.fork()
     if child:
         _, status = os.waitpid(child, 0)
-        return os.waitstatus_to_exitcode(status)
+        return os.waitstatus_to_exitcode(status), child
     code = 70
     try:
         os.setsid()

@@ -64,16 +64,8 @@ class Program:
         os.close(ready)
 
     def workers(self) -> list[int]:
-        """Processes of the group beside its leader."""
-        found = []
-        for path in Path("/proc").glob("[0-9]*"):
-            with contextlib.suppress(OSError, ValueError, IndexError):
-                fields = (path / "stat").read_text().rsplit(")", 1)[1].split()
-                tracker = b"resource_tracker" in (path / "cmdline").read_bytes()
-                ours = int(fields[2]) == self.pid != int(path.name)
-                if ours and fields[0] != "Z" and not tracker:
-                    found.append(int(path.name))
-        return found
+        """Return the processes of the group beside its leader."""
+        return workers(self.pid)
 
     def wait(self, seconds) -> int | None:
         """Return the exit code, minus the signal that ended it; None if it does not end."""
@@ -89,6 +81,29 @@ class Program:
         """End whatever is left of the group."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
+
+
+def workers(leader: int) -> list[int]:
+    """Return the processes of a group beside its leader."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            fields = (path / "stat").read_text().rsplit(")", 1)[1].split()
+            tracker = b"resource_tracker" in (path / "cmdline").read_bytes()
+            ours = int(fields[2]) == leader != int(path.name)
+            if ours and fields[0] != "Z" and not tracker:
+                found.append(int(path.name))
+    return found
+
+
+def outlive(leader: int) -> bool:
+    """Return whether workers are left 15 seconds after their parent has ended."""
+    end = time.monotonic() + 15.0
+    while workers(leader):
+        if time.monotonic() > end:
+            return True
+        time.sleep(0.02)
+    return False
 
 
 _PICTURES = ("matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin")
@@ -197,7 +212,7 @@ def _live(random, estimator, home):
     time.sleep(float(random.uniform(0.0, _duration(estimator, workers, warm, home))))
     _send(program, target, number, random)
     code = program.wait(PATIENCE)
-    left = _outlive(program)
+    left = outlive(program.pid)
     program.destroy()
     if code is None:
         os.waitpid(program.pid, 0)
@@ -223,16 +238,6 @@ def _send(program, target, number, random):
         if number == signal.SIGSTOP and (target != "worker" or random.random() < 0.7):
             time.sleep(float(random.uniform(0.05, 0.8)))
             os.killpg(program.pid, signal.SIGCONT)
-
-
-def _outlive(program) -> bool:
-    """Return whether workers are left when their parent has ended."""
-    end = time.monotonic() + 15.0
-    while program.workers():
-        if time.monotonic() > end:
-            return True
-        time.sleep(0.02)
-    return False
 
 
 def _leftovers(folder):
