@@ -87,12 +87,9 @@ def require(
         trial = Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
         if whole or not _reweighable(problem, parameter, result):
             return trial
-        reweigher = Reweigher(
-            problem, at, lambda one: scenario.at(parameter, one).stack.loop.perception, between
-        )
-        return replace(
-            trial, score=reweigher.score(result.failures), nearby=reweigher.reweigh(result, nearby, level)
-        )
+        moved = Reweigher(problem, at, lambda one: scenario.at(parameter, one).stack.loop.perception, between)
+        nearby_estimates = moved.reweigh(result, nearby, level)
+        return replace(trial, score=moved.score(result.failures), nearby=nearby_estimates)
 
     search: Evaluate = evaluate
     with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
