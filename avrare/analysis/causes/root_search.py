@@ -137,7 +137,7 @@ class _Search:
 
     @property
     def rising(self) -> bool:
-        """Whether the probability rises with the parameter."""
+        """True if the probability rises with the parameter, by the first two trials."""
         first, second = self.trials[0], self.trials[1] if len(self.trials) > 1 else self.trials[0]
         return (second.probability - first.probability) * (second.value - first.value) >= 0.0
 
