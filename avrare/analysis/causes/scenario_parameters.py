@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +20,20 @@ from avrare.analysis.causes.sensitivity import (
 )
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.analysis.failures.failure import compute_fingerprints
-from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
 from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
 from avrare.results.reader import RunFolder, read_run_folder
 from avrare.rollout.loaded_scenario import LoadedScenario, load
+from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.schema import Scenario
 
 _DEFAULT = "perception."
 _NO_DERIVATIVE = ("height",)
 """Numbers of perception that are facts about the world."""
+_HALVINGS = 5
+"""Times that the step to a value which the scenario refuses is halved."""
 
 
 @dataclass
@@ -144,14 +147,12 @@ def sensitivity(
                 )
             )  # fmt: skip
             continue
-        low, high = _span(value, step)
-        pair = (scenario.at(parameter, low).problem(name), scenario.at(parameter, high).problem(name))
-        rows.append(
-            derive_by_pairs(
-                pair, (low, high), parameter, value, rollouts=rollouts, seed=seed, confidence=confidence,
-                runner=tapes,
-            )
+        low, high = _ends(scenario, parameter, value, step, name)
+        row = derive_by_pairs(
+            (low.problem, high.problem), (low.value, high.value), parameter, value, rollouts=rollouts,
+            seed=seed, confidence=confidence, runner=tapes,
         )  # fmt: skip
+        rows.append(replace(row, refused=(*low.refused, *high.refused)))
     return Sensitivities(
         name, sample.probability, interval, sort_by_effect(rows), tapes.rollouts, tapes.errors
     )
@@ -187,9 +188,46 @@ def _find_differences(folder: RunFolder, name: str, definition: Scenario) -> str
     return f"{', '.join(differing)} differ{'s' * (len(differing) == 1)}" if differing else ""
 
 
-def _span(value: float, step: float) -> tuple[float, float]:
+@dataclass(frozen=True)
+class _End:
+    # Value on one side of a parameter's own, its problem, and the value there that the scenario refuses.
+    value: float
+    problem: Problem
+    refused: tuple[float, ...] = ()
+
+
+def _ends(
+    scenario: ParametricScenario, parameter: str, value: float, step: float, name: str
+) -> tuple[_End, _End]:
+    """Return the values below and above between which to compare, each as far as the scenario permits."""
+    far = _distance(value, step)
+    reasons: list[str] = []
+    low, high = (_reach(scenario, parameter, value, sign * far, name, reasons) for sign in (-1, 1))
+    if low.value == high.value:
+        text = f"{parameter} = {value:g}: the scenario permits no value beside it to compare with"
+        raise UsageError(text, "; ".join(dict.fromkeys(reasons)))
+    return low, high
+
+
+def _reach(
+    scenario: ParametricScenario, parameter: str, value: float, far: float, name: str, reasons: list[str]
+) -> _End:
+    refused: tuple[float, ...] = ()
+    for halving in range(_HALVINGS + 1):
+        part = int(far / 2**halving) if isinstance(far, int) else far / 2**halving
+        if not part:
+            break
+        try:
+            return _End(value + part, scenario.at(parameter, value + part).problem(name), refused)
+        except AvrareError as error:  # by its schema, or by the parts that are built from it
+            if error.exit_code is not ExitCode.USAGE:
+                raise
+            reasons.append(str(error).partition("\n")[0])
+            refused = refused or (value + part,)
+    return _End(value, scenario.scenario.problem(name), refused)
+
+
+def _distance(value: float, step: float) -> float:
     if isinstance(value, int):
-        whole = max(1, round(abs(value) * step))
-        return value - whole, value + whole
-    part = abs(value) * step if value else step
-    return value - part, value + part
+        return max(1, round(abs(value) * step))
+    return abs(value) * step if value else step

@@ -16,7 +16,7 @@ import numpy as np
 
 from avrare.analysis.causes.failure_sample import FailureSample, normal_interval
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
-from avrare.base.errors import UsageError
+from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
 from avrare.estimation.intervals import Interval
@@ -43,6 +43,7 @@ class Sensitivity:
         method: "score" (from failing tapes) or "paired" (two values on the same tapes).
         failures: Failing tapes that it rests on.
         span: Values between which "paired" compares; (value, value) for "score".
+        refused: Values that the scenario does not permit, so that the span ends nearer.
     """
 
     parameter: str
@@ -52,6 +53,7 @@ class Sensitivity:
     method: str
     failures: int
     span: tuple[float, float]
+    refused: tuple[float, ...] = ()
 
     @property
     def elasticity(self) -> float:
@@ -61,13 +63,22 @@ class Sensitivity:
     def line(self) -> str:
         """Return it in words: ``perception.miss_scale = 1: +10 % changes p by +3 % (-1 .. +8), by score``."""
         if math.isnan(self.derivative):
-            return f"{self.parameter} = {self.value:g}: too few failures to tell, by {self.method}"
+            return f"{self.parameter} = {self.value:g}: too few failures to tell, {self._way}"
         change, low, high = (
             100.0 * math.expm1(max(min(0.1 * abs(self.value) * end, 50.0), -50.0))
             for end in (self.derivative, *self.interval)
         )
         effect = f"+10 % changes p by {change:+.2g} % ({low:+.2g} .. {high:+.2g})"
-        return f"{self.parameter} = {self.value:g}: {effect}, by {self.method}"
+        return f"{self.parameter} = {self.value:g}: {effect}, {self._way}"
+
+    @property
+    def _way(self) -> str:
+        if not self.refused:
+            return f"by {self.method}"
+        refused = " and ".join(f"{one:.4g}" for one in self.refused)
+        verb = "is" if len(self.refused) == 1 else "are"
+        span = f"from {self.span[0]:.4g} to {self.span[1]:.4g}"
+        return f"by {self.method} {span} ({refused} {verb} not permitted)"
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,7 +107,7 @@ class Sensitivities:
             {
                 "parameter": one.parameter, "value": one.value, "derivative": one.derivative,
                 "low": one.interval[0], "high": one.interval[1], "elasticity": one.elasticity,
-                "method": one.method, "failures": one.failures,
+                "method": one.method, "failures": one.failures, "from": one.span[0], "to": one.span[1],
             }
             for one in self.rows
         )  # fmt: skip
@@ -158,7 +169,7 @@ def derive_by_score(
         runner: Keeps the scores of the failures.
 
     Raises:
-        UsageError: The value is 0.
+        UsageError: The value is 0, or ``build`` refuses the values on both sides.
     """
     if value == 0.0:
         text = f"{parameter} is 0: the density ratio of a nearby value is unknown"
@@ -166,11 +177,24 @@ def derive_by_score(
     step, tapes = _SMALL * abs(value), sample.failures.noise
 
     def score() -> Floats:
-        ratios = log_ratios(problem, [build(value + step), build(value - step)], tapes)
-        return np.asarray((ratios[:, 0] - ratios[:, 1]) / (2.0 * step))
+        (first, up), (second, down) = (_build_near(build, value, end) for end in (step, -step))
+        if not up + down:
+            raise UsageError(f"{parameter} = {value:g}: no value beside it is permitted", "leave it out")
+        ratios = log_ratios(problem, [first, second], tapes)
+        return np.asarray((ratios[:, 0] - ratios[:, 1]) / ((up + down) * step))
 
     derivative, interval = sample.mean_interval((runner or TapeRunner()).keep(tapes, score))
     return Sensitivity(parameter, value, derivative, interval, "score", sample.size, (value, value))
+
+
+def _build_near(build: Callable[[float], Any], value: float, step: float) -> tuple[Any, float]:
+    # The share of the step is 0 at the end of the value's range: the difference is then one-sided.
+    try:
+        return build(value + step), 1.0
+    except AvrareError as error:
+        if error.exit_code is not ExitCode.USAGE:
+            raise
+        return build(value), 0.0
 
 
 def derive_by_pairs(

@@ -76,6 +76,36 @@ def test_pairs_give_the_quotient():
     assert high - low < 0.6 * truth
 
 
+@pytest.mark.parametrize(("limit", "kept"), [(1.0, "below"), (0.0, "above")])
+def test_the_score_at_the_end_of_a_range_is_one_sided(limit, kept):
+    # At sd = 1, one side is not permitted; the step of a thousandth has no noise and hardly a bias.
+    problem = noisy_problem(1.0)
+    sample = sample_failures(problem, 5000, 1, 0.95, TapeRunner())
+
+    def build(value):
+        if value > limit if kept == "below" else value < 1.0:
+            raise UsageError(f"{value} is not permitted")
+        return Sensor(value)
+
+    found = derive_by_score(problem, sample, "perception.sd", 1.0, build)
+    whole = derive_by_score(problem, sample, "perception.sd", 1.0, Sensor)
+    assert found.derivative == pytest.approx(whole.derivative, rel=5e-3)
+    assert found.derivative != whole.derivative
+
+
+def test_a_score_without_any_permitted_side_is_refused():
+    problem = noisy_problem(1.0)
+    sample = sample_failures(problem, 2000, 1, 0.95, TapeRunner())
+
+    def build(value):
+        if value != 1.0:
+            raise UsageError("only 1 is permitted")
+        return Sensor(value)
+
+    with pytest.raises(UsageError, match="no value beside it is permitted"):
+        derive_by_score(problem, sample, "perception.sd", 1.0, build)
+
+
 def test_pairs_without_a_failure_say_so():
     found = by_pairs(5)
     assert math.isnan(found.derivative)
@@ -172,3 +202,58 @@ def test_what_is_no_number_is_refused(parameters, message):
 def test_several_specifications_must_be_told_apart():
     with pytest.raises(UsageError, match="--specification is required"):
         avrare.sensitivity(SCENARIO, rollouts=10)
+
+
+TANK = """\
+name: tank
+steps: 5
+simulator: {{plugin: tank, start: {start}, rim: {rim}, surge: 0.8}}
+specifications:
+  dry: {{stl: "always (level < {limit})"}}
+"""
+
+
+def tank(tmp_path, parameter="simulator.start", start=1.0, rim=2.0, limit=1.2, **options):
+    path = tmp_path / "tank.yaml"
+    path.write_text(TANK.format(start=start, rim=rim, limit=limit))
+    return avrare.sensitivity(path, [parameter], rollouts=400, **options).rows[0]
+
+
+def test_a_step_inside_the_range_is_whole(tmp_path):
+    row = tank(tmp_path)
+    assert row.span == pytest.approx((0.9, 1.1))
+    assert row.refused == ()
+    assert row.line().endswith(", by paired")
+
+
+def test_a_step_beyond_what_the_parts_permit_is_shortened(tmp_path):
+    # The tank that is built refuses a start above the rim; the schema does not know.
+    row = tank(tmp_path, start=1.0, rim=1.03, limit=1.028)
+    assert row.span == pytest.approx((0.9, 1.025))
+    assert row.refused == pytest.approx((1.1,))
+    assert row.line().endswith("by paired from 0.9 to 1.025 (1.1 is not permitted)")
+    low, high = row.interval
+    assert low < row.derivative < high
+
+
+def test_at_the_end_of_the_range_the_comparison_is_one_sided(tmp_path):
+    row = tank(tmp_path, start=0.0, limit=0.3)
+    assert row.span == pytest.approx((0.0, 0.1))
+    assert row.refused == pytest.approx((-0.1,))
+    entry = row.line()
+    assert "from 0 to 0.1 (-0.1 is not permitted)" in entry
+
+
+def test_the_table_says_between_which_values(tmp_path):
+    path = tmp_path / "tank.yaml"
+    path.write_text(TANK.format(start=0.0, rim=2.0, limit=0.3))
+    (entry,) = avrare.sensitivity(path, ["simulator.start"], rollouts=400).table()
+    assert (entry["from"], entry["to"]) == pytest.approx((0.0, 0.1))
+
+
+def test_a_parameter_that_may_not_move_is_refused(tmp_path):
+    path = tmp_path / "tank.yaml"
+    path.write_text(TANK.format(start=1e-9, rim=1e-9, limit=0.3))
+    with pytest.raises(UsageError, match="permits no value beside it") as caught:
+        avrare.sensitivity(path, ["simulator.start"], rollouts=20, step=1e9)
+    assert "above the rim" in caught.value.hint
