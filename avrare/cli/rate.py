@@ -5,19 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from avrare.analysis.rates.catalogue import Catalogue, load_catalogue
-from avrare.analysis.rates.rates import CatalogueRates, Counts, compute, divide
+from avrare.analysis.rates.catalogue import TOGETHER, Catalogue, Phase, load_catalogue
+from avrare.analysis.rates.rates import CatalogueRates, compute, divide
+from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import Interrupted, UsageError
 from avrare.base.stored_files import read_json
 from avrare.cli.options import display
 from avrare.cli.output import print_warnings, say, write_files
-from avrare.cli.run import estimate_run
+from avrare.cli.run import check_start, estimate_run
 from avrare.estimation.budget import Budget
 from avrare.report.html.rate_page import render_rates
 from avrare.report.terminal.console import make_console
@@ -26,8 +27,8 @@ from avrare.results import run_folder as rundir
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.safe_mode import is_safe
+from avrare.scenario.schema import Scenario
 
-Phase = Literal["pilot", "scenes"]
 _BUDGET = "budget.json"
 
 
@@ -48,7 +49,8 @@ def execute(args: argparse.Namespace) -> int:
         print(files["rate.json"], end="")
     else:
         print_rates(make_console(display(args)), rates, quiet=display(args) == "quiet")
-        say(f"results in {out}: rate.json, report.html, a run folder of each scene in scenes")
+        folders = "scenes and own" if any(catalogue.own) else "scenes"
+        say(f"results in {out}: rate.json, report.html, a run folder of each scene in {folders}")
     return int(rates.exit_code)
 
 
@@ -67,7 +69,7 @@ def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:
         rundir.refuse_links(Path(args.resume))
         return Path(args.resume)
     out = Path(args.out or f"runs/{catalogue.document.name}-{datetime.now():%Y%m%d-%H%M%S}")
-    if any((out / name).exists() for name in ("pilot", "scenes", "rate.json", _BUDGET)):
+    if any((out / name).exists() for name in ("own", "pilot", "scenes", "rate.json", _BUDGET)):
         raise UsageError(
             f"{out}: there is a catalogue's run in this folder", "--resume it, or choose another"
         )
@@ -75,69 +77,129 @@ def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:
 
 
 def _estimate(
-    args: argparse.Namespace, catalogue: Catalogue, budget: Budget, out: Path, stop: Any
+    args: argparse.Namespace, catalogue: Catalogue, budget: Budget | None, out: Path, stop: Any
 ) -> CatalogueRates:
     document = catalogue.document
     count = len(document.scenes)
-    steps = [catalogue.scenario(index, "scenes", 1).steps for index in range(count)]
-    divide(catalogue, budget, steps, [dict.fromkeys(catalogue.rules, (0, 1, 0))] * count)  # enough?
-    _keep_budget(budget, out)
-    pilot = _run_phase(args, catalogue, "pilot", [document.pilot] * count, out, stop)
-    rollouts = divide(catalogue, budget, steps, [_counts(content) for content in pilot])
-    contents = _run_phase(args, catalogue, "scenes", rollouts, out, stop)
+    scenarios = [_whole(catalogue, index) for index in range(count)]
+    steps = [scenario.steps for scenario in scenarios]
+    if budget is not None:
+        blank = dict.fromkeys(catalogue.rules, SceneEstimate(0, 1))
+        divide(catalogue, budget, steps, [blank] * count)  # enough?
+    _keep_budget(catalogue, budget, out)
+    for scenario in scenarios:
+        print_warnings(scenario.warnings)
+    runner = _Runner(args, catalogue, out, stop)
+    # 1. The scenes' own estimators; what they find is a part of the rates that the others are to narrow.
+    own = runner.run_own()
+    found: list[dict[str, SceneEstimate]] = [dict(one) for one in own]
+    contents: list[dict[str, Any]] = []
+    if budget is not None:
+        # 2. Pilots of the other rules divide the budget, and 3. their shares are run.
+        pilot = [_read(content) for content in runner.run("pilot", [document.pilot] * count)]
+        rollouts = divide(catalogue, budget, steps, pilot, own)
+        contents = runner.run("scenes", rollouts)
+        found = [one | _read(content) for one, content in zip(found, contents, strict=True)]
     broken = [
         entry.name
-        for entry, content in zip(document.scenes, contents, strict=True)
-        if any("errors" in one["health"] for one in content["estimates"])
+        for entry, estimates in zip(document.scenes, found, strict=True)
+        if any("errors" in one.warnings for one in estimates.values())
     ]
-    return compute(catalogue, [_counts(content) for content in contents], broken)
+    ordered = [{rule: one[rule] for rule in catalogue.rules} for one in found]
+    return compute(catalogue, ordered, broken)
 
 
-def _keep_budget(budget: Budget, out: Path) -> None:
+def _whole(catalogue: Catalogue, index: int) -> Scenario:
+    return catalogue.scenario(index, "scenes" if catalogue.shared(index) else "own", 1)
+
+
+def _read(content: Mapping[str, Any], own: bool = False) -> dict[str, SceneEstimate]:
+    entries = content.get("estimates", ())
+    together = {
+        name: sum(one["estimator"] == name for one in entries) if name in TOGETHER else 1
+        for name in {one["estimator"] for one in entries}
+    }
+    return {
+        one["specification"]: SceneEstimate.read(one, together[one["estimator"]] if own else 0)
+        for one in entries
+    }
+
+
+def _keep_budget(catalogue: Catalogue, budget: Budget | None, out: Path) -> None:
     # Shares of another budget are other runs: they would be refused one by one, without this reason.
-    path = out / _BUDGET
-    if path.exists():
-        kept = read_json(path, "choose another --out")
-        if kept != asdict(budget):
-            text = f"{out}: it was begun with another budget, {kept.get('kind')}={kept.get('amount')}"
-            raise UsageError(text, "--resume it with that --budget, or choose another --out")
+    path, content = out / _BUDGET, asdict(budget) if budget is not None else {}
+    own = {
+        entry.name: asdict(entry.budget.budget)
+        for entry in catalogue.document.scenes
+        if entry.budget is not None
+    }
+    content |= {"scenes": own} if own else {}
+    if not path.exists():
+        write_files(out, {_BUDGET: json.dumps(content) + "\n"})
         return
-    write_files(out, {_BUDGET: json.dumps(asdict(budget)) + "\n"})
+    kept = read_json(path, "choose another --out")
+    if kept == content:
+        return
+    if {**kept, "scenes": own} == {**content, "scenes": own}:
+        text = f"{out}: it was begun with other budgets of the scenes in the catalogue"
+        raise UsageError(text, "give the scenes the budgets that they had, or choose another --out")
+    text = f"{out}: it was begun with another budget, {kept.get('kind')}={kept.get('amount')}"
+    raise UsageError(text, "--resume it with that --budget, or choose another --out")
 
 
-def _run_phase(
-    args: argparse.Namespace,
-    catalogue: Catalogue,
-    phase: Phase,
-    rollouts: Sequence[int],
-    out: Path,
-    stop: Any,
-) -> list[dict[str, Any]]:
-    contents = []
-    for index, (entry, count) in enumerate(zip(catalogue.document.scenes, rollouts, strict=True)):
-        scenario = catalogue.scenario(index, phase, count)
-        if phase == "pilot":
-            print_warnings(scenario.warnings)
-        folder = rundir.choose(out / phase, entry.name, True)
-        found = rundir.finished_results(folder, [scenario])
+@dataclass(frozen=True)
+class _Runner:
+    """Runs the scenes of a catalogue, each into a folder of its own; what is finished there is read."""
+
+    args: argparse.Namespace
+    catalogue: Catalogue
+    out: Path
+    stop: Any
+
+    def run_own(self) -> list[dict[str, SceneEstimate]]:
+        """Return the estimates of each scene by its own estimator; empty where it has none."""
+        catalogue = self.catalogue
+        asked = {
+            index: (LoadedScenario(catalogue.scenario(index, "own", 0)), catalogue.own_budget(index))
+            for index, rules in enumerate(catalogue.own)
+            if rules
+        }
+        for scenario, budget in asked.values():
+            if not (self.out / "own" / scenario.name / "result.json").exists():
+                check_start(scenario, budget)  # of all, before the first is run
+        contents = {
+            index: self._run_scene("own", scenario, budget, catalogue.own[index])
+            for index, (scenario, budget) in asked.items()
+        }
+        return [_read(contents.get(index, {}), True) for index in range(len(catalogue.own))]
+
+    def run(self, phase: Phase, rollouts: Sequence[int]) -> list[dict[str, Any]]:
+        """Return the result of each scene by so many rollouts of Monte Carlo; empty where it shares none."""
+        contents = []
+        for index, count in enumerate(rollouts):
+            rules, content = self.catalogue.shared(index), {}
+            if rules:
+                scenario = self.catalogue.scenario(index, phase, count)
+                content = self._run_scene(phase, LoadedScenario(scenario), None, rules)
+            contents.append(content)
+        return contents
+
+    def _run_scene(
+        self, phase: Phase, scenario: LoadedScenario, budget: Budget | None, rules: Sequence[str]
+    ) -> dict[str, Any]:
+        definition, resumed = scenario.definition, self.args.resume is not None
+        folder = rundir.choose(self.out / phase, definition.name, True)
+        found = rundir.finished_results(folder, [definition])
         if not found:
-            with rundir.begin_checkpoint(folder, [scenario], None, args.resume is not None) as checkpoint:
-                results = estimate_run(LoadedScenario(scenario), args, None, checkpoint, stop)
-                found = [rundir.document(scenario, results)]
-                rundir.write(folder, scenario, found[0], results)
+            with rundir.begin_checkpoint(folder, [definition], budget, resumed) as checkpoint:
+                results = estimate_run(scenario, self.args, budget, checkpoint, self.stop)
+                found = [rundir.document(definition, results)]
+                rundir.write(folder, definition, found[0], results, budget)
                 checkpoint.remove()
-        missing = set(catalogue.rules) - {one["specification"] for one in found[0]["estimates"]}
+        missing = set(rules) - {one["specification"] for one in found[0]["estimates"]}
         if missing:
             raise UsageError(
                 f"{folder}: its result has no estimate of {', '.join(sorted(missing))}",
                 "remove this folder and --resume: its rollouts are run again",
             )
-        contents.append(found[0])
-    return contents
-
-
-def _counts(content: dict[str, Any]) -> Counts:
-    return {
-        one["specification"]: (int(one["failures"]), int(one["rollouts"]), int(one["errors"]))
-        for one in content["estimates"]
-    }
+        return found[0]

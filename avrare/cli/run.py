@@ -107,11 +107,12 @@ def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
     """Check every scenario before running the first; what is built for that is kept."""
     built = [LoadedScenario(scenario) for scenario in scenarios]
     for scenario in built if len(built) > 1 else ():
-        _check_start(scenario, budget)
+        check_start(scenario, budget)
     return built
 
 
-def _check_start(scenario: Any, budget: Any) -> None:
+def check_start(scenario: Any, budget: Any) -> None:
+    """Raise the ``UsageError`` of a scenario that cannot be estimated, before any rollout."""
     definition, estimator = scenario.definition, scenario.estimator()
     problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
     settings = Settings(

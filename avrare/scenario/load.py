@@ -31,14 +31,15 @@ _FEWEST_MEMBERS = 3
 def load(
     path: str | os.PathLike[str],
     overrides: Sequence[str] = (),
-    estimator: str | None = None,
+    estimator: str | Node | None = None,
     registry: Registry | None = None,
 ) -> Scenario:
     """Load and check a scenario; builds nothing and imports nothing heavy.
 
-    The defaults of ``estimator`` replace the file's estimator block; ``overrides``, ``KEY=VALUE`` as after
-    ``--set``, are applied last. The error has all mistakes, each with its place. In safe mode
-    (``avrare.scenario.safe_mode``) they include what a scenario of a stranger may not name.
+    The defaults of ``estimator``, or a block that another file has for it, replace the file's estimator
+    block; ``overrides``, ``KEY=VALUE`` as after ``--set``, are applied last. The error has all mistakes, each
+    with its place. In safe mode (``avrare.scenario.safe_mode``) they include what a scenario of a stranger
+    may not name.
     """
     file = os.fspath(path)
     check_import_path(os.path.dirname(file) or ".")
@@ -46,8 +47,15 @@ def load(
     return _resolve(tree, file, registry or default_registry())
 
 
-def _with_estimator(tree: Node, name: str | None) -> Node:
+def check_estimator(node: Node, path: Path, folder: str) -> list[Mistake]:
+    """List the mistakes in an estimator's block that stands at a path of a file in ``folder``."""
+    return _resolve_block("estimator", node, path, default_registry(), folder)[1]
+
+
+def _with_estimator(tree: Node, name: str | Node | None) -> Node:
     own, default = tree.child("estimator"), "mfmc" if tree.entries_at("cheap") else "auto"
+    if isinstance(name, Node):
+        return Node({**tree.entries, "estimator": name}, tree.mark, tree.key)
     if name is None and own is not None and own.value is not None:
         return tree
     mark = tree.mark if name is None else Mark("--estimator")

@@ -12,7 +12,7 @@ Several looks share the error rate (Bonferroni over looks).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from avrare.analysis.check.baseline_files import BaselineEntry
@@ -133,7 +133,12 @@ def _find_failing(
 def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
     """Return whether a warning doubts the estimate or its baseline: the criterion cannot fail either."""
     estimates = [one for one in (result, criterion.baseline) if one is not None]
-    return any(set(one.health) - _ABOUT_SYSTEM for one in estimates)
+    return any(find_doubts(one.health) for one in estimates)
+
+
+def find_doubts(health: Iterable[str]) -> frozenset[str]:
+    """Return those of an estimate's warnings that doubt the estimate, and not only the system."""
+    return frozenset(health) - _ABOUT_SYSTEM
 
 
 def find_objections(criterion: Criterion, result: Result | None) -> list[str]:

@@ -13,9 +13,10 @@ LEAST = 20
 
 def allocate(
     exposures: Sequence[float],
-    pilot: Sequence[Sequence[tuple[int, int]]],
+    pilot: Sequence[Sequence[tuple[int, int] | None]],
     costs: Sequence[float],
     budget: float,
+    others: Sequence[float] | None = None,
 ) -> list[int]:
     """Return the rollouts of each scene (Neyman 1934).
 
@@ -26,9 +27,11 @@ def allocate(
     Args:
         exposures: e_i.
         pilot: For each scene, for each rule, failures and rollouts of the pilot; half a failure in one more
-            rollout is added to each, so that no scene counts as safe because a few rollouts passed.
+            rollout is added to each, so that no scene counts as safe because a few rollouts passed. None: an
+            estimator of the scene's own estimates this rule, and the shared rollouts do not.
         costs: Cost of a rollout of each scene.
         budget: What all rollouts together may cost.
+        others: For each rule, the part of its rate that comes from estimators of the scenes' own.
 
     Raises:
         UsageError: The budget does not pay for ``LEAST`` rollouts of each scene.
@@ -37,11 +40,16 @@ def allocate(
     if budget < least:
         text = f"the budget does not pay for {LEAST} rollouts of each of {len(costs)} scenes"
         raise UsageError(text, f"it must be at least {math.ceil(least):,} after the pilot")
-    shares = [[(failures + 0.5) / (rollouts + 1.0) for failures, rollouts in scene] for scene in pilot]
-    rules = range(len(shares[0]))
-    rates = [math.fsum(e * scene[r] for e, scene in zip(exposures, shares, strict=True)) for r in rules]
+    shares = [
+        {r: (seen[0] + 0.5) / (seen[1] + 1.0) for r, seen in enumerate(scene) if seen is not None}
+        for scene in pilot
+    ]
+    rates = [
+        math.fsum([other, *(e * scene[r] for e, scene in zip(exposures, shares, strict=True) if r in scene)])
+        for r, other in enumerate(others or [0.0] * len(pilot[0]))
+    ]
     weights = [
-        e * math.sqrt(math.fsum(scene[r] * (1.0 - scene[r]) / rates[r] ** 2 for r in rules) / cost)
+        e * math.sqrt(math.fsum(p * (1.0 - p) / rates[r] ** 2 for r, p in scene.items()) / cost)
         for e, scene, cost in zip(exposures, shares, costs, strict=True)
     ]
     return _divide(weights, costs, budget)

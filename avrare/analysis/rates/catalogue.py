@@ -2,122 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import os
-from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
-
+from avrare.analysis.rates.catalogue_document import CatalogueDocument, SceneEntry
 from avrare.base.errors import ScenarioError, UsageError, did_you_mean
 from avrare.base.stored_files import open_regular
 from avrare.estimation.budget import Budget
-from avrare.scenario.exposure import Exposure, Positive, Unit
-from avrare.scenario.load import load
+from avrare.scenario.load import check_estimator, load
 from avrare.scenario.safe_mode import TRUST, is_safe, refuse_outside
-from avrare.scenario.schema import Probability, Scenario, Slug
+from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import Mistake, check, scenario_error
 from avrare.scenario.value_positions import Node
 from avrare.scenario.yaml import MAX_BYTES, parse
 
+FROM_FILE = "scenario"
+"""Estimator of a scene that stands for the one of its scenario file."""
+TOGETHER = ("mc", "mfmc")
+"""Estimators that judge all rules on the same rollouts; others have a budget for each rule."""
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class SceneEntry(_Model):
-    """Scene of a catalogue."""
-
-    name: Slug = Field(description="name of the scene, and of its folder")
-    scenario: str = Field(min_length=1, description="scenario file, relative to the catalogue")
-    set: tuple[str, ...] = Field(default=(), description="KEY=VALUE overrides, as after --set")
-    exposure: Exposure = Field(description="how often the scene is met")
-
-
-class CatalogueBudget(_Model):
-    """Cost of all scenes together."""
-
-    rollouts: int | None = Field(default=None, ge=1, description="rollouts of all scenes, the pilot included")
-    steps: float | None = Field(default=None, gt=0.0, description="simulated steps, the pilot included")
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        if (self.rollouts is None) == (self.steps is None):
-            raise ValueError("give rollouts or steps")
-        return self
-
-
-def _positive_bound(value: str | float) -> str:
-    text = value if isinstance(value, str) else f"< {value!r}"
-    sign = "<=" if text.strip().startswith("<=") else "<"
-    try:
-        number = float(text.strip().removeprefix(sign))
-    except ValueError:
-        number = -1.0
-    if not 0.0 < number < float("inf"):
-        raise ValueError("should be an upper bound above 0 such as '< 1e-3'")
-    return f"{sign} {number!r}"
-
-
-Bound = Annotated[str | float, AfterValidator(_positive_bound)]
-
-
-class RateThreshold(_Model):
-    """Upper bound on the rate of a rule."""
-
-    rule: str = Field(description="name of a specification of the scenes")
-    per_hour: Bound | None = Field(default=None, description="upper bound such as '< 1e-3'")
-    per_km: Bound | None = Field(default=None, description="upper bound such as '< 1e-5'")
-
-    @model_validator(mode="after")
-    def _one_unit(self) -> Self:
-        if (self.per_hour is None) == (self.per_km is None):
-            raise ValueError("give per_hour or per_km")
-        return self
-
-    @property
-    def unit(self) -> Unit:
-        """Unit that the bounded rate is per."""
-        return "hour" if self.per_hour is not None else "km"
-
-    @property
-    def limit(self) -> float:
-        """Bound as a number."""
-        return float(str(self.per_hour or self.per_km).split()[1])
-
-    @property
-    def text(self) -> str:
-        """Bound as it is shown, such as ``< 0.001 per hour``."""
-        sign = str(self.per_hour or self.per_km).split()[0]
-        return f"{sign} {self.limit:g} per {self.unit}"
-
-
-class CatalogueDocument(_Model):
-    """Catalogue file."""
-
-    name: Slug = Field(description="name of the catalogue")
-    description: str | None = Field(default=None, description="what it stands for")
-    scenes: tuple[SceneEntry, ...] = Field(min_length=1, max_length=1000, description="scenes and exposures")
-    rules: tuple[str, ...] | None = Field(
-        default=None, min_length=1, description="specifications; default: those that all scenes have"
-    )
-    budget: CatalogueBudget = Field(description="cost of all scenes together")
-    pilot: int = Field(default=100, ge=10, description="rollouts of each scene that only divide the budget")
-    speed: Positive | None = Field(
-        default=None, description="mean speed of the driving that the exposures are of [km/h]; converts rates"
-    )
-    confidence: Probability = Field(default=0.95, description="level of the intervals, in (0, 1)")
-    seed: int = Field(default=0, ge=0, lt=2**40, description="seed of all random numbers")
-    thresholds: tuple[RateThreshold, ...] = Field(default=(), description="bounds that decide the exit code")
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        names = [scene.name for scene in self.scenes]
-        if len(set(names)) < len(names):
-            raise ValueError("every scene needs a name of its own")
-        units = {scene.exposure.unit for scene in self.scenes} | {one.unit for one in self.thresholds}
-        if self.speed is None and len(units) > 1:
-            raise ValueError("hours and km are mixed: give the mean speed [km/h] that converts them")
-        return self
+Phase = Literal["own", "pilot", "scenes"]
 
 
 @dataclass(frozen=True)
@@ -128,38 +35,74 @@ class Catalogue:
         path: File, as the user wrote it.
         document: Its content.
         rules: Specifications that are estimated.
+        own: Of each scene, the rules that an estimator of its own estimates.
+        blocks: Of each scene, the estimator as it is written in the catalogue; None: it is not.
     """
 
     path: str
     document: CatalogueDocument
     rules: tuple[str, ...]
+    own: tuple[tuple[str, ...], ...]
+    blocks: tuple[Node | None, ...] = field(compare=False)
 
-    def scenario(self, index: int, phase: Literal["pilot", "scenes"], rollouts: int) -> Scenario:
-        """Return the scenario of a scene, to be estimated by Monte Carlo with a seed of its own."""
+    def shared(self, index: int) -> tuple[str, ...]:
+        """Return the rules of a scene that are estimated by a share of the Monte Carlo rollouts."""
+        return tuple(rule for rule in self.rules if rule not in self.own[index])
+
+    def scenario(self, index: int, phase: Phase, rollouts: int) -> Scenario:
+        """Return the scenario of a scene in a phase, with a seed of its own.
+
+        In the phases ``pilot`` and ``scenes`` it is to be estimated by so many rollouts of Monte Carlo.
+        """
         entry = self.document.scenes[index]
         seed = 2048 * self.document.seed + 2 * index + (phase == "pilot")
-        settings = [
-            *entry.set,
-            f"name={entry.name}",
-            f"seed={seed}",
-            f"estimator.rollouts={rollouts}",
-            f"estimator.specifications=[{', '.join(self.rules)}]",
+        rules = self.own[index] if phase == "own" else self.shared(index)
+        common = [
+            f"estimator.specifications=[{', '.join(rules)}]",
             f"confidence={self.document.confidence}",
-            "cross_check=false",
             "thresholds=[]",
             f"exposure={entry.exposure.model_dump_json(exclude_none=True)}",
         ]
-        return load(_path(self.path, entry), settings, "mc")
+        named = [f"name={entry.name}", f"seed={seed}"]
+        if phase == "own":
+            return load(_path(self.path, entry), [*entry.set, *named, *common], self.blocks[index])
+        plain = [f"estimator.rollouts={rollouts}", "cross_check=false"]
+        plain += ["ensemble={}"] if phase == "pilot" else []  # what members say divides no budget
+        return load(_path(self.path, entry), [*_plain(entry), *named, *plain, *common], "mc")
 
-    def budget(self, given: Budget | None) -> Budget:
-        """Return the budget: the given one, else the file's."""
+    def own_budget(self, index: int) -> Budget | None:
+        """Return the budget of each estimate of a scene's own estimator, None where its options decide."""
+        entry = self.document.scenes[index]
+        if entry.budget is None:
+            return None
+        whole = entry.budget.budget
+        name = self.scenario(index, "own", 0).estimator.plugin
+        parts = 1 if name in TOGETHER else len(self.own[index])
+        return Budget(whole.kind, whole.amount / parts)
+
+    def own_cost(self, kind: str, steps: Sequence[int]) -> float:
+        """Return what the budgets of scenes take of the catalogue's, of rollouts or of steps."""
+        taken = []
+        for entry, count in zip(self.document.scenes, steps, strict=True):
+            if entry.budget is not None:
+                own, whole = entry.budget.budget, float(max(count, 1))
+                scale = 1.0 if own.kind == kind else whole if kind == "steps" else 1.0 / whole
+                taken.append(own.amount * scale)
+        return math.fsum(taken)
+
+    def budget(self, given: Budget | None) -> Budget | None:
+        """Return the budget: the given one, else the file's; None where no scene shares one."""
         if given is not None and given.kind == "seconds":
             raise UsageError(
                 "a catalogue's budget is in rollouts or steps", "seconds would change the result"
             )
+        if not any(map(self.shared, range(len(self.document.scenes)))):
+            if given is not None:
+                text = "no scene shares a budget: each has an estimator of its own"
+                raise UsageError(text, "give the scenes in the catalogue a budget")
+            return None
         own = self.document.budget
-        kind = "rollouts" if own.rollouts is not None else "steps"
-        return given or Budget(kind, float(own.rollouts or own.steps or 0.0))
+        return given or (own.budget if own is not None else None)
 
 
 def load_catalogue(path: str) -> Catalogue:
@@ -179,6 +122,10 @@ def load_catalogue(path: str) -> Catalogue:
     if document is None:
         raise scenario_error(mistakes)
     scenes = tree.entries["scenes"].items
+    blocks = [_block(node) for node in scenes]
+    mistakes = [one for k, block in enumerate(blocks) for one in _check_block(scenes[k], block, k, path)]
+    if mistakes:
+        raise scenario_error(mistakes)
     names = [_specifications(path, *pair) for pair in zip(document.scenes, scenes, strict=True)]
     common = [name for name in names[0] if all(name in other for other in names)]
     rules = tuple(document.rules or common)
@@ -188,7 +135,12 @@ def load_catalogue(path: str) -> Catalogue:
     mistakes = _check_rules(tree, document, rules, names)
     if mistakes:
         raise scenario_error(mistakes)
-    return Catalogue(path, document, rules)
+    served = zip(document.scenes, scenes, blocks, range(len(scenes)), strict=True)
+    own = tuple(_own_rules(path, *one, rules) for one in served)
+    if document.budget is None and any(set(rules) - set(one) for one in own):
+        hint = "budget: cost of all scenes together, such as {rollouts: 2000}"
+        raise scenario_error([Mistake(tree.mark, ("budget",), "required, but missing", hint)])
+    return Catalogue(path, document, rules, own, tuple(blocks))
 
 
 def _path(catalogue: str, entry: SceneEntry) -> str:
@@ -200,15 +152,72 @@ def _path(catalogue: str, entry: SceneEntry) -> str:
     return path
 
 
+def _plain(entry: SceneEntry) -> list[str]:
+    # Options of the scene's own estimator are not those of Monte Carlo.
+    if entry.estimator is None:
+        return list(entry.set)
+    return [one for one in entry.set if one.strip().partition("=")[0].split(".")[0].strip() != "estimator"]
+
+
+def _block(scene: Node) -> Node | None:
+    node = scene.entries.get("estimator")
+    if node is None or node.value is None or node.value == FROM_FILE:
+        return None
+    return Node({"plugin": node}, node.mark, node.key) if isinstance(node.value, str) else node
+
+
+def _check_block(scene: Node, block: Node | None, index: int, path: str) -> list[Mistake]:
+    if block is None:
+        return []
+    place, written = ("scenes", index, "estimator"), scene.entries["estimator"].value
+    mistakes = check_estimator(block, place, os.path.dirname(path) or ".")
+    if not isinstance(written, str):
+        return mistakes
+    near = did_you_mean(written, [FROM_FILE])
+    own = near if near is not None and near.startswith("did you mean") else None
+    return [replace(one, path=place, hint=own or one.hint) for one in mistakes]
+
+
 def _specifications(path: str, entry: SceneEntry, node: Node) -> list[str]:
+    return list(_load(path, entry, node, _plain(entry), "mc").specifications)
+
+
+def _load(
+    path: str, entry: SceneEntry, node: Node, settings: Sequence[str], estimator: str | Node | None
+) -> Scenario:
     try:
-        return list(load(_path(path, entry), entry.set, "mc").specifications)
+        return load(_path(path, entry), settings, estimator)
     except ScenarioError as error:
         place = node.entries["scenario"].mark
         raise ScenarioError(
             [(f"{place}: scenes: {entry.name}: this scenario has mistakes:", None), *error.problems],
             error.exit_code,
         ) from None
+
+
+def _own_rules(
+    path: str, entry: SceneEntry, node: Node, block: Node | None, index: int, rules: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Return the rules that the scene's own estimator estimates."""
+    if entry.estimator is None:
+        return ()
+    own = {} if block is None else block.entries
+    if (named := own.get("specifications")) is not None:
+        mistakes = [
+            Mistake(item.mark, ("scenes", index, "estimator", "specifications", k),
+                    f"no rate of {item.value!r} is estimated", did_you_mean(str(item.value), rules))
+            for k, item in enumerate(named.items)
+            if item.value not in rules
+        ]  # fmt: skip
+        if mistakes:
+            raise scenario_error(mistakes)
+    estimated = _load(path, entry, node, entry.set, block).estimated
+    found = tuple(rule for rule in rules if rule in estimated)
+    if not found:
+        mark, place = node.entries["estimator"].mark, ("scenes", index, "estimator")
+        text, hint = "it estimates no rule of the catalogue", f"these are {', '.join(rules)}"
+        raise scenario_error([Mistake(mark, place, text, hint)])
+    return found
 
 
 def _check_rules(

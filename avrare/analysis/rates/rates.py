@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from avrare.analysis.rates.allocation import allocate
-from avrare.analysis.rates.catalogue import Catalogue, RateThreshold
-from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure, from_rollouts
+from avrare.analysis.rates.catalogue import Catalogue
+from avrare.analysis.rates.catalogue_document import RateThreshold
+from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure
+from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate, SceneEstimates
 from avrare.base.errors import ExitCode, UsageError
 from avrare.estimation.budget import Budget
-from avrare.estimation.result import worst_verdict
-
-Counts = Mapping[str, tuple[int, int, int]]
-"""Rule -> failures, rollouts and errors of one scene."""
+from avrare.estimation.result import finite, worst_verdict
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Threshold with its verdict: pass, fail or inconclusive."""
+    """Threshold with its verdict: pass, fail or inconclusive.
+
+    Attributes:
+        threshold: The bound.
+        verdict: The verdict.
+        reasons: Warned estimates that keep the verdict from being another, as ``scene: warning``.
+    """
 
     threshold: RateThreshold
     verdict: str
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def explanation(self) -> str:
+        """Reasons in brackets after a space; empty where there are none."""
+        return f" ({', '.join(self.reasons)})" if self.reasons else ""
 
 
 @dataclass(frozen=True)
@@ -33,11 +45,14 @@ class RuleRate:
         rule: Name of the specification.
         totals: By unit, ``hour`` and ``km``, as far as known.
         decisions: Verdicts of its thresholds.
+        blind: By unit, upper bound for failures that the scenes' own estimators do not lead to; empty where
+            each rollout is drawn from its scene's law.
     """
 
     rule: str
     totals: dict[str, Total]
     decisions: tuple[Decision, ...]
+    blind: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -46,8 +61,8 @@ class CatalogueRates:
 
     Attributes:
         catalogue: What was asked.
-        rollouts: Rollouts of each scene that count.
-        counts: Failures, rollouts and errors by rule, of each scene.
+        rollouts: Rollouts of each scene: the shared ones that count, and the whole cost of its own estimator.
+        estimates: Of each scene.
         exposures: Of each scene, in the unit of its file.
         rates: By rule.
         errors: Scenes with more errors than they allow.
@@ -55,10 +70,18 @@ class CatalogueRates:
 
     catalogue: Catalogue
     rollouts: tuple[int, ...]
-    counts: tuple[Counts, ...]
+    estimates: tuple[SceneEstimates, ...]
     exposures: tuple[Quantity, ...]
     rates: tuple[RuleRate, ...]
     errors: tuple[str, ...] = ()
+
+    @property
+    def own(self) -> Iterator[tuple[str, str, SceneEstimate, OwnEstimate]]:
+        """Estimates that do not follow from counts, each with the names of its scene and rule."""
+        for entry, estimates in zip(self.catalogue.document.scenes, self.estimates, strict=True):
+            for rule, one in estimates.items():
+                if one.own is not None:
+                    yield entry.name, rule, one, one.own
 
     @property
     def verdict(self) -> str | None:
@@ -76,75 +99,127 @@ class CatalogueRates:
     def to_dict(self) -> dict[str, Any]:
         """Return the content of rate.json."""
         document = self.catalogue.document
+        rows = zip(document.scenes, self.exposures, self.rollouts, self.estimates, strict=True)
         scenes = [
             {"name": entry.name, "scenario": entry.scenario, "exposure": asdict(exposure),
              "unit": entry.exposure.unit, "rollouts": rollouts,
-             "failures": {rule: counts[rule][0] for rule in self.catalogue.rules},
-             "errors": max(counts[rule][2] for rule in self.catalogue.rules)}
-            for entry, exposure, rollouts, counts in zip(
-                document.scenes, self.exposures, self.rollouts, self.counts, strict=True)
-        ]  # fmt: skip
-        rules = [
-            {"rule": rate.rule, **{f"per_{unit}": asdict(total) for unit, total in rate.totals.items()},
-             "thresholds": [{"bound": one.threshold.text, "verdict": one.verdict} for one in rate.decisions]}
-            for rate in self.rates
+             "failures": {rule: one.failures for rule, one in estimates.items() if one.own is None},
+             "errors": max(one.errors for one in estimates.values()), **_own_entries(estimates)}
+            for entry, exposure, rollouts, estimates in rows
         ]  # fmt: skip
         return {
             "schema": 1, "catalogue": document.name, "confidence": document.confidence, "seed": document.seed,
-            "speed": document.speed, "verdict": self.verdict, "scenes": scenes, "rules": rules,
+            "speed": document.speed, "verdict": self.verdict, "scenes": scenes,
+            "rules": [_rule_entry(rate) for rate in self.rates],
         }  # fmt: skip
 
 
-def divide(catalogue: Catalogue, budget: Budget, steps: Sequence[int], pilot: Sequence[Counts]) -> list[int]:
-    """Return the rollouts of each scene from its pilot.
+def _own_entries(estimates: SceneEstimates) -> dict[str, Any]:
+    own = {rule: finite(asdict(one.own)) for rule, one in estimates.items() if one.own is not None}
+    rollouts = {rule: {"rollouts": one.rollouts} for rule, one in estimates.items()}
+    warnings = {rule: dict(one.warnings) for rule, one in estimates.items() if one.warnings}
+    found = {"estimates": {rule: rollouts[rule] | entry for rule, entry in own.items()}} if own else {}
+    return found | ({"warnings": warnings} if warnings else {})
+
+
+def _rule_entry(rate: RuleRate) -> dict[str, Any]:
+    totals = {f"per_{unit}": asdict(total) for unit, total in rate.totals.items()}
+    blind = {f"blind_bound_per_{unit}": bound for unit, bound in rate.blind.items()}
+    thresholds = [
+        {"bound": one.threshold.text, "verdict": one.verdict}
+        | ({"reasons": list(one.reasons)} if one.reasons else {})
+        for one in rate.decisions
+    ]
+    return {"rule": rate.rule, **totals, **blind, "thresholds": thresholds}
+
+
+def divide(
+    catalogue: Catalogue, budget: Budget, steps: Sequence[int], pilot: Sequence[SceneEstimates],
+    own: Sequence[SceneEstimates] = (),
+) -> list[int]:  # fmt: skip
+    """Return the rollouts of each scene from its pilot; 0 where an estimator of its own estimates all rules.
 
     Args:
         catalogue: Scenes, exposures and rules.
-        budget: Cost of everything, the pilot included.
+        budget: Cost of everything, the pilot and the budgets of scenes included.
         steps: Steps of a rollout of each scene.
-        pilot: Counts of each scene's pilot.
+        pilot: Of each scene, by rule that shares the budget.
+        own: Estimates of scenes by their own estimators, if known.
 
     Raises:
         UsageError: The budget is too small.
     """
     costs = [float(count) for count in steps] if budget.kind == "steps" else [1.0] * len(steps)
-    spent = catalogue.document.pilot * sum(costs)
+    sharing = [index for index in range(len(steps)) if catalogue.shared(index)]
+    fixed = catalogue.own_cost(budget.kind, steps)
+    spent = catalogue.document.pilot * sum(costs[index] for index in sharing) + fixed
     if spent >= budget.amount:
-        text = f"the pilot alone costs {spent:,.0f} {budget.kind} of {budget.amount:,.0f}"
+        cost = "the pilot alone costs" if not fixed else "the pilot and the scenes' own budgets cost"
+        text = f"{cost} {spent:,.0f} {budget.kind} of {budget.amount:,.0f}"
         raise UsageError(text, "raise the budget, or lower pilot")
     document = catalogue.document
     rates = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
     known = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
     exposures = _in_unit(catalogue, known, "hour") or _in_unit(catalogue, known, "km") or known
-    seen = [[scene[rule][:2] for rule in catalogue.rules] for scene in pilot]
-    return allocate(exposures, seen, costs, budget.amount - spent)
+    seen = [[_counts(pilot[index].get(rule)) for rule in catalogue.rules] for index in sharing]
+    others = [
+        math.fsum(e * _own_probability(scene.get(rule)) for e, scene in zip(exposures, own, strict=False))
+        for rule in catalogue.rules
+    ]
+    chosen = allocate(
+        [exposures[index] for index in sharing], seen, [costs[index] for index in sharing],
+        budget.amount - spent, others,
+    )  # fmt: skip
+    found = dict(zip(sharing, chosen, strict=True))
+    return [found.get(index, 0) for index in range(len(steps))]
 
 
-def compute(catalogue: Catalogue, counts: Sequence[Counts], errors: Sequence[str] = ()) -> CatalogueRates:
-    """Return the rates from the counts of each scene."""
+def _counts(estimate: SceneEstimate | None) -> tuple[int, int] | None:
+    return None if estimate is None else (estimate.failures, estimate.rollouts)
+
+
+def _own_probability(estimate: SceneEstimate | None) -> float:
+    return estimate.own.probability if estimate is not None and estimate.own is not None else 0.0
+
+
+def compute(
+    catalogue: Catalogue, estimates: Sequence[SceneEstimates], errors: Sequence[str] = ()
+) -> CatalogueRates:
+    """Return the rates from the estimates of each scene."""
     document = catalogue.document
     exposures = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
-    rates = []
-    for rule in catalogue.rules:
-        few = sum(scene[rule][0] for scene in counts) < FEW
-        parts = [
-            from_rollouts(failures, rollouts, wrong, document.confidence, few)
-            for failures, rollouts, wrong in (scene[rule] for scene in counts)
+    rates = tuple(_rule_rate(catalogue, rule, exposures, estimates) for rule in catalogue.rules)
+    rollouts = tuple(
+        max((one.rollouts for one in scene.values() if not one.cost), default=0)
+        + sum(one.cost for one in scene.values())
+        for scene in estimates
+    )
+    return CatalogueRates(catalogue, rollouts, tuple(estimates), tuple(exposures), rates, tuple(errors))
+
+
+def _rule_rate(
+    catalogue: Catalogue, rule: str, exposures: Sequence[Quantity], estimates: Sequence[SceneEstimates]
+) -> RuleRate:
+    document, found = catalogue.document, [scene[rule] for scene in estimates]
+    few = sum(one.failures for one in found if one.own is None) < FEW
+    parts = [one.quantity(document.confidence, few) for one in found]
+    bounds = [one.own.blind_bound if one.own is not None else None for one in found]
+    totals, blind = {}, {}
+    for unit in ("hour", "km"):
+        values = _in_unit(catalogue, [1.0] * len(exposures), unit)
+        if values is None:
+            continue
+        scaled = [
+            Quantity(*(factor * part for part in (e.value, e.low, e.high)))
+            for e, factor in zip(exposures, values, strict=True)
         ]
-        totals = {}
-        for unit in ("hour", "km"):
-            values = _in_unit(catalogue, [1.0] * len(exposures), unit)
-            if values is not None:
-                scaled = [
-                    Quantity(*(factor * part for part in (e.value, e.low, e.high)))
-                    for e, factor in zip(exposures, values, strict=True)
-                ]
-                totals[unit] = combine(scaled, parts)
-        asked = [one for one in document.thresholds if one.rule == rule]
-        decisions = tuple(Decision(one, _decide(totals[one.unit], one)) for one in asked)
-        rates.append(RuleRate(rule, totals, decisions))
-    rollouts = tuple(max(scene[rule][1] for rule in catalogue.rules) for scene in counts)
-    return CatalogueRates(catalogue, rollouts, tuple(counts), tuple(exposures), tuple(rates), tuple(errors))
+        totals[unit] = combine(scaled, parts)
+        if any(bound is not None for bound in bounds):
+            blind[unit] = math.fsum(e.value * (bound or 0.0) for e, bound in zip(scaled, bounds, strict=True))
+    names = [entry.name for entry in document.scenes]
+    asked = [one for one in document.thresholds if one.rule == rule]
+    decisions = tuple(_decide(totals[one.unit], one, dict(zip(names, found, strict=True))) for one in asked)
+    return RuleRate(rule, totals, decisions, blind)
 
 
 def _in_unit(catalogue: Catalogue, values: Sequence[float], unit: str) -> list[float] | None:
@@ -160,8 +235,15 @@ def _in_unit(catalogue: Catalogue, values: Sequence[float], unit: str) -> list[f
     return found
 
 
-def _decide(total: Total, threshold: RateThreshold) -> str:
+def _decide(total: Total, threshold: RateThreshold, scenes: dict[str, SceneEstimate]) -> Decision:
+    # As in `avrare check`: no warned estimate passes, and none that is in doubt fails.
     low, high = total.interval
     if high < threshold.limit or (high == threshold.limit and "<=" in threshold.text):
-        return "pass"
-    return "fail" if low > threshold.limit else "inconclusive"
+        against = {name: list(one.warnings) for name, one in scenes.items()}
+        verdict = "pass"
+    elif low > threshold.limit:
+        against, verdict = {name: sorted(one.doubts) for name, one in scenes.items()}, "fail"
+    else:
+        return Decision(threshold, "inconclusive")
+    reasons = tuple(f"{name}: {warning}" for name, found in against.items() for warning in found)
+    return Decision(threshold, "inconclusive" if reasons else verdict, reasons)

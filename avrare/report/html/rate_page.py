@@ -6,10 +6,11 @@ from importlib.resources import files
 
 from avrare.analysis.rates.combination import Total
 from avrare.analysis.rates.rates import CatalogueRates, RuleRate
+from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
 from avrare.report.html.line_chart import Scale, make_log_scale
 from avrare.report.html.markup import Markup, tag
-from avrare.report.terminal.rate_table import describe_scenes
+from avrare.report.terminal.rate_table import describe_blind, describe_scenes, describe_warnings
 
 _SIGNS = {"pass": "✓ Passes", "fail": "✕ Fails", "inconclusive": "? Inconclusive"}
 
@@ -31,8 +32,10 @@ def render_rates(rates: CatalogueRates) -> str:
     main = tag(
         "main",
         tag("section", tag("p", errors), class_="note", role="note") if rates.errors else None,
+        _render_notes(describe_warnings(rates)),
         _render_rules(rates),
         [_render_scenes(rates, rate) for rate in rates.rates],
+        _render_own(rates),
         _render_exposures(rates),
     )
     policy = "default-src 'none'; style-src 'unsafe-inline'"
@@ -76,7 +79,7 @@ def _render_rate(rate: RuleRate, unit: str, total: Total, scale: Scale) -> Marku
     verdicts = [
         [
             tag("span", _SIGNS[one.verdict], class_=f"badge {one.verdict}"),
-            tag("span", one.threshold.text, class_="bound"),
+            tag("span", f"{one.threshold.text}{one.explanation}", class_="bound"),
         ]
         for one in rate.decisions
         if one.threshold.unit == unit
@@ -116,18 +119,18 @@ def _bar(total: Total, scale: Scale) -> Markup:
 def _render_scenes(rates: CatalogueRates, rate: RuleRate) -> Markup:
     total = next(iter(rate.totals.values()))
     entries = sorted(
-        zip(rates.catalogue.document.scenes, rates.counts, total.shares, total.doubts, strict=True),
+        zip(rates.catalogue.document.scenes, rates.estimates, total.shares, total.doubts, strict=True),
         key=lambda one: -one[2],
     )
     body = [
         tag(
             "tr",
             tag("th", entry.name, scope="row"),
-            tag("td", f"{counts[rate.rule][0]:,} of {counts[rate.rule][1]:,}", class_="number"),
+            tag("td", _found(estimates[rate.rule]), class_="number"),
             tag("td", format_percent(round(share, 3)), class_="number"),
             tag("td", format_percent(round(doubt, 3)), class_="number"),
         )
-        for entry, counts, share, doubt in entries
+        for entry, estimates, share, doubt in entries
     ]
     heads = ("Scene", "Failures", "Share of the rate", "Share of the interval's squared width")
     said = describe_scenes(rates, rate)
@@ -136,6 +139,46 @@ def _render_scenes(rates: CatalogueRates, rate: RuleRate) -> Markup:
         tag("h2", rate.rule),
         tag("p", f"{said[0].upper()}{said[1:]}.", class_="muted"),
         tag("div", _table(heads, body)),
+    )
+
+
+def _found(estimate: SceneEstimate) -> str:
+    if estimate.own is None:
+        return f"{estimate.failures:,} of {estimate.rollouts:,}"
+    return f"{format_typeset(estimate.own.probability)} by {estimate.own.estimator}"
+
+
+def _render_notes(lines: list[str]) -> Markup | None:
+    if not lines:
+        return None
+    return tag("section", [tag("p", line) for line in lines], class_="note", role="note")
+
+
+def _render_own(rates: CatalogueRates) -> Markup | None:
+    body = [
+        tag(
+            "tr",
+            tag("th", name, scope="row"),
+            tag("td", rule),
+            tag("td", own.estimator),
+            tag("td", format_typeset(own.probability), class_="number"),
+            tag("td", format_typeset_interval(own.interval), class_="number"),
+            tag("td", f"{one.rollouts:,}", class_="number"),
+            tag("td", f"{own.simulated_steps:,}", class_="number"),
+            tag("td", ", ".join(one.warnings) or "–"),
+        )
+        for name, rule, one, own in rates.own
+    ]
+    if not body:
+        return None
+    heads = ("Scene", "Rule", "Estimator", "Probability", "Interval", "Rollouts", "Steps", "Warnings")
+    note = "Estimates with intervals of their own. Their cost is fixed, and no part of what the pilot shares."
+    return tag(
+        "section",
+        tag("h2", "Estimators of the scenes’ own"),
+        tag("p", note, class_="muted"),
+        tag("div", _table(heads, body)),
+        [tag("p", f"{line[0].upper()}{line[1:]}.", class_="muted") for line in describe_blind(rates)],
     )
 
 
@@ -153,7 +196,8 @@ def _render_exposures(rates: CatalogueRates) -> Markup:
         for entry, exposure, rollouts in zip(document.scenes, rates.exposures, rates.rollouts, strict=True)
     ]
     speed = f" Hours and km are converted at {document.speed:g} km/h." if document.speed else ""
-    note = f"How often each scene is met, and the rollouts that the pilot gave it.{speed}"
+    own = " or its own estimator took" if next(rates.own, None) is not None else ""
+    note = f"How often each scene is met, and the rollouts that the pilot gave it{own}.{speed}"
     heads = ("Scene", "Scenario", "Exposure", "Interval", "Rollouts")
     return tag(
         "section", tag("h2", "Scenes"), tag("p", note, class_="muted"), tag("div", _table(heads, body))

@@ -30,12 +30,49 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
                 table.add_row(escape(rate.rule), f"per {unit}", *cells)
         print_table(console, table)
         print_lines(console, [f"{rate.rule}: {describe_scenes(rates, rate)}" for rate in rates.rates])
+        _print_own(console, rates)
+        print_lines(console, describe_warnings(rates), "yellow")
+        print_lines(console, describe_blind(rates))
     for rate in rates.rates:
         for one in rate.decisions:
-            console.print(f"{escape(rate.rule)} {one.threshold.text}: {colour_verdict(one.verdict)}")
+            verdict = f"{colour_verdict(one.verdict)}{escape(one.explanation)}"
+            console.print(f"{escape(rate.rule)} {one.threshold.text}: {verdict}")
     if rates.errors:
         names = ", ".join(rates.errors)
         print_lines(console, [f"more rollouts ended in an error than allowed: {names}"], "red")
+
+
+def _print_own(console: Console, rates: CatalogueRates) -> None:
+    rows = list(rates.own)
+    if not rows:
+        return
+    heads = ("probability", "interval", "rollouts", "steps")
+    table = make_table("estimates with intervals of their own", ("scene", "rule", "estimator"), heads)
+    for name, rule, one, own in rows:
+        numbers = [format_probability(own.probability), format_interval(own.interval)]
+        cost = [f"{one.rollouts:,}", f"{own.simulated_steps:,}"]
+        table.add_row(escape(name), escape(rule), own.estimator, *numbers, *cost)
+    print_table(console, table)
+
+
+def describe_warnings(rates: CatalogueRates) -> list[str]:
+    """Return the health warnings of all scenes; each line once, with the scenes and rules that it is of."""
+    lines: dict[str, list[str]] = {}
+    for entry, estimates in zip(rates.catalogue.document.scenes, rates.estimates, strict=True):
+        for rule, one in estimates.items():
+            for name, text in one.warnings.items():
+                lines.setdefault(f"warning {name}: {text}", []).append(f"{entry.name} {rule}")
+    return [f"{', '.join(places)}: {text}" for text, places in lines.items()]
+
+
+def describe_blind(rates: CatalogueRates) -> list[str]:
+    """Return what the rates leave out of failures that the scores of estimators do not lead to."""
+    found = []
+    for rate in rates.rates:
+        for unit, bound in list(rate.blind.items())[:1]:
+            text = "failures that the score or proposal of a scene's estimator does not lead to"
+            found.append(f"{rate.rule}: {text} could add {format_probability(bound, 2)} per {unit}")
+    return found
 
 
 def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:

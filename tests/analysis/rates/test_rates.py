@@ -8,6 +8,7 @@ import pytest
 
 from avrare.analysis.rates.catalogue import load_catalogue
 from avrare.analysis.rates.rates import compute, divide
+from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
@@ -45,6 +46,11 @@ def catalogue(tmp_path, monkeypatch):
         return "c.yaml"
 
     return catalogue
+
+
+def seen(read, failures, rollouts):
+    """Give every rule of three scenes the same counts."""
+    return [dict.fromkeys(read.rules, SceneEstimate(failures, rollouts))] * 3
 
 
 def refused(path):
@@ -91,7 +97,7 @@ def test_mistakes_have_their_place(catalogue, old, new, place, words):
 
 def test_units_are_converted_by_the_speed(catalogue):
     read = load_catalogue(catalogue())
-    counts = [dict.fromkeys(read.rules, (10, 100, 0))] * 3
+    counts = seen(read, 10, 100)
     rate = compute(read, counts).rates[0]
     assert rate.totals["hour"].value == pytest.approx(0.1 * (3.0 + 4e-3 * 50 + 2.0))
     assert rate.totals["km"].value == pytest.approx(rate.totals["hour"].value / 50)
@@ -102,7 +108,7 @@ def test_units_are_converted_by_the_speed(catalogue):
 def test_without_a_speed_there_is_one_unit(catalogue):
     text = CATALOGUE.replace("speed: 50\n", "").replace("km: 1000.0", "hours: 20.0")
     read = load_catalogue(catalogue(text))
-    assert set(compute(read, [dict.fromkeys(read.rules, (1, 50, 0))] * 3).rates[0].totals) == {"hour"}
+    assert set(compute(read, seen(read, 1, 50)).rates[0].totals) == {"hour"}
 
 
 @pytest.mark.parametrize(
@@ -111,14 +117,14 @@ def test_without_a_speed_there_is_one_unit(catalogue):
 )
 def test_thresholds_decide_the_exit_code(catalogue, bound, code):
     read = load_catalogue(catalogue(CATALOGUE.replace("< 1e4", bound)))
-    rates = compute(read, [dict.fromkeys(read.rules, (10, 100, 0))] * 3)
+    rates = compute(read, seen(read, 10, 100))
     assert rates.exit_code == code
-    assert compute(read, rates.counts, ["storm"]).exit_code == ExitCode.ROLLOUT_ERRORS
+    assert compute(read, rates.estimates, ["storm"]).exit_code == ExitCode.ROLLOUT_ERRORS
 
 
 def test_a_budget_that_is_too_small_is_refused(catalogue):
     read = load_catalogue(catalogue())
-    pilot = [dict.fromkeys(read.rules, (0, 50, 0))] * 3
+    pilot = seen(read, 0, 50)
     with pytest.raises(UsageError, match="the pilot alone costs 150 rollouts of 150"):
         divide(read, Budget("rollouts", 150), [3, 3, 3], pilot)
     assert sum(divide(read, Budget("steps", 3 * 700), [3, 3, 3], pilot)) in range(548, 551)
@@ -149,9 +155,9 @@ def test_a_catalogue_is_run_resumed_and_reported(catalogue, capsys):
 def test_scenes_that_were_never_met_share_by_the_upper_end_of_their_exposure(catalogue):
     text = CATALOGUE.replace("count: 30", "count: 0").replace("count: 4, km: 1000.0", "count: 0, hours: 90.0")
     read = load_catalogue(catalogue(text.replace("per_hour: 2.0", "count: 0, hours: 10.0")))
-    shares = divide(read, Budget("rollouts", 700), [3, 3, 3], [dict.fromkeys(read.rules, (5, 50, 0))] * 3)
+    shares = divide(read, Budget("rollouts", 700), [3, 3, 3], seen(read, 5, 50))
     assert shares == [pytest.approx(550 * 9 / 19, abs=1), pytest.approx(550 / 19, abs=1), shares[0]]
-    rate = compute(read, [dict.fromkeys(read.rules, (5, 50, 0))] * 3).rates[0].totals["hour"]
+    rate = compute(read, seen(read, 5, 50)).rates[0].totals["hour"]
     assert rate.value == 0.0 < rate.interval[1]
 
 
