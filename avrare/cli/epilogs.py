@@ -5,7 +5,8 @@ from __future__ import annotations
 EPILOGS = {
     "rate": """\
 CATALOGUE lists scenarios with exposures: how often each scene is met, per hour or per km. A
-pilot divides one budget among them. See docs/rates.md.
+pilot divides one budget among them; rare scenes may name an estimator of their own. See
+docs/rates.md.
 
 examples:
   avrare rate scenarios/catalogues/parked_car.yaml --workers 2 --out night

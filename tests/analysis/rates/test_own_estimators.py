@@ -65,7 +65,7 @@ def own(probability, low, high, **fields):
 
 
 def test_a_rare_scene_is_estimated_by_its_own_estimator(catalogue, capsys):
-    path = catalogue(("chains: 20", "chains: 80"), ("per_hour: 5.0", "per_hour: 5000.0"))
+    path = catalogue(("chains: 20, ", ""), ("per_hour: 5.0", "per_hour: 5000.0"))
     assert main(["rate", path, "--out", "one", "--plain"]) == ExitCode.FAIL
     shown = capsys.readouterr().out
     assert "quiet  dry   ess" in shown
@@ -180,6 +180,13 @@ def test_mistakes_have_their_place(catalogue, new, place, words):
     error = "\n".join(caught.value.lines())
     assert f"c.yaml:{place}: " in error
     assert words in error
+
+
+def test_safe_mode_looks_into_the_own_estimator(catalogue, capsys):
+    path = catalogue((OWN, "{plugin: is, learned: ../learned.json}"), ('set: ["simulator.surge=0.6"], ', ""))
+    assert main(["rate", path, "--safe"]) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert "c.yaml:6:99: scenes.1.estimator.learned: safe mode: " in error
 
 
 def test_a_budget_without_an_estimator_is_refused(catalogue):

@@ -43,6 +43,10 @@ name: walks
 scenes:
   - {name: short, scenario: walk.yaml, exposure: {count: 30, hours: 10.0}}
   - {name: wide, scenario: walk.yaml, set: ["simulator.scale=0.2"], exposure: {per_hour: 2.0}}
+  - name: rare
+    scenario: walk.yaml
+    exposure: {per_hour: 0.1}
+    estimator: {plugin: ams, particles: 20, discard: 4, runs: 2, specifications: [near]}
 thresholds:
   - {rule: near, per_hour: "< 0.5"}
 pilot: 40
