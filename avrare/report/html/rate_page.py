@@ -172,13 +172,13 @@ def _render_own(rates: CatalogueRates) -> Markup | None:
     if not body:
         return None
     heads = ("Scene", "Rule", "Estimator", "Probability", "Interval", "Rollouts", "Steps", "Warnings")
-    note = "Estimates with intervals of their own. Their cost is fixed, and no part of what the pilot shares."
+    note = "Estimates with intervals of their own. Their cost is no part of what the pilot shares."
     return tag(
         "section",
         tag("h2", "Estimators of the scenes’ own"),
         tag("p", note, class_="muted"),
         tag("div", _table(heads, body)),
-        [tag("p", f"{line[0].upper()}{line[1:]}.", class_="muted") for line in describe_blind(rates)],
+        [tag("p", f"{line}.", class_="muted") for line in describe_blind(rates)],
     )
 
 
