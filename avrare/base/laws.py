@@ -121,7 +121,7 @@ class Truncated(_Law):
 
     def _bounds(self) -> tuple[float, float]:
         low, high = self.low, self.high
-        if _has_steps(self.of):  # the score of a value is the middle of its share, and all of it is kept
+        if len(_steps(self.of)):  # the score of a value is the middle of its share, and all of it is kept
             low = None if low is None else math.nextafter(low, -math.inf)
             high = None if high is None else math.nextafter(high, math.inf)
         return (
@@ -141,8 +141,9 @@ class Truncated(_Law):
             inner = _number_at(
                 _below(low) * left + _below(high) * share, _below(-low) * left + _below(-high) * share
             )
+        least = math.nextafter(low, math.inf) if len(_steps(self.of)) else low  # not a border
         bounds = -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
-        return np.clip(self.of.at(np.clip(inner, low, high)), *bounds)
+        return np.clip(self.of.at(np.clip(inner, least, high)), *bounds)
 
     def score(self, value: ArrayLike) -> Floats:
         """Return the normal score of a value."""
@@ -178,6 +179,9 @@ class Mixture(_Law):
             middle = 0.5 * (low + high)
             under = self.score(middle) < number
             low, high = np.where(under, middle, low), np.where(under, high, middle)
+        if len(steps := _steps(self)):  # a step between the two is the value itself, not one a bit beside it
+            near = steps[np.minimum(np.searchsorted(steps, low), len(steps) - 1)]
+            high = np.where((low <= near) & (near <= high), near, high)
         return np.asarray(high)
 
     def score(self, value: ArrayLike) -> Floats:
@@ -263,10 +267,13 @@ class Discrete(_Law):
         return np.where(values[place] == number, middle, border)
 
 
-def _has_steps(law: _Law) -> bool:
+def _steps(law: _Law) -> Floats:
+    """Return the values that a law gives with a probability of their own, in ascending order."""
     if isinstance(law, Mixture):
-        return any(_has_steps(part.of) for part in law.parts)
-    return isinstance(law, Discrete) or (isinstance(law, Truncated) and _has_steps(law.of))
+        return np.unique(np.concatenate([_steps(part.of) for part in law.parts]))
+    if isinstance(law, Truncated):
+        return _steps(law.of)
+    return np.array(law.values if isinstance(law, Discrete) else ())
 
 
 Law: TypeAlias = Annotated[

@@ -105,6 +105,20 @@ def test_a_discrete_law_that_is_cut_keeps_the_whole_share_of_its_bounds():
             assert found.at(edges) == pytest.approx(kept, abs=1e-6)
 
 
+def test_steps_of_composed_laws_are_the_values_themselves():
+    coins = {"law": "discrete", "values": [1.0, 2.0, 3.0], "weights": [1.0, 1.0, 1.0]}
+    cut = {"law": "truncated", "of": coins, "low": 1.5}
+    assert law(cut).at([-40.0, -9.0, 0.1, 9.0]).tolist() == [2.0, 2.0, 3.0, 3.0]
+    zeros = {"law": "discrete", "values": [-0.7, 0.0, 0.1], "weights": [1.0, 1.0, 2.0]}
+    mixed = law({"law": "mixture", "parts": [{"weight": 1, "of": zeros}, {"weight": 3, "of": cut}]})
+    shares = [0.03, 0.06, 0.07, 0.12, 0.13, 0.24, 0.26, 0.6, 0.63, 0.99]
+    assert mixed.at(stats.norm.ppf(shares)).tolist() == [-0.7, -0.7, 0.0, 0.0, 0.1, 0.1, 2.0, 2.0, 3.0, 3.0]
+    normal = {"weight": 1, "of": {"law": "normal", "mean": 0.0, "sd": 1.0}}
+    half = law({"law": "mixture", "parts": [normal, {"weight": 1, "of": coins}]})
+    drawn = half.at(stats.norm.ppf(np.linspace(0.001, 0.999, 999)))
+    assert [np.count_nonzero(drawn == value) for value in (1.0, 2.0, 3.0)] == pytest.approx([167] * 3, abs=1)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
