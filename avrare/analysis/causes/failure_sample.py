@@ -83,7 +83,7 @@ class FailureSample:
                 f"{result.specification}: no failure is kept, so nothing can be said of its causes",
                 "run more rollouts, or an estimator for rare events",
             )
-        trials = _count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
+        trials = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
         return FailureSample(
             result.failures, result.probability, result.relative_error,
             trials, len(result.run_probabilities), result.errors,
@@ -93,7 +93,7 @@ class FailureSample:
     @staticmethod
     def stored(estimate: StoredEstimate, failures: Failures) -> FailureSample:
         """Return the sample of an estimate in a run folder and its stored failures."""
-        trials = _count_trials(estimate.estimator, estimate.rollouts, failures, estimate.diagnostics or {})
+        trials = count_trials(estimate.estimator, estimate.rollouts, failures, estimate.diagnostics or {})
         error = math.nan if estimate.relative_error is None else estimate.relative_error
         return FailureSample(
             failures, estimate.probability, error, trials,
@@ -189,8 +189,9 @@ class FailureSample:
             return part, self._with_model(self.model, chosen, part)
         complete = self.failures.count == self.size
         if self.trials and complete:
-            exact = intervals.clopper_pearson(int(chosen.sum()), self.trials, self.confidence, self.errors)
-            return part, exact
+            failed = int(chosen.sum())
+            errors = min(self.errors, self.trials - failed)  # those of a pilot are among them
+            return part, intervals.clopper_pearson(failed, self.trials, self.confidence, errors)
         return part, self._log_normal(chosen, part)
 
     def _with_model(self, model: ModelInterval, chosen: Bools, part: float) -> Interval:
@@ -198,7 +199,7 @@ class FailureSample:
         share, error, freedom = self.mean(chosen.astype(np.float64))
         own = 0.0 if chosen.all() or share <= 0.0 else t_factor(self.confidence, freedom) * error / share
         below, above = (math.hypot(own, one) for one in model.distances(self.probability, self.confidence))
-        return part * math.exp(-below), min(1.0, part * math.exp(above))
+        return part * math.exp(-below), 1.0 if above >= -math.log(part) else part * math.exp(above)
 
     def _log_normal(self, chosen: Bools, part: float) -> Interval:
         pieces = np.bincount(self.clusters, self.shares * chosen, minlength=int(self.clusters.max()) + 1)
@@ -216,13 +217,18 @@ class FailureSample:
         return intervals.log_normal(part, relative, self.confidence, freedom=freedom, errors=tail)
 
 
-def _count_trials(estimator: str, rollouts: int, failures: Failures, diagnostics: Mapping[str, Any]) -> int:
-    # Monte Carlo that stops by a rule has none: its number of rollouts depends on the failures. Nor has the
-    # mean over an ensemble of models. Where mfmc leaves Monte Carlo, its pilot costs rollouts, but no trials.
+def count_trials(estimator: str, rollouts: int, failures: Failures, diagnostics: Mapping[str, Any]) -> int:
+    """Return the rollouts of which ``failures.count`` failed independently; 0 where that is not the law.
+
+    Monte Carlo that stops by a rule has none: its number of rollouts depends on the failures. Nor has the
+    mean over an ensemble of models. Where ``mfmc`` or ``auto`` takes Monte Carlo, its pilot, and what was
+    tried in vain, cost rollouts, but are no trials.
+    """
     plain = "used_rollouts" not in diagnostics and "model" not in diagnostics
     if estimator != "mc" or failures.weights is not None or not plain:
         return 0
-    return int(diagnostics.get("twin", {}).get("counted", rollouts))
+    counted = diagnostics.get("choice", {}).get("counting_rollouts", rollouts)
+    return int(diagnostics.get("twin", {}).get("counted", counted))
 
 
 def _model_interval(

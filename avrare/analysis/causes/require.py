@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from avrare.analysis.causes.failure_sample import count_trials
 from avrare.analysis.causes.requirement import Requirement, Trial
 from avrare.analysis.causes.resumption import keep_outcomes
 from avrare.analysis.causes.reweighed_trial import Nearby, Reweigher, Score
@@ -104,7 +105,7 @@ def _choose_range(parameter: str, value: float) -> tuple[float, float]:
 
 
 def _reweighable(problem: Problem, parameter: str, result: Result) -> bool:
-    plain = result.estimator == "mc" and "used_rollouts" not in result.diagnostics
+    plain = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics) > 0
     return plain and parameter.startswith("perception.") and knows_score(problem)
 
 
@@ -175,7 +176,7 @@ def _read_nearby(entry: Any) -> Nearby:
 
 
 def _read_interval(entry: Any) -> tuple[float, float]:
-    low, high = map(float, entry["interval"])
-    if low < 0.0 or low > high or high <= 0.0 < float(entry["probability"]):
+    (low, high), probability = map(float, entry["interval"]), float(entry["probability"])
+    if not (0.0 <= low <= high <= 1.0 and 0.0 <= probability <= 1.0) or high <= 0.0 < probability:
         raise ValueError(f"{low:g} .. {high:g} is no interval of {entry['probability']}")
     return low, high

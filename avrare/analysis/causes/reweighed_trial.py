@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.analysis.causes.failure_sample import count_trials
 from avrare.base.errors import UsageError
 from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
@@ -104,11 +105,12 @@ class Reweigher:
         """Return estimates at values that were fixed before the run, where enough failures are left.
 
         Args:
-            result: Monte Carlo estimate at this value.
+            result: Estimate at this value; other than by Monte Carlo of a fixed size it tells nothing.
             values: The values.
             level: Level of the intervals.
         """
-        if len(result.failures.noise) < _LEAST or not len(values):
+        trials = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
+        if len(result.failures.noise) < _LEAST or not len(values) or not trials:
             return ()
         ratios = self._ratios(result.failures, values)
         if ratios is None:
@@ -117,7 +119,7 @@ class Reweigher:
             weights = np.exp(ratios)
             effective = weights.sum(axis=0) ** 2 / (weights**2).sum(axis=0)
         return tuple(
-            _estimate(float(value), column, result, level)
+            _estimate(float(value), column, result, trials, level)
             for value, column, left in zip(values, weights.T, effective, strict=True)
             if left >= _SHARE * len(column)
         )
@@ -130,9 +132,9 @@ class Reweigher:
             return None
 
 
-def _estimate(value: float, weights: Floats, result: Result, level: float) -> Nearby:
+def _estimate(value: float, weights: Floats, result: Result, trials: int, level: float) -> Nearby:
     # The number of failures and the mean weight of those that were kept are independent.
-    trials, mean = result.rollouts, float(weights.mean())
+    mean = float(weights.mean())
     total = mean * result.failures.count / trials
     relative = 1.0 / result.failures.count + float(weights.var(ddof=1)) / (len(weights) * mean**2)
     largest = max(float(weights.max()), 1.0) / trials

@@ -211,6 +211,21 @@ def test_parts_of_an_estimate_over_an_ensemble_have_the_share_of_the_model():
     assert surer[1] > 0.05
 
 
+def test_parts_of_two_failures_over_an_ensemble_have_ends_at_any_confidence():
+    whole = ModelInterval((0.002, 0.05), 0.9999, 8)
+    sample = replace(sample_of(np.zeros((2, 1, 1)), trials=200), trials=0, model=whole, confidence=0.9999)
+    part, interval = sample.part_interval(np.arange(2) < 1)
+    assert part == pytest.approx(0.005)
+    assert interval == (0.0, 1.0)
+
+
+def test_rollouts_of_the_choice_are_no_trials_of_a_kind():
+    result = avrare.estimate(two_modes(), "auto", budget="rollouts=6000", seed=2)
+    assert result.estimator == "mc"
+    sample = FailureSample.of(result)
+    assert sample.trials == round(result.failures.count / result.probability) < result.rollouts
+
+
 def test_the_interval_over_an_ensemble_is_that_of_all_failures(result):
     fresh = {k: replace(result, probability=result.probability * f) for k, f in enumerate((0.5, 1.0, 2.0))}
     over = combine(result, 3, None, fresh)

@@ -127,6 +127,21 @@ def test_too_few_failures_are_not_reweighed():
     assert reweigher.reweigh(result, (0.7,), 0.95) == ()
 
 
+def test_rollouts_of_the_choice_are_no_trials_of_what_is_reweighed():
+    result = avrare.estimate(noisy_problem(1.0), "auto", budget="rollouts=8000", seed=4)
+    assert result.estimator == "mc"
+    assert result.diagnostics["choice"]["counting_rollouts"] < result.rollouts
+    (own,) = Reweigher(noisy_problem(1.0), 1.0, Sensor).reweigh(result, (1.0,), 0.95)
+    assert own.probability == pytest.approx(result.probability)
+    assert own.interval == pytest.approx(result.interval, rel=0.01)
+
+
+def test_an_estimate_that_stopped_by_a_rule_is_not_reweighed():
+    result = avrare.estimate(noisy_problem(1.0), "mc", relative_error=0.2, seed=4)
+    assert result.failures.count > 20
+    assert Reweigher(noisy_problem(1.0), 1.0, Sensor).reweigh(result, (1.0,), 0.95) == ()
+
+
 def test_no_value_outside_the_ends_is_built():
     result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=3_000, seed=4)
     tried = []
@@ -243,7 +258,7 @@ def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
         avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
     trial = next(one for one in kept["trials"] if one["probability"] > 0.0)
     interval = trial["interval"]
-    for wrong in ([0.0, 0.0], interval[::-1], [-0.1, 0.1]):
+    for wrong in ([0.0, 0.0], interval[::-1], [-0.1, 0.1], [math.nan, 0.1], [0.0, 1.1]):
         trial["interval"] = wrong
         (out / "trials.json").write_text(json.dumps(seal(kept)))
         with pytest.raises(UsageError, match="cannot be read"):
