@@ -235,7 +235,7 @@ def test_malformed_files_in_a_separate_process(number, here):
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 def test_the_unmutated_files_are_valid(path, here):
-    """Else the files above would be refused for another reason; these changes leave a scenario as it was."""
+    """Load them unchanged, or the others are refused for another reason; and with harmless changes."""
     text = dump(merged(path))
     for changed in (text, "\ufeff" + text, text.replace("\n", "\r\n"), "# é\n---\n" + text + "...\n"):
         Path("itself.yaml").write_bytes(changed.encode())

@@ -104,7 +104,7 @@ def test_nothing_is_overwritten(tmp_path, capsys):
 
 @pytest.mark.parametrize("call", range(0, 8, 3))
 def test_a_command_that_was_killed_can_be_repeated(tmp_path, monkeypatch, call):
-    """Half a package had the name of the whole one, which was refused from then on."""
+    """Repeat it: half a package had the name of the whole one, which was refused from then on."""
     write, left = Path.write_text, [call]
 
     def dying(*words, **options):

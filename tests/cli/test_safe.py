@@ -177,7 +177,7 @@ def test_baselines_stay_in_the_folder(folder, capsys):
 
 @pytest.mark.parametrize("name", ["checkpoint", "checkpoint/toy", "toy"])
 def test_no_run_is_resumed_through_a_link(folder, capsys, name):
-    """Or else a run folder of a stranger would have files elsewhere overwritten, or removed."""
+    """Refuse: or else a stranger's run folder would have files elsewhere overwritten, or removed."""
     mine = folder / "mine"
     mine.mkdir()
     (mine / "scenario.yaml").write_text("precious")

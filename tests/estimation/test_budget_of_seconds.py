@@ -94,7 +94,7 @@ def test_the_first_rollout_runs_however_little_time_there_is(monkeypatch):
 
 
 def test_outcomes_that_arrive_at_once_do_not_look_fast():
-    """Two workers that start in five seconds and then need one for a row."""
+    """Take two workers that start in five seconds and then need one for a row."""
     pace = Pace()
     assert [pace.take(0.0, 10.0, 100) for _ in range(4)] == [1, 1, 1, 1]
     for _ in range(2):

@@ -39,7 +39,7 @@ def test_errors_raise_the_upper_bound_like_failures():
 
 
 def test_clopper_pearson_covers():
-    """For every p the exact coverage is at least the confidence."""
+    """Sum the exact coverage, which is at least the confidence for every p."""
     n = 30
     bounds = [intervals.clopper_pearson(k, n, 0.9) for k in range(n + 1)]
     for p in np.linspace(0.001, 0.999, 200):

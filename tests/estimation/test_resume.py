@@ -130,7 +130,7 @@ def test_a_custom_proposal_is_identified_by_its_name(tmp_path):
 
 
 def test_rows_that_depend_on_their_neighbours_are_run_as_they_were(tmp_path):
-    """One rollout alone differs, the chunk does not: that is no reason to refuse."""
+    """Accept that one rollout alone differs where the chunk does not."""
 
     class Sociable(systems.Walk):
         def step(self, state, noise):

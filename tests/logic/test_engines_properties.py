@@ -291,7 +291,7 @@ WIDE = [
 @pytest.mark.parametrize("until", ["closed", "half-open"])
 @pytest.mark.parametrize("words", WIDE)
 def test_wide_windows_equal_the_evaluation_of_every_prefix(words, until):
-    """Across the widths at which a monitor changes its ways; rows alone give the same bits."""
+    """Cross the widths at which a monitor changes its ways; rows alone give the same bits."""
     formula, signals = stl(words, until=until, warn=False), random_signals(13, rows=3, steps=70)
     signals = {
         name: x + np.random.default_rng(14).normal(size=x.shape)

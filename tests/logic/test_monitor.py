@@ -52,7 +52,7 @@ def table(verdicts):
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_copies_are_independent(text):
-    """Particles copied at a sample and continued equal particles that had that history from the start."""
+    """Continue particles copied at a sample: they equal particles that had that history from the start."""
     signals, steps = random_signals(1, 6, 10), 10
     index = np.array([4, 4, 0, 5])
     monitor = FormulaMonitor(stl(text))
@@ -124,7 +124,7 @@ def test_the_state_stops_growing(text):
     ],
 )
 def test_truth_is_exact_where_robustness_is_zero(text):
-    """Zeros of either sign and margins reported as 0, below strict comparisons, weak ones, and both."""
+    """Try zeros of either sign and margins of 0, below strict comparisons, weak ones, and both."""
     rng, formula = np.random.default_rng(10), stl(text, warn=False)
     signals = {name: rng.choice(EDGES, size=(300, 11)) for name in "pq"}
     monitor = FormulaMonitor(formula)
@@ -139,7 +139,7 @@ def test_truth_is_exact_where_robustness_is_zero(text):
 
 @pytest.mark.parametrize("text", ["p > 0", *TEXTS])
 def test_the_score_is_the_greatest_danger_so_far(text):
-    """NaN does not count, and a row with NaN or 0 changes nothing for its neighbours."""
+    """Leave out NaN; a row with NaN or 0 changes nothing for its neighbours."""
     signals = random_signals(11, 40, 14)
     monitor = FormulaMonitor(stl(text))
     _, clean = follow(monitor, monitor.start(40), signals, range(14))
@@ -249,7 +249,7 @@ def test_infinite_and_huge_samples_cause_no_warnings(text):
 
 
 def test_samples_of_other_types_are_accepted():
-    """Whole numbers, strided arrays and mappings that are no dict."""
+    """Give whole numbers, strided arrays and mappings that are no dict."""
     monitor, whole = FormulaMonitor(stl("always (p < q)")), np.arange(12).reshape(4, 3)
     plain = {"p": whole[:, 0].astype(float), "q": whole[:, 2].astype(float) - 2.0}
     for sample in (plain, {"p": whole[:, 0], "q": plain["q"]}, MappingProxyType(plain)):

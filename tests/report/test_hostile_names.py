@@ -243,7 +243,7 @@ def test_markdown(name, problem, estimate):
 
 
 def test_github_annotations(name, estimate):
-    """Each is one line, and none is another command of a workflow."""
+    """Write each in one line, and none as another command of a workflow."""
     target = SimpleNamespace(
         name=name, definition=SimpleNamespace(path=name.replace("\0", "").replace("\ud800", ""))
     )

@@ -146,7 +146,7 @@ def test_a_changed_scenario_of_a_run_is_named(night, capsys):
 
 
 def test_a_scenario_that_is_a_link_is_not_shown(night, monkeypatch):
-    """Or else the report of a stranger's run folder would give away a file from elsewhere."""
+    """Hide it: or else the report of a stranger's run folder would give away a file from elsewhere."""
     monkeypatch.chdir(night)
     secret = night / "secret"
     secret.write_text("password: swordfish")

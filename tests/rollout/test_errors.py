@@ -77,7 +77,7 @@ def test_all_rows_may_break_down(how):
 
 
 def test_only_rows_without_errors_are_stepped():
-    """After the bisection at step 1, the rows that raised are never passed again."""
+    """Pass the rows that raised never again, after the bisection at step 1."""
 
     class Early(systems.Walk):
         def step(self, state, noise):
@@ -161,7 +161,7 @@ def test_avrare_errors_are_not_swallowed():
 
 
 def test_want_of_memory_is_no_error_of_a_rollout():
-    """Otherwise the machine would decide which rollouts count."""
+    """Raise it: otherwise the machine would decide which rollouts count."""
 
     class Hungry(systems.Walk):
         def step(self, state, noise):

@@ -67,7 +67,7 @@ def test_law_of_the_normals():
 
 
 def test_addresses_are_independent():
-    """No correlation between neighbours in run, stage, particle, step, channel and seed."""
+    """Find no correlation between neighbours in run, stage, particle, step, channel and seed."""
     grid = np.ix_(np.arange(6), np.arange(6), np.arange(30), np.arange(30))
     x = NoiseSource(5, 6).normals(*grid)
     for axis in range(5):

@@ -132,7 +132,7 @@ def test_another_score_measures_its_own_terms():
 
 
 def test_each_vehicle_is_measured_in_its_own_margin():
-    """One far vehicle and one near: without noise both lose nothing."""
+    """Take one far vehicle and one near: without noise both lose nothing."""
     formula = "always forall o in others: (far(o) < 3)"
     system = Pair(1.0, 100.0, start=(2.0, 0.02))
     state, noise = system.initial(np.zeros((1, 2))), np.zeros((1, 2))
@@ -179,7 +179,7 @@ class Drift(Pair):
 
 
 def test_margin_ties_nobody_where_a_term_changes_its_truth():
-    """Of equal terms none is at 1 throughout; the first steps must not decide the score all the same."""
+    """Take equal terms, none at 1 throughout: the first steps must not decide the score all the same."""
     small, equal = (
         Problem(Drift(1.0, u), avrare.stl(f"always (x < 3 or y < {u:g})"), STEPS, "margin")
         for u in (1e4, 1.0)
@@ -218,7 +218,7 @@ class Selecting:
 
 
 def test_a_specification_that_selects_its_signals_is_measured_in_theirs():
-    """Without noise x stays at 0: only the rollouts with noise tell the size of the other term."""
+    """Keep x at 0 without noise: only the rollouts with noise tell the size of the other term."""
     problem = Problem(Pair(1.0, 1.0), Selecting(), STEPS)
     near, far = problem.sizes[0]
     np.testing.assert_allclose(near, 3.0)
@@ -226,7 +226,7 @@ def test_a_specification_that_selects_its_signals_is_measured_in_theirs():
 
 
 def test_a_term_without_a_margin_is_measured_in_its_spread():
-    """Without noise y stays at its limit: its margin there tells no size."""
+    """Keep y at its limit without noise: its margin there tells no size."""
     small, equal = (
         Problem(Pair(1.0, unit), avrare.stl("always (x < 0.5 or y <= 0)"), STEPS) for unit in (1e4, 1.0)
     )

@@ -124,7 +124,7 @@ def test_a_model_file_in_the_folder_is_allowed(folder):
 
 
 def test_a_file_beside_another_folder_is_found_from_the_current_one(folder, monkeypatch):
-    """Plugins open files relative to the current folder, and so does the check."""
+    """Resolve files against the current folder, as plugins do, and so does the check."""
     write(controller="{plugin: policy, model: secret.npz}")
     monkeypatch.chdir(folder.parent)
     assert "'secret.npz' is a file outside" in refusals("stranger/s.yaml")
@@ -254,7 +254,7 @@ def test_a_pipe_is_no_base(folder):
 
 
 def test_no_file_outside_is_opened_and_no_program_started(folder):
-    """As Python's own audit of every call tells, for each way of naming one."""
+    """Listen to Python's own audit of every call, for each way of naming a file."""
     names = ["../secret.npz", "link.npz", "away/secret.npz", str(folder.parent / "secret.npz")]
     texts = [GYM.format(**PARTS | {"controller": f"{{plugin: policy, model: '{name}'}}"}) for name in names]
     rule = "{plugin: traffic_rules, rules_file: ../secret.yaml, rule: X}"

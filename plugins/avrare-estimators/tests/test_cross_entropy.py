@@ -74,7 +74,7 @@ def test_not_reaching_failure_gives_a_warning():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["e_ou_L5.0", "e_ou_L6.0"])
 def test_many_design_points_do_not_fail_silently(name):
-    """One Gaussian cannot stand for failures that may come at any time: it must not pretend to."""
+    """Warn: one Gaussian cannot stand for failures that may come at any time."""
     problem = reference_problem(name)
     for seed in range(4):
         result = estimate(problem.problem(), seed, rollouts=1000)

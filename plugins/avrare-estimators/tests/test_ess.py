@@ -88,7 +88,7 @@ def test_growing_slope_is_biased():
 
 @pytest.mark.slow
 def test_the_smallest_sample_is_unbiased_too():
-    """Ten samples a level: what adapts to itself is off, what follows a pilot is not."""
+    """Take ten samples a level: what adapts to itself is off, what follows a pilot is not."""
     options = {"chains": 5, "level_probability": 0.5, "runs": 4000, "kernel": "shrink"}
     assert abs(off("c_fourbranch_k6", **options)) < 4.0
     assert off("c_fourbranch_k6", second_pass=False, **options) > 4.0
@@ -103,7 +103,7 @@ def steep(signals, t):
 @pytest.mark.slow
 @pytest.mark.parametrize("score", [odd_systems.backwards, systems.constant, odd_systems.height, steep])
 def test_any_score_is_unbiased(score):
-    """Failures belong to every level, also where a score puts them below it."""
+    """Count failures at every level, also where a score puts them below it."""
     reference = walk(1.0, 20)
     problem = reference.problem(score=score, chunk=50_000)
     values = avrare.estimate(problem, "ess", runs=200, **SMALL).run_probabilities
@@ -180,7 +180,7 @@ def test_failures_are_different_tapes():
 
 
 def test_breakdowns_near_failure_show_in_the_upper_end():
-    """Rows beyond the brink break down: the fresh draws never see it, the chains do."""
+    """Break rows down beyond the brink: the fresh draws never see it, the chains do."""
     problem = Problem(odd_systems.Doomed(0.9), avrare.stl("always (x < 1)"), 10)
     result = avrare.estimate(problem, "ess", runs=10, **SMALL)
     assert result.errors > 0

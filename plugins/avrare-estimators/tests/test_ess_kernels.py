@@ -135,7 +135,7 @@ def test_no_chain_depends_on_its_neighbours(region, name):
 
 
 def test_slopes_are_between_a_chain_and_its_proposals():
-    """Of the score u -> 3 x: no two tapes are farther apart than 3 per unit of length, some nearly so."""
+    """Fit the score u -> 3 x: no two tapes are farther apart than 3 per unit of length, some nearly so."""
     tape = np.random.default_rng(1).normal(size=(500, 1, 1))
     state = replace(rolled_out(linear(1.5, 1).problem(), tape), score=3.0 * tape[:, 0, 0])
     draw = Draw(NoiseSource(0, 1), 0, np.zeros(500, dtype=np.int64), 1, np.arange(500))

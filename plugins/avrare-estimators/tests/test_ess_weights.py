@@ -100,7 +100,7 @@ def test_equal_weights_change_no_effective_size():
 
 
 def test_effective_sizes_of_weights_are_those_of_a_ratio():
-    """Against the scatter of many independent ratios."""
+    """Compare with the scatter of many independent ratios."""
     rng = np.random.default_rng(1)
     weights = rng.exponential(size=(2000, 1, 400))
     weights /= weights.mean(axis=(1, 2), keepdims=True)

@@ -146,7 +146,7 @@ def test_degenerate_weights_widen_the_interval():
 
 @pytest.mark.slow
 def test_a_missed_mode_is_found_by_the_cross_check():
-    """Many design points: at one of them a proposal finds a fraction of the truth and looks well."""
+    """Take many design points: at one of them a proposal finds a fraction of the truth and looks well."""
     problem = reference_problem("e_ou_L5.0")
     tape = np.zeros((101, 1))
     reach = np.sqrt(0.19) * 0.9 ** np.arange(99, -1, -1)
@@ -161,7 +161,7 @@ def test_a_missed_mode_is_found_by_the_cross_check():
 
 
 def test_tiny_weights_give_a_warning():
-    """Weights far below the square root of the smallest number."""
+    """Take weights far below the square root of the smallest number."""
     result = estimate(LINE.problem(), exact_shift(60.0), defensive=0.0, check=0.0)
     assert 0.0 <= result.probability < 1e-150
     assert {"weight_degenerate", "no_failures"} & set(result.health)

@@ -63,7 +63,7 @@ def test_an_estimate_holds_about_what_is_foretold(name):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "mebibytes"), [("ams", 1.5), ("ess", 2)])
 def test_runs_come_in_batches_that_fit(name, mebibytes):
-    """Runs know nothing of each other: only the numbers that tell of the cost may differ."""
+    """Let only the numbers that tell of the cost differ: runs know nothing of each other."""
     whole, most, _ = estimated(name)
     result, peak, foretold = estimated(name, memory=mebibytes)
     assert foretold.held <= mebibytes * 2**20

@@ -73,7 +73,7 @@ def test_runs_are_added_up_to_the_look_at_which_the_goal_is_reached():
 
 
 def test_looks_keep_the_confidence_where_a_single_interval_does_not():
-    """Runs that look quiet have missed their tail: stopping there selects estimates that are too low."""
+    """Stop at runs that look quiet because they have missed their tail, which selects low estimates."""
     rng, looks = np.random.default_rng(1), Looks.until(0.2, 10, 80)
     held = {"paid": 0, "unpaid": 0}
     for _ in range(800):
@@ -195,7 +195,7 @@ def test_a_pilot_raises_the_size_and_does_not_count(name):
 
 
 def test_a_hopeless_problem_costs_little_more_than_planned():
-    """Failures beyond reach: the pilot finds none, and the size is raised once."""
+    """Put failures beyond reach: the pilot finds none, and the size is raised once."""
     grown, fixed = estimate("ams", 9.0, grow=True), estimate("ams", 9.0)
     twice = estimate("ams", 9.0, particles=40, discard=8)
     assert grown.probability == fixed.probability == 0.0

@@ -125,7 +125,7 @@ def test_an_interrupted_run_gives_the_same_result(limited, tmp_path, steps, syst
 
 
 def test_a_stage_lost_in_the_middle_is_run_again(limited, tmp_path):
-    """Then some particles have carries, and what comes after is told from the files again."""
+    """Lose it: some particles have carries, and what comes after is told from the files again."""
     limited(6)
     whole, _ = estimate()
     with pytest.raises(Killed):

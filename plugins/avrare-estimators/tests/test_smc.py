@@ -138,7 +138,7 @@ def test_the_kind_of_interval_does_not_rest_on_the_first_batch(monkeypatch):
 
 
 def test_rows_stored_from_other_parents_are_refused(tmp_path, monkeypatch):
-    """Learning again may differ in its last digits, and so may the parents that it chooses."""
+    """Refuse: learning again may differ in its last digits, and so may the parents that it chooses."""
     weigh, folder = Potentials.__call__, tmp_path / "kept"
 
     def call(progress):
@@ -232,7 +232,7 @@ def test_a_budget_is_kept_and_used(kind, amount):
 
 
 def test_all_starts_and_copies_are_rollouts(monkeypatch):
-    """Those of the particles that only teach too."""
+    """Count those of the particles that only teach too."""
     counts = {"starts": 0, "copies": 0, "taught": 0}
     begin, resample = Particles.begin, Particles._resample
 

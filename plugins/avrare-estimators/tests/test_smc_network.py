@@ -9,7 +9,7 @@ from avrare_estimators.smc.potentials import Paths, Potentials, learn
 
 
 def test_the_network_learns_a_known_committor():
-    """From x at one of two steps, the chance that x plus fresh noise exceeds a bound."""
+    """Learn, from x at one of two steps, the chance that x plus fresh noise exceeds a bound."""
     rng = np.random.default_rng(3)
     x = rng.standard_normal((6000, 2)).cumsum(axis=1)
     end = x[:, 1] + rng.standard_normal(6000)

@@ -204,7 +204,7 @@ def test_a_run_may_end_below_the_floor():
 
 
 def test_errored_particles_are_never_parents():
-    """Rows that jump at step 1 break down at step 2. A child of such a row would too, others cannot."""
+    """Break rows that jump at step 1 down at step 2. A child of such a row would too, others cannot."""
 
     class Jump(systems.Walk):
         def step(self, state, noise):
@@ -230,7 +230,7 @@ def test_errors_on_the_way_to_failure_are_not_failures():
 
 
 def test_errors_enter_the_upper_bound_even_when_they_are_discarded():
-    """Rows that break down at t = 0 have the least score and go first, but they might have failed."""
+    """Break rows down at t = 0: they have the least score and go first, but they might have failed."""
     result = estimate(walk(system=systems.Fragile.with_chance(0.3, at_start=True)), runs=10)
     share = np.isnan(result.robustness).mean()
     assert 0.2 < share < 0.4

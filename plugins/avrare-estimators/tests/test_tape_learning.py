@@ -266,7 +266,7 @@ def test_stops_at_a_relative_error():
 
 
 def test_all_options_of_a_given_proposal_are_read_again():
-    """As in the scenario.yaml of a run folder, from which a run resumes."""
+    """Read them from the scenario.yaml of a run folder, from which a run resumes."""
     given = IsConfig(proposal={"gaussian": {"mean": 0.3}})
     assert IsConfig.model_validate(given.model_dump()) == given
     with pytest.raises(ValueError, match="stages belongs to"):

@@ -61,7 +61,7 @@ def test_unbiased_over_two_hundred_seeds():
 @pytest.mark.slow
 @pytest.mark.parametrize("score", [odd_systems.height, odd_systems.backwards, systems.constant, Lag(0.1)])
 def test_any_score_is_unbiased(score):
-    """A bad score costs, but does not lie; here even one that discards the failures first."""
+    """Estimate with a bad score, which costs but does not lie; even one that discards the failures first."""
     task = avrare.Problem(systems.Walk(), avrare.stl("always (x < 0.4)"), 6, score)
     truth = avrare.estimate(task, seed=1, rollouts=200_000).probability
     assert 0.04 < truth < 0.2
@@ -126,7 +126,7 @@ def test_interval_of_ten_runs_covers():
 @pytest.mark.slow
 @pytest.mark.parametrize("at_start", [False, True])
 def test_random_errors(at_start):
-    """Truth: the row fails and no step of it breaks down. Breakdowns are rows like others, never redrawn."""
+    """Count rows that fail while no step breaks down. Breakdowns are rows like others, never redrawn."""
     steps, chance = 20, 0.01
     system = systems.Fragile.with_chance(0.2 if at_start else chance, at_start)
     survival = 0.8 if at_start else (1 - chance) ** steps

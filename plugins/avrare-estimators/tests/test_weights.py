@@ -74,7 +74,7 @@ def test_resampling_is_in_proportion():
 
 
 def test_mixture_density_integrates_to_one():
-    """E_q[p/q] = 1, and E_p[q/p] = 1: both, or the density has a wrong constant or the wrong sign."""
+    """Check E_q[p/q] = 1 and E_p[q/p] = 1: a wrong constant or sign of the density breaks one of them."""
     law = GaussianMixture(
         np.array([0.3, 0.7]), np.array([[[0.5, 0.0]], [[-0.4, 0.3]]]), np.full((2, 1, 2), 0.9)
     )

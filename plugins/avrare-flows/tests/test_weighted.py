@@ -88,7 +88,7 @@ def test_a_density_up_to_a_constant_suffices():
 
 
 def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
-    """Lognormal, sigma = 1/2: E[|det|, failure] / E[|det|] moves the normal number by sigma."""
+    """Take a lognormal, sigma = 1/2: E[|det|, failure] / E[|det|] moves the normal number by sigma."""
     law, far = Joint([LogNormal(0.0, 0.5)]), 3.0
     problem = avrare.Problem(
         weighted(Static(1), law, weights="paper"), avrare.stl(f"u0 < {math.exp(0.5 * far)!r}"), 0

@@ -109,7 +109,7 @@ def test_derivatives_agree_with_differences():
 
 
 def test_gains_are_the_optimum_of_their_cost():
-    """Cost of the linearised errors from a start, and what any other gain at one step makes of it."""
+    """Compare the cost of the linearised errors from a start with that of any other gain at one step."""
     flight = Flight(nominal().states[:13], nominal().inputs[:12])
     cost = FeedbackConfig()
     (a, b), best = linearised(flight), gains(flight, cost)

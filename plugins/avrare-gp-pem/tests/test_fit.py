@@ -127,7 +127,7 @@ def test_a_longer_schedule_that_is_worse_is_not_kept(monkeypatch):
 
 
 def test_tails_of_the_law_are_those_of_draws(drive):
-    """Shares beyond z and beyond standard deviations, against a sample of the law itself."""
+    """Compare shares beyond z and beyond standard deviations with a sample of the law itself."""
     from avrare_gp_pem.runtime.student_t import student
     from avrare_gp_pem.training.scores import ErrorFit
 

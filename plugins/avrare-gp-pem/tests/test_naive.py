@@ -55,7 +55,7 @@ def test_rows_do_not_depend_on_their_neighbours(make):
 
 
 def test_weights_of_a_real_model_have_mean_one(make):
-    """One observation: E_q[p/q] = 1 over what the target can report, with its misses and its tails."""
+    """Check E_q[p/q] = 1 of one observation, over what the target reports, with its misses and its tails."""
     scene, world = make.scene(1), make.world([[25.0, 2.0, 0.3]], n=200_000)
     target = build_parametric(
         ParametricPemConfig(longitudinal_scale=(0.5, 0.0), lateral_scale=(0.5, 0.0)), scene

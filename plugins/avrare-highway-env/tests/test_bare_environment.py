@@ -65,7 +65,7 @@ def test_the_class_of_the_other_scenes_is_unchanged():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_lidar(seed):
-    """Except for the cell of an object's centre, which highway-env gives its half width, and for corners."""
+    """Compare all but the cell of an object's centre, which highway-env gives its half width, and corners."""
     sim = simulator(scene="highway", vehicles=12, start_seed=seed)
     environment = bare(sim, seed)
     environment.vehicle.heading = 0.05

@@ -75,7 +75,7 @@ def test_the_same_bits_in_one_process_and_in_two(scenario, estimator, options):
 
 
 def test_without_noise_the_ego_arrives(scenario, loop):
-    """Drivers without moods, from the middle of every start; the verdict of the specification agrees."""
+    """Drive among drivers without moods, from the middle of every start; the specification agrees."""
     noise = np.zeros((1, scenario.steps + 1, loop.noise_size))
     last = drive(loop, noise)[-1]
     signals = loop.signals(last)

@@ -51,7 +51,7 @@ def test_the_shipped_policy_is_small_and_has_its_provenance():
 
 
 def test_the_shipped_policy_passes_the_ramp():
-    """Eight starts of the 320 of the model card."""
+    """Drive eight starts of the 320 of the model card."""
     sim, network = simulator(**SHIPPED), load(locate("merge_lidar"))
     noise = tape(sim, 8, 165, seed=77)
     world = sim.reset(noise[:, 0])

@@ -80,7 +80,7 @@ def test_it_keeps_its_speed_and_its_distance():
 
 
 def test_the_gap_is_that_of_the_model():
-    """gap = 20 - 5 m, both 8 m/s: a (1 - (v / v0)^4 - ((s0 + v T) / gap)^2)."""
+    """Work it out: gap = 20 - 5 m, both 8 m/s: a (1 - (v / v0)^4 - ((s0 + v T) / gap)^2)."""
     here, leader = (2.0, 0.0, np.pi / 2, 8.0), (2.0, 20.0, np.pi / 2, 8.0)
     acceleration = 3.0 * (1.0 - 0.8**4 - ((3.0 + 8.0 * 1.0) / 15.0) ** 2)
     assert wanted(here, [leader], cruise_speed=10.0)[0] == pytest.approx(acceleration / 5.0)

@@ -70,7 +70,7 @@ def test_the_same_bits_in_one_process_and_in_two(tmp_path, policy, estimator, op
 
 
 def test_traffic_rules_agree_with_highway_env():
-    """Full throttle on the merge ends in a collision, and there the rule breaks."""
+    """Give full throttle on the merge, which ends in a collision: there the rule breaks."""
     sim = simulator(scene="merge")
     noise = tape(sim, 8, 90)
     worlds = run(sim, noise, lambda t, n: np.tile([1.0, 0.0], (n, 1)))

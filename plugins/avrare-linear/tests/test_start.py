@@ -27,7 +27,7 @@ def point(inputs=("ax", "ay")):
 
 
 def test_the_controls_satisfy_the_formula():
-    """By chance such controls are rarer than one in ten thousand."""
+    """Check the formula; by chance such controls are rarer than one in ten thousand."""
     formula, system = avrare.stl(GOAL), point()
     controls = find_controls(system, formula, STEPS, 1.0)
     assert controls.shape == (STEPS, 2)

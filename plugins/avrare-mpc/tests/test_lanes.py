@@ -79,7 +79,7 @@ def test_compiled_functions_have_the_bits_of_numpy(plain, compiled):
 
 @needs_numba
 def test_arithmetic_is_packed(compiled):
-    """No operation on single numbers, no call of a mathematical library."""
+    """Find no operation on single numbers, and no call of a mathematical library."""
     evaluate(compiled, np.ones((3, WIDTH)))
     (assembly,) = compiled.inspect_asm().values()
     packed, single = (len(re.findall(rf"\bv?(?:mul|div|add|sub){end}\b", assembly)) for end in ("pd", "sd"))

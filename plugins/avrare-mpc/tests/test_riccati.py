@@ -142,7 +142,7 @@ def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
     ],
 )
 def test_every_option_has_the_same_meaning(lane_change, options):
-    """First plans, where both backends keep the cheapest of several searches."""
+    """Compare first plans, where both backends keep the cheapest of several searches."""
     slow, quick = (
         build(MpcConfig.model_validate({**options, **more}), lane_change.scene) for more in (CASADI, RICCATI)
     )

@@ -116,7 +116,7 @@ def test_stage_gradient_is_that_of_the_cost(plain, drawn):
 
 
 def test_stage_hessian_is_exact_where_the_clearances_are_linear(plain, drawn):
-    """That is, at a fixed heading; the lanes are left out, their curvature is Gauss-Newton's."""
+    """Compare at a fixed heading; the lanes are left out, their curvature is Gauss-Newton's."""
     p, path, work = drawn
     p, step = p._replace(lane_weight=0.0), 1e-6
     centre = centre_of(path)
@@ -165,7 +165,7 @@ def test_lane_terms_are_those_of_the_reference(lane_change, plain):
 
 
 def test_sweep_solves_the_dense_newton_system(lane_change, plain, config, drawn):
-    """Against gradient and Gauss-Newton Hessian in the inputs alone, assembled from differences of drives."""
+    """Solve for the inputs alone: gradient and Gauss-Newton Hessian from differences of drives."""
     p, path, work = drawn
     steps, mu, damping, bounds = config.horizon, 0.5, 7.0, every_bound(plain, config)
     plain.newton._prepare(p, path, work, bounds, splat(mu), np.full(WIDTH, True))

@@ -52,7 +52,7 @@ def test_the_second_search_is_never_costlier_and_sometimes_cheaper(both):
 
 
 def test_cost_and_states_are_those_of_the_inputs_that_are_kept(lane_change, programmes, both):
-    """Started again from its own plan, a search that is already there stays."""
+    """Start again from its own plan: a search that is already there stays."""
     start, x, y, rows, _ = programmes
     cheaper = np.flatnonzero(both[0].cost < both[1].cost)
     inputs = both[0].inputs[cheaper]
@@ -128,7 +128,7 @@ def test_rows_are_the_same_bits_in_any_batch(lane_change, programmes, both):
 
 
 def test_of_several_guesses_the_best_counts(lane_change, programmes, both):
-    """Each alone, one after another, finds nothing that is cheaper."""
+    """Take guesses each of which, one after another, finds nothing that is cheaper."""
     *given, rows, guesses = programmes
     solver, index = RiccatiSolver(MpcConfig(), lane_change.scene), np.arange(0, len(rows), 5)
     turns = guesses[rows[index]] + np.array([[0.0, 0.3], [0.0, -0.3], [-3.0, 0.0]])[:, None, None]
@@ -143,7 +143,7 @@ def test_of_several_guesses_the_best_counts(lane_change, programmes, both):
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 40])
 def test_neighbours_and_order_change_no_bit(lane_change, programmes, both, count):
-    """Not even neighbours that overflow, or that never end."""
+    """Put rows beside neighbours that overflow, or that never end."""
     start, x, y, rows, guesses = programmes
     absurd = np.array(
         [[0.0, 1e8, 1e8, 40.0, 9.0], [0.0, 1.75, -30.0, 1.5, 0.0], [40.0, 1.75, 20.0, 0.0, 0.0]]

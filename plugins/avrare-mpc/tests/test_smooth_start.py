@@ -37,7 +37,7 @@ def test_driven_turn_rates_jump_less(lane_change, noise, backend):
 
 @pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 def test_both_backends_find_the_same_plans(lane_change, noise):
-    """On the drive of the one, step by step, so that both are given the same."""
+    """Plan on the drive of the one, step by step, so that both are given the same."""
     quick, slow = (controller(lane_change, True, backend) for backend in ("riccati", "casadi"))
     drive = lane_change.drive(quick, noise, samples=10)
     pairs = [(quick.act(*given)[1], slow.act(*given)[1]) for given in drive.inputs]

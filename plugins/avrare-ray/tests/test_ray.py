@@ -116,7 +116,7 @@ def test_a_missing_cluster():
 
 
 def test_a_local_cluster_leaves_no_trace():
-    """Nor does it keep the handler of a signal."""
+    """Find no handler of a signal left either."""
     if ray.is_initialized():
         ray.shutdown()
     before = signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -42,7 +42,7 @@ def scenario():
 
 @pytest.mark.parametrize(("name", "number"), [("parked", 14), ("cut_in", 13), ("merge", 15)])
 def test_the_scenario_regenerates_the_recorded_cars(scenario, name, number):
-    """Shifted along the road, and without what the scenario changes on purpose."""
+    """Compare along the road, shifted, without what the scenario changes on purpose."""
     if not RECORDED.exists():
         pytest.skip("the recorded trajectories are not here")
     table = np.genfromtxt(RECORDED, delimiter=",", names=True)

@@ -162,7 +162,7 @@ def test_the_published_braking_rule_is_475_for_a_coasting_ego(lab):
 
 
 def test_the_published_braking_rule_considers_all_vehicles_ahead(lab):
-    """Two ahead: the nearest is too near, which excuses; the published code also asks the second one."""
+    """Put two ahead: the nearest is too near, which excuses; the published code also asks the second one."""
     pair = [{"x": 7.0}, {"x": 60.0}]
     assert not lab.judge(lab.rule("R_G2", 2), *pair, acceleration=-8.0)[0]
     assert lab.judge(lab.rule("R_G2", 2, definitions="published"), *pair, acceleration=-8.0)[0]

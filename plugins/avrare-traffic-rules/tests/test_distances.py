@@ -95,7 +95,7 @@ def test_a_vehicle_against_the_road_has_no_braking_distance(value, onward, again
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, -1.5])
 def test_a_heading_along_the_road_changes_no_braking_distance(lab, heading):
-    """Only the extent of the rectangles depends on it."""
+    """Change the heading: only the extent of the rectangles depends on it."""
     for definition in ("keeps_safe_distance", "keeps_rss_longitudinal"):
         rule = lab.rule(None, 1, formula=f"exists o in others: {definition}(ego, o)")
         signals = lab.signals({"x": 24.0, "speed": 13.7, "heading": heading})
@@ -117,7 +117,7 @@ def test_rss_lateral(value):
 
 
 def test_the_published_rss_formula(value):
-    """For cars that come towards each other: mu + sum of the ways during the response and the braking."""
+    """Add up, for cars that come towards each other: mu + the ways during the response and the braking."""
     v1, v2, rho, a, b, mu = 0.4, 0.7, 1.0, 0.2, 0.8, 0.1
     after1, after2 = v1 + rho * a, -v2 - rho * a  # c1 is the left one; positive is to the right
     way1 = (v1 + after1) / 2 * rho + after1**2 / (2 * b)

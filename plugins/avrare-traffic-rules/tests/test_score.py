@@ -63,7 +63,7 @@ def test_scales_change_no_order(lab, rule):
 
 
 def test_an_estimate_keeps_its_bits_in_another_unit(lab):
-    """One conjunct in metres per second, one in metres or millimetres."""
+    """Write one conjunct in metres per second, one in metres or millimetres."""
     texts = (
         TWO_KINDS.format(speed=24.5, scale="", gap=12.5),
         TWO_KINDS.format(speed=24.5, scale="* 1000 ", gap=12500),

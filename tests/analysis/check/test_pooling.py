@@ -50,7 +50,7 @@ def test_runs_that_are_all_extinct_give_no_information(estimate):
 
 
 def test_single_runs_are_weighted_by_their_planned_shares(estimate):
-    """Rollouts depend on the outcome: a lucky run costs more and would count more."""
+    """Weigh by planned rollouts: those taken depend on the outcome, and a lucky run costs more."""
     means, errors = [1e-3, 1e-3, 2e-3], [0.04, 0.04, 0.01]
     batches = [
         estimate(LogNormal(mean, error, 20), rollouts=rollouts)

@@ -1,4 +1,4 @@
-"""When a drive was lost, on a body whose continuation without noise is known: it keeps its speed."""
+"""Moments from which on drives are lost, on a body that keeps its speed where no more noise follows."""
 
 from dataclasses import dataclass
 

@@ -85,7 +85,7 @@ def test_a_signal_ends_the_run_after_the_chunk_in_hand(night, number, workers):
 @pytest.mark.slow
 @pytest.mark.parametrize("chunks", [0, 3])
 def test_ctrl_c_with_workers_behaves_the_same(night, chunks):
-    """At no time: with no chunk saved they are just starting."""
+    """Interrupt at any time: with no chunk saved the workers are just starting."""
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, **SLOW)
     wait_for(lambda: (night.folder / "torn" / "checkpoint" / "walk").exists())
     wait_for(lambda: len(night.saved("torn")) >= chunks)
@@ -100,7 +100,7 @@ def test_ctrl_c_with_workers_behaves_the_same(night, chunks):
 
 @pytest.mark.slow
 def test_a_signal_to_the_program_and_its_group_counts_once(night):
-    """As ``timeout`` sends it: twice to the program, once to each worker."""
+    """Send the signal as ``timeout`` does: twice to the program, once to each worker."""
     process = night.start(night.scenario(), "--out", "torn", "--workers", 2, AVRARE_TOY_PAUSE="0.05")
     wait_for(lambda: len(night.saved("torn")) >= 2)
     many = len(night.saved("torn"))

@@ -35,7 +35,7 @@ def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
 
 @pytest.mark.slow
 def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
-    """Two scenarios, of which splitting would run one specification after another."""
+    """Resume two scenarios, of which splitting would run one specification after another."""
     monkeypatch.setattr("avrare.estimation.monte_carlo.MonteCarlo.single", True)
     words = (night.scenario(name="one"), night.scenario(name="two"))
     assert run(*words, "--out", "whole") == 0

@@ -107,7 +107,7 @@ def test_a_worker_that_dies_is_reported():
 @pytest.mark.slow
 @pytest.mark.parametrize("accident", ["die_in_its_answer", "stop", "run_out_of_memory", "leave_a_child"])
 def test_an_accident_of_a_worker_costs_its_chunk_only(tmp_path, accident):
-    """The parent notices, runs the chunk again, and the outcome is that of an undisturbed run."""
+    """Run the lost chunk again: the outcome is that of an undisturbed run."""
     system = odd_systems.OnceInAWorker(accident, str(tmp_path / "marker"))
     executor, noise = ProcessExecutor(2), NoiseSource(0, 1)
     work = Work(problem(system), noise, scored=True)

@@ -110,7 +110,7 @@ def site(tmp_path_factory):
 
 
 def test_the_folder_of_the_site_is_ignored_by_git():
-    """As ``make docs`` has it; below it is built elsewhere."""
+    """Ask git for the folder of ``make docs``; below it is built elsewhere."""
     config = pytest.importorskip("mkdocs.config").load_config(str(ROOT / "mkdocs.yml"))
     ignored = subprocess.run(
         ["git", "check-ignore", "--quiet", config.site_dir], cwd=ROOT, capture_output=True, check=False
