@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
@@ -75,11 +76,9 @@ def find_requirement(
         search.decide()
     trials = search.trials
     kept, broken = search.bracket()
-    root = search.root()
     return Requirement(
-        parameter, specification, limit, kept, broken,
-        root if root is not None and low <= root <= high else None, confidence, tuple(trials), search.rising,
-        _doubts(trials, limit, search.rising, kept),
+        parameter, specification, limit, kept, broken, search.root(), confidence,
+        tuple(trials), search.rising, _doubts(trials, limit, search.rising, kept),
     )  # fmt: skip
 
 
@@ -131,15 +130,22 @@ class _Search:
         return inner(kept, default=None), outer(broken, default=None)
 
     def root(self) -> float | None:
-        """Return the value at which the fitted line reaches the bound."""
-        line = self._fit()
-        return None if line is None else _from(line[0], self.scaled)
+        """Return the value between the ends at which the fitted line reaches the bound; None without one."""
+        line, (low, high) = self._fit(), self.between
+        if line is None or not _to(low, self.scaled) <= line[0] <= _to(high, self.scaled):
+            return None  # nor has a nearly flat line a root that is a number
+        return _from(line[0], self.scaled)
 
     @property
     def rising(self) -> bool:
-        """True if the probability rises with the parameter, by the first two trials."""
-        first, second = self.trials[0], self.trials[1] if len(self.trials) > 1 else self.trials[0]
-        return (second.probability - first.probability) * (second.value - first.value) >= 0.0
+        """True if the probability rises with the parameter, as is shown, or else as the line does."""
+        shown = _shown_direction(self.trials)
+        if shown is not None:
+            return shown
+        if (line := self._fit()) is not None:
+            return line[1] > 0.0
+        first, last = self.trials[0], self.trials[-1]
+        return (last.probability - first.probability) * (last.value - first.value) >= 0.0
 
     def _run(self, value: float, share: int, level: float, nearby: Sequence[float] = ()) -> None:
         self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
@@ -230,9 +236,23 @@ class _Search:
         return (-height / slope, slope) if slope != 0.0 else None
 
 
+def _shown_direction(trials: Sequence[Trial]) -> bool | None:
+    """Return whether p rises, as intervals that lie apart show; None where none do, or they contradict."""
+    pairs = list(combinations(sorted(trials, key=lambda one: one.value), 2))
+    rises = any(one.interval[1] < other.interval[0] for one, other in pairs)
+    falls = any(one.interval[0] > other.interval[1] for one, other in pairs)
+    return rises if rises != falls else None
+
+
 def _doubts(trials: list[Trial], limit: float, rising: bool, kept: float | None) -> tuple[str, ...]:
     ordered = sorted(trials, key=lambda one: one.value, reverse=not rising)
     found = []
+    open_ended = kept is not None and any(one.interval[1] >= limit for one in trials)
+    if open_ended and _shown_direction(trials) is None:
+        found.append(
+            "no two estimates lie apart in one direction, so that the probability "
+            f"{'rises' if rising else 'falls'} with the parameter is a guess"
+        )
     best = 0.0
     for one in ordered:
         if one.interval[1] < best:

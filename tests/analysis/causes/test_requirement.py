@@ -1,5 +1,6 @@
 """Requirements: the root is known, and lies between what is kept and what is broken."""
 
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -180,6 +181,43 @@ def search_made(intervals_of, between):
         return Trial(value, p, (low, high), 10**5, (), Score(2.0 / value, 0.01, 0.5 * value), found)
 
     return find_requirement(evaluate, "sd", "low", 0.01, between), asked
+
+
+def search_exactly(probability, between, widths=(1.001, 1.001)):
+    """Search with known estimates, whose intervals are so wide: those of the first two, and of the others."""
+    number = itertools.count()
+
+    def evaluate(value, share, *_):
+        k = next(number)
+        p, width = probability(value, k), widths[k > 1]
+        return Trial(value, p, (p / width, p * width), round(1e6 * share))
+
+    return find_requirement(evaluate, "sd", "low", 0.01, between)
+
+
+def test_a_line_that_is_nearly_flat_has_no_root():
+    found = search_exactly(lambda value, _: 0.02 - 1e-12 * value, (0.2, 5.0), (3.0, 3.0))
+    assert found.root is None
+    assert (found.kept, found.broken) == (None, None)
+
+
+def test_the_direction_is_that_of_estimates_that_lie_apart():
+    # By chance the first two lie the wrong way round.
+    found = search_exactly(
+        lambda value, k: 0.0102 - 0.0002 * k if k < 2 else 0.01 * value**2, (0.8, 1.25), (1.1, 1.001)
+    )
+    assert found.rising
+    assert 0.8 < found.kept < 1.0 < found.broken
+    assert not any("guess" in text for text in found.warnings)
+
+
+def test_a_direction_that_nothing_shows_is_called_a_guess():
+    found = search_exactly(lambda value, _: 0.0096 * value**0.1, (0.8, 1.25), (1.05, 1.03))
+    assert found.kept is not None
+    assert any("that the probability rises with the parameter is a guess" in text for text in found.warnings)
+    assert not any("guess" in text for text in search(0).warnings)
+    every = search_exactly(lambda value, _: 0.0096 * value**0.1, (0.8, 1.25), (1.01, 1.01))
+    assert (every.kept, every.warnings) == (1.25, ())
 
 
 def test_values_to_reweigh_for_lie_between_the_ends():
