@@ -14,10 +14,6 @@ from avrare.stack.noise_names import find_noise_names
 from avrare.testing.problems import reference_problem
 from avrare_estimators.config import IsConfig
 from avrare_estimators.importance.dictionary import entries_of_channel, fit
-from avrare_estimators.importance.learned_sampling import relative_error
-from avrare_estimators.importance.result import RunOutcome
-from avrare_estimators.importance.sampling import Sample, Stratum, TapeSource
-from avrare_estimators.importance.stages import is_worthless
 from avrare_estimators.importance.tape_mixture import TapeMixture
 
 
@@ -104,43 +100,6 @@ def test_a_first_stage_does_not_count():
     result = estimate(outliers("always (first < 4)"), stages=1, rollouts=3000)
     assert len(result.diagnostics["stages"][0]) == 2
     assert "shares" not in result.diagnostics
-
-
-def test_a_gain_that_no_failure_shows_is_worth_nothing():
-    stage = {"gain": 8.0, "gain_shown": None}
-    assert not is_worthless(stage)
-    assert not is_worthless({**stage, "gain_shown": 1.5})
-    assert is_worthless({**stage, "gain_shown": 1.1})
-    assert is_worthless({**stage, "gain": 1.9})
-
-
-def made_sample(violated, log_ratio, target_rows):
-    plan, n = None, len(violated)
-    strata = tuple(
-        Stratum(plan, 0, 0, rows, target) for rows, target in ((target_rows, True), (n - target_rows, False))
-    )
-    none, zeros = np.zeros(n, dtype=bool), np.zeros(n)
-    return Sample(
-        TapeSource(None), strata, np.array(log_ratio), np.array(violated), none, zeros, zeros, ()
-    )  # fmt: skip
-
-
-def test_an_estimate_is_the_sum_of_its_samples_by_their_shares():
-    rng = np.random.default_rng(3)
-    samples = [made_sample(rng.random(n) < 0.5, rng.normal(size=n), n // 4) for n in (40, 80, 20)]
-    final, *stages = samples
-    run = RunOutcome(final, False, None, (), {}, ((0.2, stages[0]), (0.3, stages[1])))
-    shares, means, variances = (0.5, 0.2, 0.3), [], []
-    for sample in samples:
-        n, target = len(sample.violated), sample.target_rows
-        weight = 1.0 / (0.25 + 0.75 * np.exp(-sample.log_ratio)) * sample.violated
-        means.append(weight.mean())
-        own, other = weight[:target], weight[target:]
-        variances.append((len(own) * own.var(ddof=1) + len(other) * other.var(ddof=1)) / n**2)
-    assert run.probability == pytest.approx(np.dot(shares, means))
-    assert run.variance(2.0) == pytest.approx(np.dot(np.square(shares), variances) / 4.0)
-    error = np.sqrt(np.dot(np.square(shares), variances)) / np.dot(shares, means)
-    assert relative_error(run.parts) == pytest.approx(error)
 
 
 def test_failures_replay(one_outlier):
