@@ -36,3 +36,17 @@ def test_convergence_is_left_out_where_failures_are_unknown():
     assert charts.draw_convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     found = charts.draw_convergence(entry.model_copy(update={"failures": 1}), np.array([-1.0, 1.0, 1.0, 1.0]))
     assert "ending at 0.25" in found
+
+
+def test_convergence_over_an_ensemble_is_that_of_the_scenarios_own_model():
+    several, found = {"diagnostics": {"model": {"members": [0.1, 0.2]}}}, np.array([-1.0, 1.0, 1.0, 1.0])
+    entry = StoredEstimate.model_construct(estimator="mc", failures=1, rollouts=4, confidence=0.95)
+    assert "own model" not in charts.draw_convergence(entry, found)
+    drawn = charts.draw_convergence(entry.model_copy(update=several), found)
+    assert "Convergence under the scenario&#x27;s own model" in drawn
+    assert "interval of that many, of sampling alone" in drawn
+    runs = StoredEstimate.model_construct(
+        estimator="ams", run_probabilities=[0.1, 0.2], confidence=0.95, interval=(0.05, 0.3), probability=0.15
+    )
+    assert charts.draw_convergence(runs, found) is not None
+    assert charts.draw_convergence(runs.model_copy(update=several), found) is None  # these are no runs

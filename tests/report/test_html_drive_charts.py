@@ -14,6 +14,7 @@ from avrare.driving import Lane, Observation, Road, Scene, Vehicles, World
 from avrare.driving.reference_line import CurvedLine, Piece
 from avrare.report.html.drive_charts import DriveCharts
 from avrare.report.html.kind_pictures import draw_map, draw_moment
+from avrare.report.html.rollout_player import _tabulate_view
 from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.report.plots.rollout_plot import Frame
 from avrare.results.recordings.recording import Recording
@@ -121,6 +122,20 @@ def test_lanes_that_end_are_drawn_so_far(rollout):
     ends = [max(float(x) for x in re.findall(r"[ML]([\d.-]+) ", path)) for path in
             re.findall(r'<path d="([^"]*)" class="road"', picture)]  # fmt: skip
     assert ends == [pytest.approx(34.0, abs=1.0), pytest.approx(80.0)]
+
+
+def test_the_player_knows_lanes_that_end_and_what_is_no_lane_of_its_own(rollout):
+    lanes = tuple(
+        Lane(np.array([-100.0, end]), np.full(2, y - 1.75), np.full(2, y + 1.75))
+        for y, end in ((-1.75, 20.0), (1.75, 200.0), (5.25, 200.0))
+    )
+    road = Road((-1.75, 1.75, 5.25), 3.5, access_ramp=(0,), opposing=(2,), lanes=lanes)
+    found = _tabulate_view(bent(rollout, road).result, rollout.frames, ["van"])["road"]
+    assert found["ramp"] == [0, 2]
+    assert found["borders"][0] == [[-100.0, 20.0], [-3.5, -3.5], [0.0, 0.0]]
+    parallel = dataclasses.replace(road, lanes=(), shoulder=(1,))
+    found = _tabulate_view(bent(rollout, parallel).result, rollout.frames, ["van"])["road"]
+    assert (sorted(found["ramp"]), found["borders"]) == ([0, 1, 2], [])
 
 
 def test_the_map_has_a_colour_for_each_kind():

@@ -10,13 +10,13 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.requirement import Trial
-from avrare.analysis.causes.reweighed_trial import HALVING, Nearby, Reweigher, Score
+from avrare.analysis.causes.reweighed_trial import HALVING, Nearby, Reweigher, Score, _estimate
 from avrare.analysis.causes.root_search import SHARES, find_requirement
 from avrare.base.errors import UsageError
-from avrare.base.special_functions import bisect
+from avrare.base.special_functions import bisect, normal_factor
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.intervals import clopper_pearson, weighted_counts
 from avrare.estimation.result import Failures
 from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
@@ -113,10 +113,29 @@ def test_failures_of_one_run_tell_of_values_nearby():
         low, high = one.interval
         assert low < exact(one.value).p < high < 1.6 * low
     # Log weights spread by the score's standard deviation times the distance.
-    reach = reweigher.score(result.failures).reach
+    score = reweigher.score(result.failures)
+    reach = score.reach
+    assert score.error == pytest.approx(HALVING / reach / math.sqrt(len(result.failures.noise)))
     weights = np.exp(reweigher._ratios(result.failures, (1.0 + 0.5 * reach,))[:, 0])
     effective = weights.sum() ** 2 / (weights**2).sum() / len(weights)
     assert -math.log(effective) == pytest.approx((0.5 * HALVING) ** 2, rel=0.3)
+
+
+def test_the_interval_of_what_is_reweighed_is_that_of_weighted_counts():
+    result = replace(avrare.estimate(noisy_problem(1.0), "mc", rollouts=4_000, seed=4), errors=3)
+    count = result.failures.count
+    assert count == len(result.failures.noise)
+    weights = np.exp(np.random.default_rng(0).normal(0.0, 0.8, count))
+    found = _estimate(1.2, weights, result, 4_000, 0.9)
+    assert found.probability == pytest.approx(weights.sum() / 4_000)
+    errors = np.full(3, weights.max() / 4_000)
+    expected = weighted_counts(weights / 4_000, 4_000, weights.max() / 4_000, 0.9, errors)
+    assert found.interval == pytest.approx(expected, rel=5e-3)
+    # Of ten times as many failures as were kept the mean weight is known as well as before.
+    more = replace(result, failures=replace(result.failures, count=10 * count), errors=0)
+    high = math.log(_estimate(1.2, weights, more, 40_000, 0.9).interval[1] / found.probability)
+    spread = 1.0 / (10 * count) + weights.var() / (count * weights.mean() ** 2)
+    assert high == pytest.approx(normal_factor(0.9) * math.sqrt(spread), rel=0.15)
 
 
 def test_too_few_failures_are_not_reweighed():

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -135,6 +136,13 @@ def test_plots_are_pictures(split, several, tmp_path):
     assert split.plot().save(tmp_path / "plot.svg").read_text().lstrip().startswith("<?xml")
     with pytest.raises(avrare.UsageError, match="no signal 'y'"):
         split.trace().plot(["y"])
+
+
+def test_marks_of_a_plot_are_those_of_runs_or_of_models(split):
+    pytest.importorskip("matplotlib")
+    over = replace(split, diagnostics={"model": {"members": [0.1, 0.2, 0.3]}})
+    for result, words in ((split, " | run"), (over, " | model")):
+        assert words in result.plot().figure.axes[0].get_xlabel()
 
 
 def test_report_shows_the_failure_and_how_to_make_it_again(split, tmp_path):
