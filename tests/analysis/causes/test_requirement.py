@@ -239,6 +239,49 @@ def test_a_direction_that_nothing_shows_is_called_a_guess():
     assert (every.kept, every.warnings) == (1.25, ())
 
 
+def search_recorded(reach):
+    """Search with p = 0.01 (value / 3)^2 and scores that reach so far; return it and what was asked."""
+    asked = []
+
+    def evaluate(value, share, number, level, nearby):
+        asked.append((value, share, level, nearby))
+        p, count = min(0.01 * (value / 3.0) ** 2, 0.9), round(1e6 * share)
+        score = Score(2.0 / value, 0.01, reach(value)) if reach else None
+        return Trial(value, p, clopper_pearson(round(count * p), count, level), count, (), score)
+
+    return find_requirement(evaluate, "sd", "low", 0.01, (0.6, 15.0)), asked
+
+
+def test_the_risks_of_all_runs_add_up():
+    for reach, decide in ((None, 2), (lambda value: 0.5 * value, 1)):
+        found, asked = search_recorded(reach)
+        assert len(found.trials) == 6 + decide
+        assert sum(1.0 - level for _, _, level, _ in asked) == pytest.approx(0.05)
+        assert sum(1.0 - level for _, _, level, _ in asked[:6]) == pytest.approx(0.15 * 0.05)
+        assert sum(share for _, share, _, _ in asked) == pytest.approx(1.0)
+        assert sum(share for _, share, _, _ in asked[:6]) == pytest.approx(0.5)
+
+
+def test_slopes_are_those_along_the_axis_of_the_search():
+    found, _ = search_recorded(lambda value: 0.5 * value)
+    assert found.root == pytest.approx(3.0, rel=1e-3)
+
+
+def test_values_reach_as_far_as_the_failures_nearest_to_the_bound():
+    _, asked = search_recorded(lambda value: 0.3 * value if abs(math.log(value / 3.0)) < 0.2 else 0.9 * value)
+    value, _, _, nearby = asked[-1]
+    assert value == pytest.approx(3.0, rel=1e-3)
+    assert len(nearby) == 25
+    for end in (nearby[0], nearby[-1]):
+        assert abs(math.log(end / value)) == pytest.approx(0.3)
+
+
+def test_one_run_decides_only_where_its_failures_reach_beyond_its_interval():
+    half = 1.96 / math.sqrt(0.01 * 0.5e6)  # of 500,000 rollouts, in log p; its slope is 2
+    assert len(search_recorded(lambda value: 0.9 * half * value)[1]) == 7
+    assert len(search_recorded(lambda value: 0.6 * half * value)[1]) == 8
+
+
 def test_values_to_reweigh_for_lie_between_the_ends():
     _, asked = search_made(lambda one: (0.0099 * one**2, 0.0101 * one**2), (0.8, 1.2))
     assert len(asked) > 5
