@@ -34,6 +34,9 @@ def test_zero_is_an_edge_of_the_histogram():
 def test_convergence_is_left_out_where_failures_are_unknown():
     entry = StoredEstimate.model_construct(estimator="mc", failures=5, rollouts=4, confidence=0.95)
     assert charts.draw_convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
+    for told in ({"used_rollouts": 4}, {"choice": {"counting_rollouts": 4}}, {"twin": {"counted": 4}}):
+        more = entry.model_copy(update={"rollouts": 9, "diagnostics": told})
+        assert charts.draw_convergence(more, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     found = charts.draw_convergence(entry.model_copy(update={"failures": 1}), np.array([-1.0, 1.0, 1.0, 1.0]))
     assert "ending at 0.25" in found
 

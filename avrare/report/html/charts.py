@@ -61,13 +61,20 @@ def _of_ensemble(entry: StoredEstimate) -> bool:
     return "model" in (entry.diagnostics or {})
 
 
+def _count_rollouts(entry: StoredEstimate) -> int:
+    # Those that the estimate is made of: others chose the estimator, or came after it had stopped
+    diagnostics = entry.diagnostics or {}
+    counted = diagnostics.get("choice", {}).get("counting_rollouts", entry.rollouts)
+    return int(diagnostics.get("used_rollouts", diagnostics.get("twin", {}).get("counted", counted)))
+
+
 def _draw_rollout_convergence(entry: StoredEstimate, robustness: Floats) -> Markup | None:
     # The failures of Monte Carlo are identified by their robustness, where that is possible.
     violated = robustness < 0.0
     if entry.failures != violated.sum():
         violated = robustness <= 0.0
     total = len(robustness)
-    if total < 2 or (entry.failures != violated.sum() and total >= entry.rollouts):
+    if total < 2 or (entry.failures != violated.sum() and total >= _count_rollouts(entry)):
         return None
     at = np.unique(np.geomspace(1, total, _CONVERGENCE_POINTS).round().astype(int))
     failures, errors = np.cumsum(violated)[at - 1], np.cumsum(np.isnan(robustness))[at - 1]
