@@ -10,14 +10,13 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.requirement import Trial
-from avrare.analysis.causes.reweighed_trial import HALVING, Nearby, Reweigher, Score, _estimate
-from avrare.analysis.causes.root_search import SHARES, find_requirement
+from avrare.analysis.causes.reweighed_trial import Nearby, Reweigher, Score
+from avrare.analysis.causes.root_search import SHARES, _Search, find_requirement
 from avrare.base.errors import UsageError
-from avrare.base.special_functions import bisect, normal_factor
+from avrare.base.special_functions import bisect
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
-from avrare.estimation.intervals import clopper_pearson, weighted_counts
-from avrare.estimation.result import Failures
+from avrare.estimation.intervals import clopper_pearson
 from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
 
@@ -57,6 +56,7 @@ def test_a_bound_that_no_value_keeps():
     found = search(0, limit=1e-6, between=(1.0, 5.0))
     assert found.kept is None
     assert "no value in 1 .. 5 is shown to keep p(low) < 1e-06" in found.lines()[0]
+    assert found.warnings == ()  # nor would more rollouts help
     assert len(found.trials) == 2
 
 
@@ -99,93 +99,6 @@ def search_reweighed(seed, rollouts=20_000, limit=0.01):
         return replace(trial, score=reweigher.score(result.failures), nearby=nearby)
 
     return find_requirement(evaluate, "sd", "low", limit, (0.2, 5.0))
-
-
-def test_failures_of_one_run_tell_of_values_nearby():
-    # Of some 180 failures 100 are kept.
-    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=8_000, seed=4)
-    reweigher = Reweigher(noisy_problem(1.0), 1.0, Sensor)
-    # At 4.0 too few effective failures are left.
-    own, near, lower = reweigher.reweigh(result, (1.0, 1.1, 0.9, 4.0), 0.95)
-    assert own.probability == pytest.approx(result.probability)
-    assert own.interval == pytest.approx(result.interval, rel=0.01)
-    for one in (near, lower):
-        low, high = one.interval
-        assert low < exact(one.value).p < high < 1.6 * low
-    # Log weights spread by the score's standard deviation times the distance.
-    score = reweigher.score(result.failures)
-    reach = score.reach
-    assert score.error == pytest.approx(HALVING / reach / math.sqrt(len(result.failures.noise)))
-    weights = np.exp(reweigher._ratios(result.failures, (1.0 + 0.5 * reach,))[:, 0])
-    effective = weights.sum() ** 2 / (weights**2).sum() / len(weights)
-    assert -math.log(effective) == pytest.approx((0.5 * HALVING) ** 2, rel=0.3)
-
-
-def test_the_interval_of_what_is_reweighed_is_that_of_weighted_counts():
-    result = replace(avrare.estimate(noisy_problem(1.0), "mc", rollouts=4_000, seed=4), errors=3)
-    count = result.failures.count
-    assert count == len(result.failures.noise)
-    weights = np.exp(np.random.default_rng(0).normal(0.0, 0.8, count))
-    found = _estimate(1.2, weights, result, 4_000, 0.9)
-    assert found.probability == pytest.approx(weights.sum() / 4_000)
-    errors = np.full(3, weights.max() / 4_000)
-    expected = weighted_counts(weights / 4_000, 4_000, weights.max() / 4_000, 0.9, errors)
-    assert found.interval == pytest.approx(expected, rel=5e-3)
-    # Of ten times as many failures as were kept the mean weight is known as well as before.
-    more = replace(result, failures=replace(result.failures, count=10 * count), errors=0)
-    high = math.log(_estimate(1.2, weights, more, 40_000, 0.9).interval[1] / found.probability)
-    spread = 1.0 / (10 * count) + weights.var() / (count * weights.mean() ** 2)
-    assert high == pytest.approx(normal_factor(0.9) * math.sqrt(spread), rel=0.15)
-
-
-def test_too_few_failures_are_not_reweighed():
-    result = avrare.estimate(noisy_problem(0.7), "mc", rollouts=3_000, seed=0)
-    reweigher = Reweigher(noisy_problem(0.7), 0.7, Sensor)
-    assert 0 < result.failures.count < 20
-    few = Failures(result.failures.noise[:7], result.failures.robustness[:7], 7)
-    assert reweigher.score(few) is None
-    assert reweigher.reweigh(result, (0.7,), 0.95) == ()
-
-
-def test_rollouts_of_the_choice_are_no_trials_of_what_is_reweighed():
-    result = avrare.estimate(noisy_problem(1.0), "auto", budget="rollouts=8000", seed=4)
-    assert result.estimator == "mc"
-    assert result.diagnostics["choice"]["counting_rollouts"] < result.rollouts
-    (own,) = Reweigher(noisy_problem(1.0), 1.0, Sensor).reweigh(result, (1.0,), 0.95)
-    assert own.probability == pytest.approx(result.probability)
-    assert own.interval == pytest.approx(result.interval, rel=0.01)
-
-
-def test_an_estimate_that_stopped_by_a_rule_is_not_reweighed():
-    result = avrare.estimate(noisy_problem(1.0), "mc", relative_error=0.2, seed=4)
-    assert result.failures.count > 20
-    assert Reweigher(noisy_problem(1.0), 1.0, Sensor).reweigh(result, (1.0,), 0.95) == ()
-
-
-def test_no_value_outside_the_ends_is_built():
-    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=3_000, seed=4)
-    tried = []
-
-    def build(value):
-        tried.append(value)
-        return Sensor(value)
-
-    free = Reweigher(noisy_problem(1.0), 1.0, Sensor).score(result.failures)
-    score = Reweigher(noisy_problem(1.0), 1.0, build, (0.2, 1.0)).score(result.failures)
-    assert max(tried) == 1.0
-    assert score.slope == pytest.approx(free.slope, rel=0.01)
-
-
-def test_failures_without_a_density_ratio_tell_nothing_of_other_values(monkeypatch):
-    def refuse(*arguments):
-        raise UsageError("no density ratio is known for this number", "vary another")
-
-    monkeypatch.setattr(Sensor, "log_ratio", refuse)
-    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=3_000, seed=4)
-    reweigher = Reweigher(noisy_problem(1.0), 1.0, Sensor)
-    assert result.failures.count > 20
-    assert reweigher.score(result.failures) is None
-    assert reweigher.reweigh(result, (0.9, 1.1), 0.95) == ()
 
 
 def search_made(intervals_of, between):
@@ -260,6 +173,16 @@ def test_the_risks_of_all_runs_add_up():
         assert sum(1.0 - level for _, _, level, _ in asked[:6]) == pytest.approx(0.15 * 0.05)
         assert sum(share for _, share, _, _ in asked) == pytest.approx(1.0)
         assert sum(share for _, share, _, _ in asked[:6]) == pytest.approx(0.5)
+
+
+def test_a_root_outside_of_what_is_left_gives_way_to_the_middle():
+    trials = [
+        Trial(value, p, (0.99 * p, 1.01 * p), 9) for value, p in ((0.5, 0.001), (0.9, 0.009), (1.6, 0.02))
+    ]
+    search = _Search(None, 0.01, 0.05, True, (0.5, 1.6), trials)
+    assert search._inside(math.log(1.1)) == pytest.approx(1.1)
+    for outside in (math.log(0.8), math.log(3.0)):
+        assert search._inside(outside) == pytest.approx(1.2)
 
 
 def test_slopes_are_those_along_the_axis_of_the_search():
