@@ -2,12 +2,16 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
+from avrare.driving.values import GREEN, YELLOW
+from avrare.driving.values import RED as RED_LIGHT
 from avrare.results.recordings.commonroad import open_commonroad
+from avrare.results.recordings.crossings import show_lights
 from avrare.stack.builder import build_rule
 from intersection_scenes import (
     EAST,
@@ -122,3 +126,34 @@ def test_a_light_that_is_off_leaves_the_signs_in_force(tmp_path):
     road = damaged(tmp_path, "<active>true", "<active>false")
     assert road.light_lines == ()
     assert {one.reason for one in road.crossings} == {"sign"}
+
+
+@pytest.mark.parametrize(("turn", "lines"), [("right", 0), ("straight", 1), ("left", 1)])
+def test_a_green_arrow_frees_the_way_to_the_right_alone(recording, turn, lines):
+    road = recording([drives(SOUTH, turn, 40.0)], signs={SOUTH: "720"}, **RED).scene.road
+    assert len(road.light_lines) == lines
+    assert len(recording([drives(SOUTH, turn, 40.0)], **RED).scene.road.light_lines) == 1
+
+
+@pytest.mark.parametrize(("direction", "lines"), [("left", 0), ("straight", 1)])
+def test_a_light_without_an_intersection_is_one_for_the_way_ahead(tmp_path, direction, lines):
+    text = crossroads([EGO], lights="50 red", direction=direction)
+    path = tmp_path / "scene.xml"
+    path.write_text(re.sub("<intersection id.*</intersection>", "", text, flags=re.DOTALL), encoding="utf-8")
+    assert len(open_commonroad(str(path)).recording("1").scene.road.light_lines) == lines
+
+
+def test_of_several_lights_the_strictest_counts():
+    states = {1: ["green", "redYellow", "yellow", "inactive"], 2: ["green", "green", "red", "yellow"]}
+    lights = {
+        name: SimpleNamespace(
+            active=True,
+            direction=SimpleNamespace(value="all"),
+            get_state_at_time_step=lambda step, name=name: SimpleNamespace(value=states[name][step]),
+        )
+        for name in states
+    }
+    lanelet = SimpleNamespace(lanelet_id=7, traffic_lights={1, 2}, traffic_signs=())
+    network = SimpleNamespace(lanelets=[lanelet], intersections=[], find_traffic_light_by_id=lights.get)
+    assert show_lights(network, [7], range(4))["light_0"].tolist() == [GREEN, RED_LIGHT, RED_LIGHT, YELLOW]
+    assert show_lights(network, [], range(4)) == {}
