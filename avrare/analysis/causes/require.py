@@ -32,6 +32,7 @@ from avrare.scenario.schema import Threshold
 
 TRIALS = "trials.json"
 _WIDE = 5.0
+_OWN_MODEL = "the answer is that under the scenario's own model alone: its ensemble is left out"
 Show = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 """Called with a label and a problem as each estimate begins; gives its progress display."""
 
@@ -94,7 +95,8 @@ def require(
 
     search: Evaluate = evaluate
     with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
-        return find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
+        found = find_requirement(search, parameter, name, limit, between, confidence=definition.confidence)
+    return replace(found, warnings=(*found.warnings, _OWN_MODEL)) if definition.members else found
 
 
 def _choose_range(parameter: str, value: float) -> tuple[float, float]:

@@ -295,6 +295,16 @@ def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
         avrare.require(*arguments, **keywords, out=out)
 
 
+def test_an_answer_without_the_ensemble_says_so(plane):
+    draws = "ensemble={simulator.initial.mean.1: [0.0, 0.1, 0.2]}"
+    words = {"between": (-0.5, 0.9), "rollouts": 300}
+    found = avrare.require(plane, "simulator.initial.mean.0", "< 0.05", overrides=[draws], **words)
+    assert any("under the scenario's own model alone" in text for text in found.warnings)
+    plain = avrare.require(plane, "simulator.initial.mean.0", "< 0.05", **words)
+    assert replace(found, warnings=()) == replace(plain, warnings=())
+    assert not any("own model" in text for text in plain.warnings)
+
+
 def test_the_range_of_a_small_whole_number_begins_at_one(plane):
     found = avrare.require(plane, "steps", "< 0.9", overrides=["steps=2"], rollouts=80)
     assert [trial.value for trial in found.trials] == [1, 10]
