@@ -14,6 +14,7 @@ import yaml
 from avrare.cli.main import main
 from avrare.estimation import checkpoint
 from avrare.scenario.yaml import dump
+from pushed_point import pushed_point
 
 ROOT = Path(__file__).parents[3]
 TOY = ROOT / "tests" / "cli" / "resume" / "toy"
@@ -52,20 +53,7 @@ thresholds:
 pilot: 40
 budget: {rollouts: 200}
 """
-LINEAR = """\
-name: linear
-steps: 5
-simulator:
-  plugin: linear
-  dt: 0.1
-  states: [x, v]
-  A: [[1, 0.1], [0, 1]]
-  process_noise: [0.0, 0.04]
-  initial: {mean: [0, 0], covariance: [0.04, 0.01]}
-specifications:
-  left: {stl: "always (x < 0.5)"}
-estimator: {plugin: mc, rollouts: 400}
-"""
+LINEAR = pushed_point(0.5, steps=5, variance=0.04)
 TWIN = (
     WALK.replace("rollouts: 80", "rollouts: 200")
     + """\

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Self, TypeVar
+from typing import Annotated, Any, Generic, Self, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from avrare.base.errors import did_you_mean
@@ -16,8 +15,7 @@ from avrare_mpc.config import TrajectoryPlan
 _RESERVED = ("ego", "others")
 """Names in formulas of the vehicle under test and of all other vehicles."""
 _Lane = Annotated[int, Field(ge=0)]
-_ReactionSd = Annotated[float, Field(ge=0, le=1, description="standard deviation of log(reaction time)")]
-_Driver = TypeVar("_Driver", "DriverConfig", "HandedOverConfig")
+_Number = TypeVar("_Number", bound=float)
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
 
@@ -91,7 +89,7 @@ class RoadConfig(_Options):
             lanes = spans if name == "lane_spans" else getattr(self, name)
             if any(not 0 <= lane < len(self.lane_centres) for lane in lanes):
                 raise ValueError(f"{name} must name lanes 0..{len(self.lane_centres) - 1}")
-        if self.opposing and np.ptp(self.opposing) + 1 != len(set(self.opposing)):
+        if self.opposing and max(self.opposing) - min(self.opposing) + 1 != len(set(self.opposing)):
             raise ValueError("the opposing lanes must lie side by side")
         half = 0.5 * self.lane_width
         for piece in self.line:
@@ -156,23 +154,38 @@ class BrakeConfig(_Options):
         return self
 
 
-def _check_spread(driver: _Driver) -> _Driver:
-    if driver.reaction_sd > 0.0 and driver.reaction_time == 0.0:
-        raise ValueError("reaction_sd spreads a reaction_time above 0: give one")
-    return driver
+def _number(default: float, description: str, **bounds: Any) -> Any:
+    return Field(default=default, description=description, **bounds)
 
 
-class DriverConfig(_Options):
+class FollowingConfig(_Options, Generic[_Number]):
+    """Car following of a driver, its reaction time, and the noise of both."""
+
+    time_gap: _Number = _number(1.5, "time gap to the vehicle ahead [s]", ge=0.0)
+    standstill_gap: _Number = _number(2.0, "gap to it at rest, bumper to bumper [m]", gt=0.0)
+    acceleration: _Number = _number(1.5, "acceleration on a free road [m/s^2]", gt=0.0)
+    deceleration: _Number = _number(2.0, "comfortable deceleration [m/s^2]", gt=0.0)
+    braking_max: _Number = _number(8.0, "bound of the deceleration [m/s^2]", gt=0.0)
+    acceleration_sd: float = _number(
+        0.0, "standard deviation of the noise of its acceleration [m/s^2]", ge=0.0
+    )
+    reaction_time: _Number = _number(
+        0.0, "time from what a driver sees to the acceleration that it causes [s]", ge=0.0, le=MOST_REACTION
+    )
+    reaction_sd: float = _number(0.0, "standard deviation of log(reaction time)", ge=0.0, le=1.0)
+    correlation_time: float = _number(1.0, "correlation time of these noises [s]", gt=0.0)
+
+    @model_validator(mode="after")
+    def _spread(self) -> Self:
+        if self.reaction_sd > 0.0 and self.reaction_time == 0.0:
+            raise ValueError("reaction_sd spreads a reaction_time above 0: give one")
+        return self
+
+
+class DriverConfig(FollowingConfig[Drawable]):
     """Driver that reacts to all vehicles: IDM along the road, MOBIL and gap acceptance across it."""
 
     desired_speed: Drawable = Field(gt=0.0, description="speed on a free road [m/s]")
-    time_gap: Drawable = Field(default=1.5, ge=0.0, description="time gap to the vehicle ahead [s]")
-    standstill_gap: Drawable = Field(
-        default=2.0, gt=0.0, description="gap to it at rest, bumper to bumper [m]"
-    )
-    acceleration: Drawable = Field(default=1.5, gt=0.0, description="acceleration on a free road [m/s^2]")
-    deceleration: Drawable = Field(default=2.0, gt=0.0, description="comfortable deceleration [m/s^2]")
-    braking_max: Drawable = Field(default=8.0, gt=0.0, description="bound of the deceleration [m/s^2]")
     lane_changes: bool = Field(default=True, description="change lanes where it pays (MOBIL)")
     lanes: tuple[_Lane, _Lane] | None = Field(
         default=None, description="first and last lane to choose from; default: all of the road"
@@ -188,19 +201,6 @@ class DriverConfig(_Options):
         default=None, description="x at which the lane of its start ends, where it stops otherwise [m]"
     )
     brake: tuple[BrakeConfig, ...] = Field(default=(), description="scripted braking")
-    acceleration_sd: float = Field(
-        default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
-    )
-    reaction_time: Drawable = Field(
-        default=0.0,
-        ge=0.0,
-        le=MOST_REACTION,
-        description="time from what a driver sees to the acceleration that it causes [s]",
-    )
-    reaction_sd: _ReactionSd = 0.0
-    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
-
-    _spread = model_validator(mode="after")(_check_spread)
 
     @field_validator("lanes")
     @classmethod
@@ -283,7 +283,7 @@ class SingleTrackConfig(_Options):
         return self
 
 
-class HandedOverConfig(_Options):
+class HandedOverConfig(FollowingConfig[float]):
     """Recorded vehicles that a driver model takes over, from their state at the start.
 
     Each desires the highest speed that it was recorded with.
@@ -292,25 +292,7 @@ class HandedOverConfig(_Options):
     vehicles: tuple[int, ...] = Field(
         default=(), description="obstacles to take over; default: all that move and are there at the start"
     )
-    time_gap: float = Field(default=1.5, ge=0.0, description="time gap to the vehicle ahead [s]")
-    standstill_gap: float = Field(default=2.0, gt=0.0, description="gap to it at rest, bumper to bumper [m]")
-    acceleration: float = Field(default=1.5, gt=0.0, description="acceleration on a free road [m/s^2]")
-    deceleration: float = Field(default=2.0, gt=0.0, description="comfortable deceleration [m/s^2]")
-    braking_max: float = Field(default=8.0, gt=0.0, description="bound of the deceleration [m/s^2]")
     lane_changes: bool = Field(default=False, description="change lanes where it pays (MOBIL)")
-    acceleration_sd: float = Field(
-        default=0.0, ge=0.0, description="standard deviation of the noise of its acceleration [m/s^2]"
-    )
-    reaction_time: float = Field(
-        default=0.0,
-        ge=0.0,
-        le=MOST_REACTION,
-        description="time from what a driver sees to the acceleration that it causes [s]",
-    )
-    reaction_sd: _ReactionSd = 0.0
-    correlation_time: float = Field(default=1.0, gt=0.0, description="correlation time of these noises [s]")
-
-    _spread = model_validator(mode="after")(_check_spread)
 
 
 def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:
