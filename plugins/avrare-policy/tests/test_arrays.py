@@ -62,3 +62,10 @@ def test_a_gain_multiplies_the_outputs_before_they_are_clipped(path):
     for gain in (1e300, -1e39):
         with pytest.raises(avrare.UsageError, match="gain needs finite numbers"):
             act((gain,))
+
+
+def test_a_gain_whose_products_are_not_finite_is_refused(path):
+    weights = [[1e20], [1.0], [1.0]]
+    config = PolicyConfig(model=str(path), arrays={"W1": weights}, gain=(1e20,))
+    with pytest.raises(avrare.UsageError, match="gain makes the last layer not finite"):
+        build(config)

@@ -91,7 +91,7 @@ class Network:
         """Return the network with factors on its outputs, those of the last layer.
 
         Raises:
-            UsageError: There are not as many as outputs, or one is not finite in single precision.
+            UsageError: There are not as many as outputs, or a product is not finite in single precision.
         """
         if len(gain) != len(self.low):
             raise UsageError(f"{path}: gain needs {len(self.low)} numbers, not {len(gain)}")
@@ -100,7 +100,12 @@ class Network:
         factors = np.asarray(gain, dtype=np.float32)
         *weights, weight = self.weights
         *biases, bias = self.biases
-        return replace(self, weights=(*weights, weight * factors), biases=(*biases, bias * factors))
+        with np.errstate(over="ignore"):
+            weight, bias = weight * factors, bias * factors
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            text = f"{path}: gain makes the last layer not finite in single precision: {list(gain)}"
+            raise UsageError(text, "look at `gain` and `arrays`")
+        return replace(self, weights=(*weights, weight), biases=(*biases, bias))
 
     def __call__(self, observation: Floats) -> Floats:
         """Return actions (N, A) of observations (N, D), within their range.
