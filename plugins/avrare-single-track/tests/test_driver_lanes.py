@@ -83,3 +83,37 @@ def test_nobody_crosses_an_opposing_lane_in_the_middle():
     slow = {"name": "slow", "x": 40.0, "y": -3.5, "speed": 8.0}
     worlds = drive(along(slow, car("one", 0.0, y=-3.5, lane_changes=True), road=road), 60)
     assert worlds[-1].others.y[0, 1] == -3.5
+
+
+def test_one_that_has_passed_does_not_keep_a_driver_from_the_opposing_lane():
+    road = {**ROAD, "opposing": [1]}
+    slow = {"name": "slow", "x": 40.0, "y": -1.75, "speed": 8.0}
+    passed = {"name": "passed", "x": -20.0, "y": 1.75, "speed": 15.0, "heading": np.pi}
+    driver = car("one", 0.0, y=-1.75, speed=15.0, lane_changes=True, lanes=[0, 1])
+    found = [drive(along(slow, *more, driver, road=road), 10)[-1].others.y[0, -1] for more in ((), (passed,))]
+    assert found[0] > -1.75
+    assert found[1] == found[0]
+
+
+def test_a_driver_brakes_for_the_end_of_the_lane_that_it_changes_into():
+    road = {**ROAD, "lane_spans": [{"lane": 0, "end": 150.0}]}
+    worlds = drive(along(car("one", 0.0, merge={"lane": 0}, braking_max=3.0), road=road), 200)
+    assert worlds[10].drivers.clock[0, 0] > 0.0
+    assert worlds[10].others.acceleration[0, 0] < -0.5
+    assert 140.0 < worlds[-1].others.x[0, 0] + 0.5 * 4.298 < 150.0
+
+
+def test_a_driver_sees_the_speed_of_a_crossing_car_along_the_road_alone():
+    # it stands still along the road, in the driver's lane at the first step, and is gone later
+    found = []
+    for speed in (0.0, 12.0):
+        crossing = {"name": "side", "x": 90.0, "y": 1.75, "speed": speed, "heading": 0.5 * np.pi}
+        worlds = drive(along(crossing, car("one", 0.0), road=ROAD), 1)
+        found.append(worlds[-1].others.acceleration[0, 1])
+    assert found[1] == pytest.approx(found[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("span", [{"begin": -1e5}, {"end": 2e5}])
+def test_lanes_that_begin_or_end_out_of_reach_are_refused(span):
+    with pytest.raises(ValidationError, match="100000"):
+        along(road={**ROAD, "lane_spans": [{"lane": 0, **span}]})

@@ -13,6 +13,7 @@ from avrare.results.recordings.commonroad import open_commonroad
 from avrare_single_track.config import OpenScenarioConfig, RecordedConfig
 from avrare_single_track.driver_model import idm
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
+from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
 
 pytest.importorskip("commonroad.common.file_reader")
@@ -169,3 +170,17 @@ def test_a_map_s_end_is_no_end_of_a_lane_but_an_earlier_end_is():
     ends = [tuple(lane.stations[[0, -1]]) for lane in road.lanes]
     assert ends == [(-ENDLESS, 120.0), (-ENDLESS, ENDLESS)]
     assert has_constant_lanes(road)
+
+
+def test_crossing_cars_are_not_handed_over(tmp_path):
+    path = tmp_path / "crossroads.xml"
+    cars = [EGO, drives(EAST, "straight", 52.0), drives(SOUTH, "straight", 20.0)]
+    path.write_text(crossroads(cars), encoding="utf-8")
+    sim = RecordedScene(RecordedConfig(file=path, without=(1,), drivers={}))
+    assert sim.noise_names == ("acceleration of v3",)
+    before, after = roll(sim, 0), roll(sim, 10)
+    assert abs(after.others.y[0, 0] - before.others.y[0, 0]) == pytest.approx(8.0)  # at 8 m/s across
+    assert after.others.x[0, 0] == pytest.approx(before.others.x[0, 0])
+    with pytest.raises(UsageError, match=r"obstacle 2 .* not along a lane of the ego's road") as caught:
+        RecordedScene(RecordedConfig(file=path, without=(1,), drivers={"vehicles": (2,)}))
+    assert caught.value.hint == "drivers.vehicles may name: 3"

@@ -15,6 +15,7 @@ from avrare_mpc.config import TrajectoryPlan
 _RESERVED = ("ego", "others")
 """Names in formulas of the vehicle under test and of all other vehicles."""
 _Lane = Annotated[int, Field(ge=0)]
+_Station = Annotated[float, Field(gt=-1e5, lt=1e5)]
 _Number = TypeVar("_Number", bound=float)
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
@@ -38,8 +39,8 @@ class SpanConfig(_Options):
     """Stretch of the road at which there is a lane."""
 
     lane: int = Field(ge=0, description="index of the lane, from the right")
-    begin: float | None = Field(default=None, description="x at which it begins; default: it does not [m]")
-    end: float | None = Field(default=None, description="x at which it ends; default: it does not [m]")
+    begin: _Station | None = Field(default=None, description="x at which it begins; default: it does not [m]")
+    end: _Station | None = Field(default=None, description="x at which it ends; default: it does not [m]")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -290,7 +291,8 @@ class HandedOverConfig(FollowingConfig[float]):
     """
 
     vehicles: tuple[int, ...] = Field(
-        default=(), description="obstacles to take over; default: all that move and are there at the start"
+        default=(),
+        description="obstacles to take over; default: all that move and are along a lane at the start",
     )
     lane_changes: bool = Field(default=False, description="change lanes where it pays (MOBIL)")
 

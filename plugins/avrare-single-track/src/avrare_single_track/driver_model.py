@@ -103,7 +103,8 @@ def _incentive(
     drivers: Any, table: Any, end: float, new_end: float,
 ) -> tuple[bool, float]:  # fmt: skip
     # Whether a change is safe, and what it gains by MOBIL. Followers that are no drivers are taken for
-    # drivers like this one. ``end`` and ``new_end`` are the ways to the ends of both lanes.
+    # drivers like this one; who drives the other way has passed. ``end`` and ``new_end`` are the ways to the
+    # ends of both lanes.
     new_ahead, new_gap = _ahead(x, lengths, order, rank, lanes, i, to)
     new, new_behind = _behind(x, lengths, order, rank, lanes, i, to)
     after = _follow(v, i, new_ahead, new_gap, p)
@@ -114,14 +115,14 @@ def _incentive(
     ahead, gap = _ahead(x, lengths, order, rank, lanes, i, now)
     old, behind = _behind(x, lengths, order, rank, lanes, i, now)
     imposed, gained = 0.0, 0.0
-    if new >= 0:
+    if new >= 0 and v[new] >= 0.0:
         q = table[drivers[new]] if drivers[new] >= 0 else p
         imposed = idm(v[new], v[i], new_behind, q)
         if imposed < -p[8]:
             return False, 0.0
         between = new_gap + new_behind + lengths[i]
         imposed -= _follow(v, new, new_ahead, between, q)
-    if old >= 0 and p[6] > 0.0:
+    if old >= 0 and v[old] >= 0.0 and p[6] > 0.0:
         q = table[drivers[old]] if drivers[old] >= 0 else p
         gained = _follow(v, old, ahead, gap + behind + lengths[i], q) - idm(v[old], v[i], behind, q)
     current = _follow(v, i, ahead, gap, p)
@@ -159,6 +160,13 @@ def _curve(across: float, share: float, time: float) -> tuple[float, float]:
     # Way to the side so far, and its rate, on a polynomial of fifth degree.
     way = across * share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
     return way, across * 30.0 * share**2 * (1.0 - share) ** 2 / time
+
+
+@inlined
+def _way_to_end(spans: Any, end: float, start: int, lane: int, x: float, length: float) -> float:
+    # From a front to the end of a lane; ``end`` is that of the lane of the start.
+    end = min(spans[1, lane], end if lane == start else math.inf)
+    return end - x - 0.5 * length
 
 
 @inlined
@@ -226,8 +234,7 @@ def advance(
         at, speeds = x[n], v[n]
         for r in range(len(places)):
             i, p, here = places[r], own[r], lane[n, r]
-            end = min(spans[1, here], ends[r] if here == forced[r, 2] else math.inf)
-            end = end - at[i] - 0.5 * lengths[i]
+            end = _way_to_end(spans, ends[r], forced[r, 2], here, at[i], lengths[i])
             if clock[n, r] < 0.0:
                 pause[n, r] -= dt
                 wanted = forced[r, 0] if step[n] >= forced[r, 1] else -1
@@ -242,6 +249,7 @@ def advance(
                     )  # fmt: skip
                 if chosen >= 0:
                     lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]
+                    end = _way_to_end(spans, ends[r], forced[r, 2], chosen, at[i], lengths[i])
             changing = clock[n, r] >= 0.0
             ahead, gap = _ahead(at, lengths, order, rank, lanes, i, lane[n, r])
             a = _follow(speeds, i, ahead, gap, p)
@@ -250,7 +258,7 @@ def advance(
                     if lanes[i] >> c & 1:
                         ahead, gap = _ahead(at, lengths, order, rank, lanes, i, c)
                         a = min(a, _follow(speeds, i, ahead, gap, p))
-            elif end < math.inf:
+            if end < math.inf:
                 a = min(a, idm(speeds[i], 0.0, end, p))
             if past.shape[2] > 0:
                 a = _delayed(past[n, r], step[n], late[n, r], a)

@@ -160,9 +160,8 @@ class Flow:
         known = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
         mine = [known[row] for row in rows]
         self._rows = None if way > 0 and len(rows) == len(known) else rows
-        forth = np.cos([*(one.heading for one in vehicles), 0.0]) >= 0.0
-        self._signs = np.where(forth, way, -way)  # of speeds: what comes towards them is negative
-        self._turned = bool((self._signs < 0).any()) or way < 0
+        self._drivers = [k for k, _, _ in known]
+        self._signs = np.where(np.cos([one.heading for _, one, _ in known]) >= 0.0, way, -way)
         self._places = np.array([k for k, _, _ in mine], dtype=np.int64)
         self._index = np.full(len(vehicles) + 1, -1, dtype=np.int64)
         self._index[self._places] = np.arange(len(mine))
@@ -200,6 +199,14 @@ class Flow:
     def _lane(self, lane: Any) -> Any:
         return lane if self._way > 0 else self._last - lane
 
+    def _along(self, headings: Floats) -> Floats:
+        # Factors (N, V + 1) on speeds: a driver's is along its lane already, as is the ego's, nearly; what
+        # comes towards them is negative.
+        factors = np.full((len(headings), headings.shape[1] + 1), float(self._way))
+        factors[:, :-1] *= np.cos(headings)
+        factors[:, self._drivers] = self._signs
+        return factors
+
     def step(
         self,
         memory: DriverMemory,
@@ -212,8 +219,7 @@ class Flow:
     ) -> None:
         """Write the next states into ``out`` (5, N, R) and into the fields of the memory."""
         seen: Any = [np.column_stack([getattr(others, name), getattr(ego, name)]) for name in _SEEN]
-        if self._turned:
-            seen = [seen[0] * self._way, seen[1] * self._way, seen[2] * self._signs]
+        seen = [seen[0] * self._way, seen[1] * self._way, seen[2] * self._along(others.heading)]
         own: Any = [memory.mood, late, memory.lane, memory.base, memory.clock, memory.pause, memory.past]
         found = out
         if self._rows is not None:  # some of the drivers, or turned around

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare.driving.lanes import ENDLESS, lane_borders
+from avrare.driving.lanes import ENDLESS, lane_borders, lane_overlap
 from avrare.protocols import Bools, Floats, Signals
 from avrare.results.recordings.commonroad import open_problem
 from avrare.results.recordings.recording import VehicleTrack
@@ -28,6 +28,8 @@ from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWor
 
 _STEADY = 0.3
 """Most that a border of a lane may move aside where drivers keep to it [m]."""
+_ALIGNED = 0.25 * np.pi
+"""Largest angle between a driver that is handed over and its lane [rad]."""
 _REACH = 1.0
 """What a lane that goes on may lack at either end of the road [m]."""
 
@@ -92,11 +94,11 @@ class RecordedScene(SingleTrack):
         able = [
             track.name
             for track, moving in zip(tracks, self.scene.moving, strict=True)
-            if moving and track.present[0]
+            if moving and track.present[0] and _is_along_a_lane(self.scene.road, *track.states[:3, 0])
         ]
         chosen = [str(one) for one in drivers.vehicles] or able
         if wrong := [name for name in chosen if name not in able]:
-            why = "is not there at the start, or does not move"
+            why = "is not there at the start, does not move, or is not along a lane of the ego's road"
             text = f"{path}: obstacle {wrong[0]} {why}"
             raise UsageError(text, f"drivers.vehicles may name: {', '.join(able) or 'none'}")
         options = drivers.model_dump(exclude={"vehicles"})
@@ -143,6 +145,11 @@ def continue_lanes(road: Road) -> Road:
         stations[-1] = ENDLESS if stations[-1] >= road.end - _REACH else stations[-1]
         lanes.append(replace(lane, stations=stations))
     return replace(road, lanes=tuple(lanes))
+
+
+def _is_along_a_lane(road: Road, x: float, y: float, heading: float) -> bool:
+    place = np.array(x), np.array(y), np.array(0.0), np.array(0.0)
+    return abs(np.cos(heading)) > np.cos(_ALIGNED) and bool((lane_overlap(road, *place) > 0.0).any())
 
 
 def _check_start(path: str, road: Road, x: float, y: float) -> None:
