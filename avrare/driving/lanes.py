@@ -6,10 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from avrare.driving.values import Bools, Floats, Road
+from avrare.driving.values import Bools, Floats, Lane, Road
 
 ENDLESS = 1e5
 """Distance from the origin at which lanes without an end have theirs [m]."""
+
+
+def list_lanes(road: Road) -> list[Lane]:
+    """Return the lanes with their borders; parallel ones have no ends."""
+    if road.lanes:
+        return list(road.lanes)
+    ends, half = np.array([-ENDLESS, ENDLESS]), 0.5 * road.lane_width
+    return [Lane(ends, np.full(2, y - half), np.full(2, y + half)) for y in road.lane_centres]
 
 
 def lane_borders(road: Road, x: Floats) -> tuple[Floats, Floats]:

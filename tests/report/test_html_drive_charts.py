@@ -12,9 +12,9 @@ from avrare.analysis.failures.lost import Continuations
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.driving import Lane, Observation, Road, Scene, Vehicles, World
 from avrare.driving.reference_line import CurvedLine, Piece
+from avrare.report.html import rollout_player
 from avrare.report.html.drive_charts import DriveCharts
 from avrare.report.html.kind_pictures import draw_map, draw_moment
-from avrare.report.html.rollout_player import _tabulate_view
 from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.report.plots.rollout_plot import Frame
 from avrare.results.recordings.recording import Recording
@@ -130,12 +130,41 @@ def test_the_player_knows_lanes_that_end_and_what_is_no_lane_of_its_own(rollout)
         for y, end in ((-1.75, 20.0), (1.75, 200.0), (5.25, 200.0))
     )
     road = Road((-1.75, 1.75, 5.25), 3.5, access_ramp=(0,), opposing=(2,), lanes=lanes)
-    found = _tabulate_view(bent(rollout, road).result, rollout.frames, ["van"])["road"]
+    found = rollout_player._tabulate_view(bent(rollout, road).result, rollout.frames, ["van"])["road"]
     assert found["ramp"] == [0, 2]
     assert found["borders"][0] == [[-100.0, 20.0], [-3.5, -3.5], [0.0, 0.0]]
     parallel = dataclasses.replace(road, lanes=(), shoulder=(1,))
-    found = _tabulate_view(bent(rollout, parallel).result, rollout.frames, ["van"])["road"]
-    assert (sorted(found["ramp"]), found["borders"]) == ([0, 1, 2], [])
+    found = rollout_player._tabulate_view(bent(rollout, parallel).result, rollout.frames, ["van"])["road"]
+    assert (sorted(found["ramp"]), len(found["borders"])) == ([0, 1, 2], 3)
+
+
+def test_dashes_are_between_lanes_that_are_there(rollout):
+    lanes = tuple(
+        Lane(np.array([-100.0, end]), np.full(2, y - 1.75), np.full(2, y + 1.75))
+        for y, end in ((-1.75, 20.0), (1.75, 200.0), (12.0, 200.0))
+    )
+    picture = draw_moment(bent(rollout, Road((-1.75, 1.75, 12.0), 3.5, lanes=lanes)))
+    [dashed] = re.findall(r'<path d="([^"]*)" class="lane"', picture)
+    assert max(float(x) for x in re.findall(r"[ML]([\d.-]+) ", dashed)) == pytest.approx(34.0, abs=1.0)
+
+
+def test_a_player_has_the_lanes_and_lines_of_its_road(rollout):
+    view = rollout_player._tabulate_view(rollout.result, rollout.frames, [])["road"]
+    assert view["borders"] == [[[-1e5, 1e5], [y, y], [y + 3.5, y + 3.5]] for y in (-3.5, 0.0)]
+    assert sorted((y[0], inner) for _, y, inner in view["lines"]) == [
+        (-3.5, False),
+        (0.0, True),
+        (3.5, False),
+    ]
+
+
+def test_a_player_turns_no_car_round_that_comes_towards_the_ego(rollout):
+    frames = list(rollout.frames)
+    for t, heading in ((1, np.pi - 0.01), (2, 0.01 - np.pi)):
+        others = dataclasses.replace(frames[t].world.others, heading=np.full((1, 1), heading))
+        frames[t] = dataclasses.replace(frames[t], world=dataclasses.replace(frames[t].world, others=others))
+    [van] = rollout_player._tabulate_view(rollout.result, frames, [])["others"]
+    assert van["h"][2] - van["h"][1] == pytest.approx(0.02, abs=1e-3)
 
 
 def test_the_map_has_a_colour_for_each_kind():

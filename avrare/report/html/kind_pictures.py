@@ -11,6 +11,7 @@ import numpy as np
 from avrare.driving import Road, Vehicles, World
 from avrare.driving.frames import to_plane
 from avrare.driving.lanes import lane_borders, lane_exists
+from avrare.driving.markings import list_markings
 from avrare.protocols import Floats
 from avrare.report.html.line_chart import LineChart, make_linear_scale, render_legend
 from avrare.report.html.markup import Markup, tag
@@ -90,7 +91,7 @@ class _View:
 
 
 def _draw_road(view: _View, road: Road) -> tuple[list[Markup], float, float]:
-    # Lanes as far as they are there, then their borders; and the least and greatest y to the left.
+    # Lanes as far as they are there, then the lines between them; and the least and greatest y to the left.
     surfaces, lines, reach = [], [], []
     there = lane_exists(road, view.stations)
     right, left = (np.broadcast_to(border, there.shape) for border in lane_borders(road, view.stations))
@@ -98,9 +99,12 @@ def _draw_road(view: _View, road: Road) -> tuple[list[Markup], float, float]:
         x = view.stations[there[lane]]
         borders = [view.curve(x, border[lane][there[lane]]) for border in (right, left)]
         surfaces.append(tag("path", d=f"M{_join([*borders[0], *borders[1][::-1]])}Z", class_="road"))
-        if lane + 1 < len(there):
-            lines.append(tag("path", d=f"M{_join(borders[1])}", class_="lane"))
         reach += [points[:, 1] for points in borders]
+    for one in (marking for marking in list_markings(road) if marking.inner):
+        x = view.stations[(view.stations >= one.x[0]) & (view.stations <= one.x[-1])]
+        if len(x) > 1:
+            points = view.curve(x, np.interp(x, one.x, one.y))
+            lines.append(tag("path", d=f"M{_join(points)}", class_="lane"))
     if not reach:
         return [], 0.0, 0.0
     every = np.concatenate(reach)

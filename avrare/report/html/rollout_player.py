@@ -13,6 +13,8 @@ import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.number_format import format_robustness
+from avrare.driving.lanes import list_lanes
+from avrare.driving.markings import list_markings
 from avrare.report.html.drive_charts import DriveCharts, make_time_axis
 from avrare.report.html.heat_strips import draw_noise, draw_predicates
 from avrare.report.html.line_chart import LineChart, make_linear_scale, render_legend
@@ -196,9 +198,8 @@ def _tabulate_view(
     content["road"] = {
         "lanes": list(road.lane_centres), "width": road.lane_width,
         "ramp": [*road.access_ramp, *road.shoulder, *road.opposing],
-        "borders": [
-            [[_round(x) for x in row] for row in (one.stations, one.right, one.left)] for one in road.lanes
-        ],
+        "borders": [_round_points((one.stations, one.right, one.left)) for one in list_lanes(road)],
+        "lines": [[*_round_points((one.x, one.y)), one.inner] for one in list_markings(road)],
     }  # fmt: skip
     content["ego"] = {"l": scene.ego_length, "w": scene.ego_width, **_encode_trajectory(frames, "ego", 0)}
     content["others"] = [
@@ -222,10 +223,12 @@ def _tabulate_view(
 
 def _encode_trajectory(frames: Sequence[Frame], who: str, at: Any) -> dict[str, list[float]]:
     vehicles = [getattr(frame.world, who) for frame in frames]
-    return {
-        key: [_round(getattr(one, field)[at], digits) for one in vehicles]
-        for key, field, digits in (("x", "x", 2), ("y", "y", 2), ("h", "heading", 4), ("v", "speed", 2))
+    fields = (("x", "x", 2), ("y", "y", 2), ("h", "heading", 4), ("v", "speed", 2))
+    found = {
+        key: [_round(getattr(one, field)[at], digits) for one in vehicles] for key, field, digits in fields
     }
+    # Between samples the player turns a vehicle by the difference: a half turn is passed without a jump.
+    return {**found, "h": [_round(heading, 4) for heading in np.unwrap(found["h"])]}
 
 
 def _encode_observation(frame: Frame, vehicles: int) -> list[list[float] | int] | None:
@@ -249,7 +252,7 @@ def _encode_prediction(frame: Frame) -> list[list[list[float]]] | None:
 
 
 def _round_points(points: Any) -> list[list[float]]:
-    return [[_round(x), _round(y)] for x, y in points]
+    return [[_round(value) for value in row] for row in points]
 
 
 def _count_numbers(entries: Sequence[Any]) -> int:

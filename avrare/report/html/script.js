@@ -35,50 +35,57 @@
   // Top view of the road, with the ego at a third of the width.
   const topView = (canvas, data) => {
     const pen = canvas.getContext("2d");
-    const { lanes, width: lane, ramp, borders } = data.road;
+    const { lanes, width: lane, ramp, borders, lines } = data.road;
     const low = lanes[0] - lane / 2, high = lanes[lanes.length - 1] + lane / 2;
     let ppm = 8, left = 0, wide = 0, tall = 0;
     const X = (x) => (x - left) * ppm;
     const Y = (y) => tall / 2 - (y - (low + high) / 2) * ppm;
 
-    // Lanes that begin, end or vary in width.
-    const varying = () => borders.forEach(([x, right, left], k) => {
-      const trace = (y, at) => pen[at ? "lineTo" : "moveTo"](X(x[at]), Y(y[at]));
-      pen.fillStyle = colour(ramp.includes(k) ? "ramp" : "road");
-      pen.beginPath();
-      x.forEach((_, at) => trace(right, at));
-      for (let at = x.length - 1; at >= 0; at--) pen.lineTo(X(x[at]), Y(left[at]));
-      pen.fill();
-      pen.strokeStyle = colour("marking");
-      pen.lineWidth = 1;
-      for (const y of [right, left]) { pen.beginPath(); x.forEach((_, at) => trace(y, at)); pen.stroke(); }
-    });
+    // The part of a line that is in view, to which dashes are measured out.
+    const cut = (x, y) => {
+      const from = left, to = left + wide / ppm, seen = [];
+      for (let k = 1; k < x.length; k++) {
+        if (x[k] < from || x[k - 1] > to) continue;
+        const slope = (y[k] - y[k - 1]) / (x[k] - x[k - 1] || 1);
+        if (x[k - 1] < from) seen.push([from, y[k - 1] + (from - x[k - 1]) * slope]);
+        else if (!seen.length) seen.push([x[k - 1], y[k - 1]]);
+        seen.push(x[k] > to ? [to, y[k - 1] + (to - x[k - 1]) * slope] : [x[k], y[k]]);
+      }
+      return seen;
+    };
+    const trace = (points) => points.forEach(([x, y], k) => pen[k ? "lineTo" : "moveTo"](X(x), Y(y)));
 
-    const parallel = () => {
-      pen.fillStyle = colour("road");
-      pen.fillRect(0, Y(high), wide, Y(low) - Y(high));
-      pen.fillStyle = colour("ramp");
-      for (const k of ramp) pen.fillRect(0, Y(lanes[k] + lane / 2), wide, lane * ppm);
+    // Lanes as far as they are there, the lines on them, and the stations below the lowest in view.
+    const road = () => {
+      let floor = Y(low);
+      borders.forEach(([x, rightmost, leftmost], k) => {
+        const below = cut(x, rightmost), above = cut(x, leftmost);
+        pen.fillStyle = colour(ramp.includes(k) ? "ramp" : "road");
+        pen.beginPath();
+        trace([...below, ...above.reverse()]);
+        pen.fill();
+        for (const [, y] of below) floor = Math.max(floor, Y(y));
+      });
       pen.strokeStyle = colour("marking");
       pen.lineWidth = 1.5;
-      for (let k = 0; k <= lanes.length; k++) {
-        const y = Y(low + k * lane), inner = k > 0 && k < lanes.length;
+      for (const [x, y, inner] of lines) {
+        const points = cut(x, y);
+        if (!points.length) continue;
         pen.setLineDash(inner ? [3 * ppm, 6 * ppm] : []);
-        pen.lineDashOffset = X(0) * -1;
-        pen.beginPath(); pen.moveTo(0, y); pen.lineTo(wide, y); pen.stroke();
+        pen.lineDashOffset = points[0][0] * ppm;
+        pen.beginPath();
+        trace(points);
+        pen.stroke();
       }
       pen.setLineDash([]);
-    };
-
-    const road = () => {
-      if (borders.length) varying(); else parallel();
+      floor = Math.min(floor, tall - 24);
       pen.fillStyle = colour("muted");
       pen.font = "11px system-ui, sans-serif";
       pen.textAlign = "center";
       pen.textBaseline = "top";
       for (let x = Math.ceil(left / 20) * 20; X(x) < wide; x += 20) {
-        pen.fillRect(X(x), Y(low) + 4, 1, 4);
-        if (X(x) > 14 && X(x) < wide - 22) pen.fillText(`${x} m`, X(x), Y(low) + 10);
+        pen.fillRect(X(x), floor + 4, 1, 4);
+        if (X(x) > 14 && X(x) < wide - 22) pen.fillText(`${x} m`, X(x), floor + 10);
       }
     };
 

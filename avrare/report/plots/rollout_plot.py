@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from avrare.base.number_format import format_robustness
-from avrare.driving import Road, Scene
+from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
+from avrare.driving.lanes import list_lanes
+from avrare.driving.markings import list_markings
 from avrare.estimation.result import Result
 from avrare.protocols import Floats, HasPlan, find_ability
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
@@ -95,39 +97,23 @@ def extract_frames(scenario: LoadedScenario, rollout: ReplayedRollout) -> list[F
 
 
 def draw_road(ax: Any, scene: Scene) -> None:
-    """Draw the lanes into matplotlib axes."""
+    """Draw the lanes into matplotlib axes, along the reference line; those without end between its ends."""
     road = scene.road
-    if road.lanes:
-        _draw_varying_lanes(ax, road)
-        return
-    edges = [centre - 0.5 * road.lane_width for centre in road.lane_centres]
-    edges.append(road.lane_centres[-1] + 0.5 * road.lane_width)
-    ax.axhspan(edges[0], edges[-1], color="#eef0f2", zorder=0)
-    for lane in (*road.access_ramp, *road.opposing):
-        ax.axhspan(edges[lane], edges[lane + 1], color="#e2e6ea", zorder=0)
-    for index, y in enumerate(edges):
-        outer = index in (0, len(edges) - 1)
-        ax.axhline(y, color="#9aa3ad", lw=1.2 if outer else 0.8, ls="-" if outer else (0, (8, 8)), zorder=1)
-    ax.set_xlim(road.begin, road.end)
-    ax.set_ylim(edges[0] - 0.8, edges[-1] + 0.8)
-    ax.set_aspect("equal")
-    ax.set_yticks(road.lane_centres)
-    ax.tick_params(labelsize=7)
-    hide_spines(ax, "top", "right", "left", "bottom")
-
-
-def _draw_varying_lanes(ax: Any, road: Road) -> None:
-    # along the reference line; a lane without end reaches from ``begin`` to ``end``
-    for index, lane in enumerate(road.lanes):
+    lanes = list_lanes(road)
+    for index, lane in enumerate(lanes):
         s = np.clip(lane.stations, road.begin, road.end)
         apart = index in (*road.access_ramp, *road.shoulder, *road.opposing)
         ax.fill_between(s, lane.right, lane.left, color="#e2e6ea" if apart else "#eef0f2", lw=0, zorder=0)
-        for border in (lane.right, lane.left):
-            ax.plot(s, border, color="#9aa3ad", lw=0.8, zorder=1)
+    for one in list_markings(road):
+        width, dashes = (0.8, (0, (8, 8))) if one.inner else (1.2, "-")
+        s = np.clip(one.x, road.begin, road.end)
+        ax.plot(s, one.y, color="#9aa3ad", lw=width, ls=dashes, zorder=1)
     ax.set_xlim(road.begin, road.end)
-    low, high = (min(lane.right.min() for lane in road.lanes), max(lane.left.max() for lane in road.lanes))
+    low, high = min(float(lane.right.min()) for lane in lanes), max(float(lane.left.max()) for lane in lanes)
     ax.set_ylim(low - 0.8, high + 0.8)
     ax.set_aspect("equal")
+    if not road.lanes:
+        ax.set_yticks(road.lane_centres)
     ax.tick_params(labelsize=7)
     hide_spines(ax, "top", "right", "left", "bottom")
 
