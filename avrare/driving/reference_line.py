@@ -57,14 +57,16 @@ class ReferenceLine(ABC):
         That curve has the length s - d h(s) with the line's heading h: one equation, solved by Newton.
         """
         start = self.frame(np.asarray(s, dtype=np.float64))[2]
-        reached = s + distance
+        reached = np.asarray(s + distance)
+        moving = np.ones(np.broadcast_shapes(reached.shape, np.shape(d)), dtype=np.bool_)
         for _ in range(_ITERATIONS):
             _, _, heading, curvature = self.frame(reached)
             step = (reached - s - d * (heading - start) - distance) / (1.0 - curvature * d)
-            reached = reached - step
-            if not np.any(np.abs(step) > _CLOSE * (1.0 + np.abs(reached))):
+            reached = np.where(moving, reached - step, reached)  # a number does not wait for its neighbours
+            moving &= np.abs(step) > _CLOSE * (1.0 + np.abs(reached))
+            if not moving.any():
                 break
-        return np.asarray(reached)
+        return reached
 
     def heading(self, s: Floats) -> Floats:
         """Return the direction of the line [rad]."""

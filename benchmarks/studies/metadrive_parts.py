@@ -44,7 +44,7 @@ def run(
         )
         with (folder / f"{name}.jsonl").open("a") as file:
             file.write(json.dumps(part) + "\n")
-        (folder / f"{name}-{seed}.cpu").unlink()
+        (folder / f"{name}-{seed}.cpu").unlink(missing_ok=True)
         print(name, seed, part["run_probabilities"], part["failures"], f"{part['cpu']:.0f} s", flush=True)
 
 

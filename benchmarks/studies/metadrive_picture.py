@@ -129,7 +129,7 @@ def _raw(drives: Drives) -> Floats:
 
 
 def _pushes(drives: Drives) -> Floats:
-    """(F, 2 T / SECOND) means over each second, in standard deviations."""
+    """Return (F, 2 T / SECOND) means over each second, in standard deviations."""
     count, steps, actions = drives.pushes.shape
     means = drives.pushes.reshape(count, steps // SECOND, SECOND, actions).mean(axis=2).reshape(count, -1)
     return np.asarray((means - means.mean(axis=0)) / np.maximum(means.std(axis=0), 1e-9))

@@ -140,3 +140,11 @@ class TestMistakes:
     def test_repeated_points_are_one(self):
         line = PolygonalLine(np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0]]))
         assert line.length == 10.0
+
+
+def test_what_is_advanced_does_not_depend_on_its_neighbours():
+    line = CurvedLine((Piece(60.0), Piece(60.0, 0.0, 0.01), Piece(400.0, 0.01, 0.01)))
+    rng = np.random.default_rng(0)
+    s, d, way = (rng.uniform(*bounds, 500) for bounds in ((0.0, 300.0), (-6.0, 6.0), (0.0, 3.0)))
+    alone = [line.advance(s[k : k + 1], d[k : k + 1], way[k : k + 1])[0] for k in range(500)]
+    np.testing.assert_array_equal(line.advance(s, d, way), alone)

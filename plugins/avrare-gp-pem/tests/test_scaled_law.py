@@ -98,3 +98,11 @@ def test_quantiles_invert_the_distribution_function():
     for start in (-30.0, -1.0, 5.0):
         found = normal.quantile(np.log(normal.cdf(z)), np.full_like(z, start))
         np.testing.assert_allclose(found, z, atol=1e-7)
+
+
+def test_a_quantile_does_not_depend_on_its_neighbours():
+    rng = np.random.default_rng(0)
+    z = 3.0 * rng.standard_normal(300) - 1.0
+    wanted = np.minimum(np.log(normal.cdf(z)) + 0.3 * rng.standard_normal(300), -1e-9)
+    alone = [normal.quantile(wanted[k : k + 1], z[k : k + 1])[0] for k in range(300)]
+    np.testing.assert_array_equal(normal.quantile(wanted, z), alone)

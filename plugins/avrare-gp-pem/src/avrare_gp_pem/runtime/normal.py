@@ -52,13 +52,15 @@ def quantile(log_rank: Floats, start: Floats) -> Floats:
     log P is concave, so that every step ends left of the solution, and all further ones climb to it.
     """
     z = np.clip(start, _LEAST, _MOST)
+    moving = np.ones(z.shape, dtype=np.bool_)
     for _ in range(_NEWTON):
         rank = cdf(z)
         missing = log_rank - np.log(rank)
         later = np.clip(z + missing * rank / (_SQRT_1_2PI * _density_factor(np.abs(z))), _LEAST, _MOST)
         done = (np.abs(later - z) <= 1e-10) | (np.abs(missing) <= 1e-14)
-        z = later
-        if done.all():
+        z = np.where(moving, later, z)  # a number does not wait for its neighbours
+        moving &= ~done
+        if not moving.any():
             break
     return np.asarray(z)
 
