@@ -15,6 +15,7 @@ from highway_runs import simulator, tape
 import avrare
 from avrare.base.errors import UsageError
 from avrare.stack.builder import build_rule
+from avrare_highway_env.junction import TURNS, _find_way
 
 WEST, NORTH, EAST = 4, 8, 12  # numbers of ways are these and 3 to the right, 2 straight on, 1 to the left
 STEPS = 81
@@ -135,6 +136,23 @@ def test_vehicles_keep_their_slots_and_ways():
         seen += int((same & (world.ways >= 0)).sum())
     assert seen > 20
     assert sim.signals(world)["others_way"].shape == world.others.x.shape
+
+
+def test_vehicles_drive_along_the_ways_that_they_are_said_to_take():
+    sim = simulator(scene="intersection", vehicles=6, dt=0.5, substeps=5)
+    network, turns = sim.environment.road.network, {quarters: turn for turn, quarters in TURNS.items()}
+    noise = tape(sim, 4, 24, seed=5)
+    world, seen = sim.reset(noise[:, 0]), set()
+    for t in range(1, noise.shape[1]):
+        world = sim.step(world, np.zeros((4, 2)), noise[:, t])
+        others = world.others
+        for row, slot in np.argwhere((np.hypot(others.x, others.y) < 9.0) & (world.ways >= 0)):
+            corner, quarters = divmod(int(world.ways[row, slot]), 4)
+            place = others.x[row, [slot]], others.y[row, [slot]]
+            _, aside = _find_way(network, corner, turns[quarters]).line.to_road(*place)
+            assert abs(aside[0]) < 1.0
+            seen.add(turns[quarters])
+    assert seen > {"left"} or seen > {"right"}
 
 
 def test_a_probability_of_breaking_a_rule():

@@ -69,3 +69,14 @@ def test_a_gain_whose_products_are_not_finite_is_refused(path):
     config = PolicyConfig(model=str(path), arrays={"W1": weights}, gain=(1e20,))
     with pytest.raises(avrare.UsageError, match="gain makes the last layer not finite"):
         build(config)
+
+
+def test_a_gain_multiplies_biases_too(path):
+    def act(**options):
+        return (
+            build(PolicyConfig(model=str(path), **options)).act(None, np.array([[0.1, 0.0]]), None)[0].item()
+        )
+
+    bias = {"b1": [0.5]}
+    assert act(arrays=bias) == pytest.approx(0.8)
+    assert act(arrays=bias, gain=(3.0,)) == pytest.approx(2.4)

@@ -56,6 +56,29 @@ def test_oncoming_drivers_drive_as_those_along_the_road():
     assert np.cos(oncoming[-1].others.heading).max() < -0.9
 
 
+def test_oncoming_drivers_mind_ends_and_merge_as_those_along_the_road():
+    plain = {"lane_centres": [-5.25, -1.75, 1.75, 5.25], "opposing": [2, 3]}
+    forth = {**plain, "lane_spans": [{"lane": 0, "begin": -90.0, "end": 150.0}]}
+    back = {**plain, "lane_spans": [{"lane": 3, "begin": -150.0, "end": 90.0}]}
+    cars = [
+        car("stays", 60.0, -5.25),
+        car("merges", 0.0, -5.25, merge={"lane": 1, "from_step": 15}),
+        car("ends", 40.0, -1.75, lane_end=170.0),
+    ]
+    turned = [{**one, "x": -one["x"], "y": -one["y"], "heading": np.pi} for one in cars]
+    turned[1]["driver"] = {**turned[1]["driver"], "merge": {"lane": 2, "from_step": 15}}
+    turned[2]["driver"] = {**turned[2]["driver"], "lane_end": -170.0}
+    ego = {"x": -900.0, "y": 0.0, "speed": 0.0}
+    worlds = drive(along(*cars, road=forth, ego=ego), 150)
+    oncoming = drive(along(*turned, road=back, ego={**ego, "x": 900.0}), 150)
+    others = worlds[-1].others
+    same = np.array([others.x, others.y, others.speed, others.acceleration])
+    np.testing.assert_allclose(mirrored(oncoming[-1]), same, atol=1e-9)
+    assert 140.0 < others.x[0, 0] + 0.5 * 4.298 < 150.0
+    assert others.y[0, 1] == pytest.approx(-1.75)
+    assert 160.0 < others.x[0, 2] + 0.5 * 4.298 < 170.0
+
+
 def test_a_driver_brakes_for_one_that_comes_towards_it_in_its_lane():
     road = {**ROAD, "opposing": [1]}
     ghost = {"name": "wrong", "x": 120.0, "y": -1.75, "speed": 10.0, "heading": np.pi}
@@ -117,3 +140,10 @@ def test_a_driver_sees_the_speed_of_a_crossing_car_along_the_road_alone():
 def test_lanes_that_begin_or_end_out_of_reach_are_refused(span):
     with pytest.raises(ValidationError, match="100000"):
         along(road={**ROAD, "lane_spans": [{"lane": 0, **span}]})
+
+
+def test_a_driver_chooses_among_the_lanes_on_its_side_of_an_opposing_one():
+    road = {"lane_centres": [-7.0, -3.5, 0.0, 3.5], "opposing": [2]}
+    slow = {"name": "slow", "x": 40.0, "y": -3.5, "speed": 8.0}
+    worlds = drive(along(slow, car("one", 0.0, y=-3.5, lane_changes=True), road=road), 60)
+    assert worlds[-1].others.y[0, 1] == pytest.approx(-7.0)
