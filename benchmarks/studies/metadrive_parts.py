@@ -63,7 +63,8 @@ def _run_part(
     noise, ancestors = result.failures.noise.astype(np.float32), result.failures.ancestors
     ancestors = np.zeros((len(noise), 2), dtype=np.int64) if ancestors is None else ancestors
     np.savez(folder / f"{name}-{seed}.npz", noise=noise, ancestors=ancestors)
-    return json.loads(result.to_json()) | {"cpu": before + clock() - begin}
+    found: Part = json.loads(result.to_json())
+    return found | {"cpu": before + clock() - begin}
 
 
 def read(folder: Path, name: str, options: Mapping[str, Any]) -> list[Part]:
