@@ -9,7 +9,7 @@ import pytest
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.driving import Road, Scene
-from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
+from avrare.results.recordings.commonroad import _read_pose, read_commonroad, to_commonroad
 from avrare.results.recordings.recording import FIELDS, Recording, parse_road
 from avrare.results.recordings.straight_road import find_straight_lanes
 
@@ -83,6 +83,14 @@ def test_an_ego_with_gaps_is_refused_before_arrays_are_made(tmp_path):
     path.write_text(text.replace("<exact>3</exact>", f"<exact>{10**40}</exact>"))
     with pytest.raises(UsageError, match=r"obstacle 1 has a state at step 10{29}$"):
         read_commonroad(str(path), "1")
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 10**400, -(10**400), None, "1"])
+def test_numbers_that_are_none_are_refused(value):
+    state = SimpleNamespace(position=np.zeros(2), orientation=0.0, velocity=value, time_step=0)
+    with pytest.raises(UsageError, match=r"s\.xml: it has no exact position, orientation and velocity"):
+        _read_pose("s.xml", "it", state)
+    assert _read_pose("s.xml", "it", SimpleNamespace(**vars(state) | {"velocity": 3})) == [0.0, 0.0, 0.0, 3.0]
 
 
 def test_the_missing_package_is_named(monkeypatch, tmp_path):
