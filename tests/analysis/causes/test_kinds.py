@@ -219,6 +219,12 @@ def test_parts_of_two_failures_over_an_ensemble_have_ends_at_any_confidence():
     assert interval == (0.0, 1.0)
 
 
+def test_errors_of_a_pilot_leave_an_upper_end():
+    sample = replace(sample_of(np.zeros((40, 1, 1)), trials=42), errors=5)
+    assert sample.part_interval(np.ones(40, dtype=bool))[1][1] == 1.0
+    assert sample.part_interval(np.arange(40) < 10)[1][1] < 0.6
+
+
 def test_rollouts_of_the_choice_are_no_trials_of_a_kind():
     result = avrare.estimate(two_modes(), "auto", budget="rollouts=6000", seed=2)
     assert result.estimator == "mc"
