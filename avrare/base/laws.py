@@ -222,9 +222,10 @@ class Empirical(_Law):
     def score(self, value: ArrayLike) -> Floats:
         """Return the normal score of a value; of a value that was seen often, the middle of its scores."""
         values, places = self._sorted()
-        levels, first = np.unique(values, return_index=True)
-        last = np.append(first[1:], len(values)) - 1
-        share = np.interp(np.asarray(value, dtype=np.float64), levels, 0.5 * (places[first] + places[last]))
+        number = np.asarray(value, dtype=np.float64)
+        first, last = np.searchsorted(values, number), np.searchsorted(values, number, side="right") - 1
+        middle = 0.5 * (places[np.minimum(first, len(values) - 1)] + places[last])
+        share = np.where(first < last, middle, np.interp(number, values, places))
         return _number_at(share, 1.0 - share)
 
 
@@ -273,6 +274,9 @@ def _steps(law: _Law) -> Floats:
         return np.unique(np.concatenate([_steps(part.of) for part in law.parts]))
     if isinstance(law, Truncated):
         return _steps(law.of)
+    if isinstance(law, Empirical):
+        seen, times = np.unique(law.values, return_counts=True)
+        return np.asarray(seen[times > 1])
     return np.array(law.values if isinstance(law, Discrete) else ())
 
 

@@ -105,6 +105,21 @@ def test_a_discrete_law_that_is_cut_keeps_the_whole_share_of_its_bounds():
             assert found.at(edges) == pytest.approx(kept, abs=1e-6)
 
 
+def test_a_value_that_was_seen_often_keeps_its_share_in_composed_laws():
+    often = {"law": "empirical", "values": [3.0, 1.0, 1.0, 1.0, 2.0]}
+    found = law(often)
+    assert found.at(found.score([1.5, 2.0, 2.7])) == pytest.approx([1.5, 2.0, 2.7])
+    assert found.score([0.0, 1.0, 4.0]) == pytest.approx([-np.inf, stats.norm.ppf(0.25), np.inf])
+    shares = stats.norm.ppf(np.linspace(0.0005, 0.9995, 1000))
+    cut = law({"law": "truncated", "of": often, "low": 1.0, "high": 2.0})  # 0.5 and 0.25 of all
+    assert np.count_nonzero(cut.at(shares) == 1.0) == pytest.approx(667, abs=1)
+    far = {"law": "normal", "mean": 100.0, "sd": 1.0}
+    mixed = law({"law": "mixture", "parts": [{"weight": 1, "of": often}, {"weight": 1, "of": far}]})
+    drawn = mixed.at(shares)
+    assert np.count_nonzero(drawn == 1.0) == pytest.approx(250, abs=1)
+    assert np.count_nonzero((drawn > 1.0) & (drawn < 1.5)) == pytest.approx(62, abs=2)
+
+
 def test_steps_of_composed_laws_are_the_values_themselves():
     coins = {"law": "discrete", "values": [1.0, 2.0, 3.0], "weights": [1.0, 1.0, 1.0]}
     cut = {"law": "truncated", "of": coins, "low": 1.5}
