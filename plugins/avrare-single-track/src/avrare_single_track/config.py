@@ -16,6 +16,7 @@ _RESERVED = ("ego", "others")
 """Names in formulas of the vehicle under test and of all other vehicles."""
 _Lane = Annotated[int, Field(ge=0)]
 _Station = Annotated[float, Field(gt=-1e5, lt=1e5)]
+"""x on a road; lanes without an end have theirs beyond (``avrare.driving.lanes.ENDLESS``) [m]."""
 _Number = TypeVar("_Number", bound=float)
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""

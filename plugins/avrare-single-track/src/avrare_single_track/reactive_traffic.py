@@ -160,8 +160,9 @@ class Flow:
         known = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
         mine = [known[row] for row in rows]
         self._rows = None if way > 0 and len(rows) == len(known) else rows
-        self._drivers = [k for k, _, _ in known]
-        self._signs = np.where(np.cos([one.heading for _, one, _ in known]) >= 0.0, way, -way)
+        self._scripted = [k for k, one in enumerate(vehicles) if one.driver is None]
+        self._signs = np.full(len(vehicles) + 1, float(way))  # of speeds: who comes towards them has -1
+        self._signs[[k for k, one, _ in known if np.cos(one.heading) < 0.0]] = -way
         self._places = np.array([k for k, _, _ in mine], dtype=np.int64)
         self._index = np.full(len(vehicles) + 1, -1, dtype=np.int64)
         self._index[self._places] = np.arange(len(mine))
@@ -199,13 +200,17 @@ class Flow:
     def _lane(self, lane: Any) -> Any:
         return lane if self._way > 0 else self._last - lane
 
-    def _along(self, headings: Floats) -> Floats:
-        # Factors (N, V + 1) on speeds: a driver's is along its lane already, as is the ego's, nearly; what
-        # comes towards them is negative.
-        factors = np.full((len(headings), headings.shape[1] + 1), float(self._way))
-        factors[:, :-1] *= np.cos(headings)
-        factors[:, self._drivers] = self._signs
-        return factors
+    def _see(self, ego: Vehicles, others: Vehicles) -> list[Floats]:
+        # x, y and speed (N, V + 1) along the road: those of drivers and, nearly, of the ego are along their
+        # lanes. In place: arrays of this size are dear.
+        x, y, v = (np.column_stack([getattr(others, name), getattr(ego, name)]) for name in _SEEN)
+        if self._way < 0:
+            x *= -1.0
+            y *= -1.0
+        v *= self._signs
+        if self._scripted:
+            v[:, self._scripted] *= np.cos(others.heading[:, self._scripted])
+        return [x, y, v]
 
     def step(
         self,
@@ -218,15 +223,13 @@ class Flow:
         out: Floats,
     ) -> None:
         """Write the next states into ``out`` (5, N, R) and into the fields of the memory."""
-        seen: Any = [np.column_stack([getattr(others, name), getattr(ego, name)]) for name in _SEEN]
-        seen = [seen[0] * self._way, seen[1] * self._way, seen[2] * self._along(others.heading)]
         own: Any = [memory.mood, late, memory.lane, memory.base, memory.clock, memory.pause, memory.past]
         found = out
         if self._rows is not None:  # some of the drivers, or turned around
             own = [np.ascontiguousarray(part[:, self._rows]) for part in own]
             own[2:4] = self._lane(own[2]), self._way * own[3]
             table, found = np.ascontiguousarray(table[:, self._rows]), np.empty((5, *own[0].shape))
-        (x, y, v), (mood, late, lane, base, clock, pause, past) = seen, own
+        (x, y, v), (mood, late, lane, base, clock, pause, past) = self._see(ego, others), own
         advance(
             x, y, v, self._lengths, self._widths, self._index, self._places, table, self._limits, self._ends,
             self._forced, self._brake, self._centres, self._spans, self._width, self._dt, step, mood, late,
