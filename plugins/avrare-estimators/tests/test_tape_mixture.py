@@ -37,10 +37,10 @@ def direction(first, last, decay, start):
     return found
 
 
-def written_out(mixture, tapes):
+def written_out(components, tapes):
     """Return the density ratio q/p of the first steps, one normal law after the other."""
     total, steps = np.zeros(len(tapes)), tapes.shape[1]
-    for share, groups in mixture.components:
+    for share, groups in components:
         factor = np.ones(len(tapes))
         for group in groups:
             inside = np.zeros(len(tapes))
@@ -50,7 +50,7 @@ def written_out(mixture, tapes):
                 x = tapes[:, :, int(channel)]
                 inside += part / sum(group.values()) * own.pdf(x) / norm.pdf(x).prod(axis=1)
             factor *= inside
-        total += share / sum(one for one, _ in mixture.components) * factor
+        total += share / sum(one for one, _ in components) * factor
     return total
 
 
@@ -69,10 +69,10 @@ def drawn(mixture, rows, seed=0, chunk=None):
 
 def test_density_is_that_of_the_law_drawn_from():
     tapes, log_weight, _ = drawn(PAIRED, 4000)
-    assert np.allclose(np.exp(-log_weight), written_out(PAIRED, tapes), rtol=1e-9)
+    assert np.allclose(np.exp(-log_weight), written_out(PAIRED.components, tapes), rtol=1e-9)
     # 1. Half of the rows from the target, half from the mixture: bounded weights of mean 1.
     both = np.concatenate([tapes, np.random.default_rng(1).standard_normal(tapes.shape)])
-    weights = 2.0 / (1.0 + written_out(PAIRED, both))
+    weights = 2.0 / (1.0 + written_out(PAIRED.components, both))
     assert abs(weights.mean() - 1.0) < 4.0 * weights.std() / np.sqrt(len(weights))
     # 2. Its draws hit two channels at once as often as the law says.
     hit = (np.abs(tapes[:, 6, 0]) > 2.0) & (np.abs(tapes[:, 1:4, 1]).max(axis=1) > 2.5)
@@ -81,6 +81,21 @@ def test_density_is_that_of_the_law_drawn_from():
     grown = 1.0 - (1.0 - 2.0 * norm.sf(1.0)) * (1.0 - 2.0 * norm.sf(2.5)) ** 2
     exact = 0.4 * (0.75 * wide_tail + 0.25 * tail) * grown + 0.6 * tail * one
     assert abs(hit.mean() - exact) < 4.0 * np.sqrt(exact / len(hit))
+
+
+def test_a_group_by_itself_is_the_mixture_of_its_atoms():
+    """Two groups share an atom; a pair keeps its groups."""
+    components = [
+        (0.5, [GROUP]),
+        (0.3, [{wide(1, 3): 0.5, wide(1, 4): 0.5}]),
+        (0.2, [{wide(0, 2): 1.0}, GROUP]),
+    ]
+    mixture = TapeMixture.frozen(components, (STEPS + 1, 3))
+    tapes = np.random.default_rng(4).standard_normal((50, STEPS + 1, 3)) * 1.5
+    assert len(mixture.components) == 4 + 1
+    np.testing.assert_allclose(
+        np.exp(-mixture.log_ratio_of(tapes)), written_out(components, tapes), rtol=1e-5
+    )
 
 
 def test_no_bit_depends_on_the_chunk():

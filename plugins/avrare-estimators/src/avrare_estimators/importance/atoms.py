@@ -94,12 +94,21 @@ class Atoms:
         """Return log g/p from x and n of each atom, arrays whose last axis is A."""
         spread, m = self.scale * self.scale - 1.0, self.shift
         grown = 1.0 + spread * length
-        square = spread * along * along + 2.0 * m * along - m * m * length
-        return np.asarray(0.5 * (square / grown - np.log(grown)))
+        # The square of x first, as its arrays are the large ones.
+        logs = along * (0.5 * spread / grown)
+        logs += m / grown
+        logs *= along
+        logs -= 0.5 * (m * m * length / grown + np.log(grown))
+        return np.asarray(logs)
 
 
 def log_ratios(atoms: Atoms, tapes: Floats) -> Floats:
     """Return log g/p (E, A) of complete tapes under each atom; for learning, not for weights."""
+    return atoms.logs(along_atoms(atoms, tapes), np.ones(1))
+
+
+def along_atoms(atoms: Atoms, tapes: Floats) -> Floats:
+    """Return x (E, A) of complete tapes (E, steps + 1, noise_size) along each atom's direction."""
     index, direction = atoms.directions
     vectors = atoms.vectors(tapes.shape[1] - 1)
     channels = atoms.channel[index]
@@ -107,4 +116,4 @@ def log_ratios(atoms: Atoms, tapes: Floats) -> Floats:
     for channel in np.unique(channels):
         own = np.flatnonzero(channels == channel)
         along[:, own] = tapes[:, :, channel] @ vectors[own].T
-    return atoms.logs(along[:, direction], np.ones(1))
+    return along[:, direction]

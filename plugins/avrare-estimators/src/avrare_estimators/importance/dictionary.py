@@ -195,7 +195,7 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     if pairs:
         start = np.array([amount for amount, _ in components] + [sum(share) / len(pairs)] * len(pairs))
         candidates = [own for _, own in components] + pairs
-        ratios = np.exp(np.minimum(_component_logs(candidates, tapes), _LARGEST_LOG))
+        ratios = _component_ratios(candidates, tapes)
         if _held_out_gain(ratios, weights, defensive, start, len(components), rounds) > _LEAST_NATS:
             share = _shares(ratios, weights, defensive, start, rounds)
             components = [(float(a), own) for a, own in zip(share, candidates, strict=True)]
@@ -318,7 +318,16 @@ def _channel(group: Group) -> int:
     return int(next(iter(group))[0])
 
 
-def _component_logs(components: Sequence[list[Group]], tapes: Floats) -> Floats:
-    mixture = TapeMixture.frozen([(1.0, groups) for groups in components], (tapes.shape[1], tapes.shape[2]))
-    logs = mixture.component_logs(log_ratios(mixture.atoms, tapes))
-    return np.asarray(logs + math.log(len(components)))
+def _component_ratios(components: Sequence[Sequence[Group]], tapes: Floats) -> Floats:
+    """Return g/p (E, J) of components of one or two groups."""
+    rows = list(dict.fromkeys(row for groups in components for group in groups for row in group))
+    place = {row: a for a, row in enumerate(rows)}
+    largest = math.exp(_LARGEST_LOG)
+    single = np.exp(np.minimum(log_ratios(Atoms.of(rows), tapes), _LARGEST_LOG))
+
+    def ratio(group: Group) -> Floats:
+        weights = np.array(list(group.values()))
+        return np.asarray(single[:, [place[row] for row in group]] @ (weights / weights.sum()))
+
+    products = [math.prod(ratio(group) for group in groups) for groups in components]
+    return np.asarray(np.minimum(np.stack(products, axis=1), largest))

@@ -114,11 +114,15 @@ class Lessons:
         newest = self.samples[-1]
         score = np.concatenate([sample.score for sample in self.samples])
         reached = bool(len(rows) and violated[rows].all())
-        variance = self._variance(rows, np.concatenate(self.log_ratios)[:, -1]) if self.mixtures else None
+        ratio = np.concatenate(self.log_ratios)[:, -1] if self.mixtures else None
+        variance = self._variance(rows, ratio[rows]) if ratio is not None else None
         chance, variance_there = float(elite.sum() / len(weights)), variance
-        if self.mixtures and effective_size(weights[violated]) >= _FEW:
+        if ratio is not None and effective_size(weights[violated]) >= _FEW:
             # A level near the pilot's bulk leaves little to gain; failures are what is to be drawn.
-            chance, variance_there = self.probability, self.expected_variance(self.mixtures[-1])
+            chance, variance_there = (
+                self.probability,
+                self._variance(np.flatnonzero(violated), ratio[violated]),
+            )
         return {
             "level": None if reached or not len(rows) else float(score[rows][~violated[rows]].min()),
             "reached": reached,
@@ -152,14 +156,19 @@ class Lessons:
             return None
         if mixture is None:
             return 1.0 / self.probability - 1.0
-        ratio = np.concatenate([ratios_of(sample, mixture) for sample in self.samples])
-        return self._variance(np.flatnonzero(self.violated), ratio)
+        rows = np.flatnonzero(self.violated)
+        return self._variance(rows, mixture.log_ratio_of(self._tapes(rows)))
 
     def _variance(self, rows: Integers, log_ratio: Floats) -> float | None:
-        """Return the relative variance of one row of a proposal, for the event that holds these rows."""
+        """Return the relative variance of one row of a proposal, for the event that holds these rows.
+
+        Args:
+            rows: Places of the rows.
+            log_ratio: Their log p/q under the proposal.
+        """
         weights = self.weights[rows]
         mean = weights.sum() / len(self.violated)
-        second = (weights * self.bounded(log_ratio[rows])).sum() / len(self.violated)
+        second = (weights * self.bounded(log_ratio)).sum() / len(self.violated)
         return float(second / mean**2 - 1.0) if mean else None
 
     def bounded(self, log_ratio: Floats) -> Floats:

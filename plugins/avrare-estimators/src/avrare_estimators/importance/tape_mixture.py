@@ -23,6 +23,8 @@ _DIGITS = 6
 """Decimals of a frozen number: rounding of the fit must not reach the rollouts."""
 _LEAST_SHARE = 1e-3
 """Least share of a component, over the largest."""
+_DROPPED = 0.02
+"""Share of the atoms that are left out, the least ones first."""
 NONE = -1
 _CHOSEN = np.dtype([("atom", np.int64), ("amount", np.float64)])
 
@@ -49,22 +51,40 @@ class TapeMixture:
 
     @staticmethod
     def frozen(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
-        """Return a mixture of components (share, one or two groups) in rounded numbers, without tiny ones."""
-        total = sum(share for share, _ in components)
+        """Return a mixture of components (share, one or two groups) in rounded numbers, without tiny ones.
+
+        A component of one group is the same law as one component for each of its atoms, which is what it
+        becomes: atoms that several groups share are counted once.
+        """
         most = max(share for share, _ in components)
+        alone: Group = {}
+        pairs = []
+        for share, own in components:
+            if share < _LEAST_SHARE * most:
+                continue
+            if len(own) > 1:
+                pairs.append((share, [_rounded(group) for group in own]))
+                continue
+            total = sum(own[0].values())
+            for row, weight in own[0].items():
+                alone[row] = alone.get(row, 0.0) + share * weight / total
+        kept = [(share, [{row: 1.0}]) for row, share in _rounded(_without_least(alone)).items()]
+        return TapeMixture._of([*kept, *pairs], shape)
+
+    @staticmethod
+    def _of(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
+        total = sum(share for share, _ in components)
         rows: dict[Row, int] = {}
         groups: dict[tuple[tuple[int, ...], tuple[float, ...]], int] = {}
         parts, shares = [], []
         for share, own in components:
-            if share < _LEAST_SHARE * most:
-                continue
             places = []
             for group in own:
-                weights = np.round(np.array(list(group.values())) / sum(group.values()), _DIGITS)
-                kept = [(row, w) for row, w in zip(group, weights.tolist(), strict=True) if w > 0.0]
-                index = tuple(rows.setdefault(_rounded(row), len(rows)) for row, _ in kept)
-                key = (index, tuple(w for _, w in kept))
-                places.append(groups.setdefault(key, len(groups)))
+                size = sum(group.values())
+                weights = {row: round(weight / size, _DIGITS) for row, weight in group.items()}
+                kept = {row: weight for row, weight in weights.items() if weight > 0.0}
+                index = tuple(rows.setdefault(row, len(rows)) for row in kept)
+                places.append(groups.setdefault((index, tuple(kept.values())), len(groups)))
             parts.append([*places, NONE][:2])
             shares.append(round(share / total, _DIGITS))
         built = tuple((np.array(index), np.array(weights)) for index, weights in groups)
@@ -110,6 +130,11 @@ class TapeMixture:
         return found
 
     @cached_property
+    def _alone(self) -> Integers:
+        """The atom of each group (G,) that has one only, ``NONE`` of the others."""
+        return np.array([index[0] if len(index) == 1 else NONE for index, _ in self.groups])
+
+    @cached_property
     def digest(self) -> str:
         """16 hexadecimal digits of the content."""
         text = json.dumps(self.to_dict(), sort_keys=True)
@@ -131,7 +156,8 @@ class TapeMixture:
         chosen["atom"] = NONE
         for column in (0, 1):
             group = self.parts[component, column]
-            for g in np.unique(group[group != NONE]):
+            chosen["atom"][:, column] = np.where(group == NONE, NONE, self._alone[group])
+            for g in np.unique(group[(group != NONE) & (self._alone[group] == NONE)]):
                 own = np.flatnonzero(group == g)
                 index, weights = self.groups[g]
                 if logs is None:
@@ -180,12 +206,18 @@ class TapeMixture:
 
     def component_logs(self, atom_logs: Floats) -> Floats:
         """Return the log of share times g/p (M, J) of each component, from those (M, A) of the atoms."""
-        padded = np.zeros((len(atom_logs), len(self.groups) + 1))  # NONE is the last
-        for g, (index, weights) in enumerate(self.groups):
-            logs = atom_logs[:, index] + np.log(weights / weights.sum())
-            padded[:, g] = logs[:, 0] if len(index) == 1 else _log_sum(logs)
-        logs = padded[:, self.parts[:, 0]] + padded[:, self.parts[:, 1]]
-        return np.asarray(logs + np.log(self.share / self.share.sum()))
+        first = self._alone[self.parts[:, 0]]
+        logs = atom_logs[:, first]
+        paired = np.flatnonzero((first == NONE) | (self.parts[:, 1] != NONE))
+        found = {g: self._group_logs(atom_logs, g) for g in np.unique(self.parts[paired]) if g != NONE}
+        for j in paired:
+            logs[:, j] = sum(found[g] for g in self.parts[j] if g != NONE)
+        logs += np.log(self.share / self.share.sum())
+        return logs
+
+    def _group_logs(self, atom_logs: Floats, group: int) -> Floats:
+        index, weights = self.groups[group]
+        return _log_sum(atom_logs[:, index] + np.log(weights / weights.sum()))
 
     def log_ratio(self, sums: Floats) -> Floats:
         """Return log p/q (M,) from the sums (M, D + 1) over the steps."""
@@ -271,13 +303,26 @@ def blend(mixtures: Sequence[TapeMixture], shares: Sequence[float]) -> TapeMixtu
     )
 
 
+def _without_least(shares: Group) -> Group:
+    """Return shares without the least ones, which together are at most ``_DROPPED`` of all."""
+    order = sorted(shares, key=shares.__getitem__)
+    lost = np.cumsum([shares[row] for row in order])
+    dropped = set(order[: int(np.searchsorted(lost, _DROPPED * lost[-1]))]) if order else set()
+    return {row: share for row, share in shares.items() if row not in dropped}
+
+
 def _steps_of(sums: Floats) -> Integers:
     """Return the number of steps (M,) over which sums were taken."""
     return sums[:, -1].astype(np.int64)
 
 
-def _rounded(row: Row) -> Row:
-    return (*row[:3], *(round(value, _DIGITS) for value in row[3:]))
+def _rounded(group: Group) -> Group:
+    """Return a group whose atoms have rounded numbers."""
+    found: Group = {}
+    for row, weight in group.items():
+        near = (*row[:3], *(round(value, _DIGITS) for value in row[3:]))
+        found[near] = found.get(near, 0.0) + weight
+    return found
 
 
 def _pick(shares: Floats, uniform: Floats) -> tuple[Integers, Floats]:

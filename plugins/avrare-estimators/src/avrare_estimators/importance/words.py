@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
+from avrare.rollout.request import Integers
 from avrare.stack.noise_names import find_noise_names, find_time_step
-from avrare_estimators.importance.atoms import Atoms, Group, Row, log_ratios
+from avrare_estimators.importance.atoms import Atoms, along_atoms
 from avrare_estimators.importance.sampling import Sample, TapeSource
-from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.importance.tape_mixture import NONE, TapeMixture
 from avrare_estimators.weights import resample
 
 _MOST_FAILURES = 500
@@ -72,8 +74,11 @@ def describe_tapes(
     mixture: TapeMixture, tapes: Floats, target: float, names: NoiseNames
 ) -> list[dict[str, Any]]:
     """Return the causes of failures of equal weights; ``target`` is the share of the target in the law."""
-    shares, rest = _responsibilities(mixture, tapes, target)
-    causes = sorted(_causes(mixture, tapes, shares, names), key=lambda cause: -cause["share"])
+    explained = Explained(mixture, along_atoms(mixture.atoms, tapes))
+    shares, rest = _responsibilities(explained, target)
+    bundles = _bundles(mixture)
+    causes = [_tell(explained, bundle, shares[:, bundle], names) for bundle in bundles]
+    causes.sort(key=lambda cause: -cause["share"])
     told = [cause for cause in causes if cause["share"] >= _LEAST_SHARE]
     rest += sum(cause["share"] for cause in causes[len(told) :])
     if rest >= _LEAST_SHARE:
@@ -82,77 +87,76 @@ def describe_tapes(
     return told
 
 
-def _responsibilities(mixture: TapeMixture, tapes: Floats, target: float) -> tuple[Floats, float]:
+@dataclass(frozen=True)
+class Explained:
+    """F failures beside the mixture that explains them.
+
+    Attributes:
+        mixture: The mixture, of A atoms.
+        along: (F, A) noise of each failure along the direction of each atom.
+    """
+
+    mixture: TapeMixture
+    along: Floats
+
+    @cached_property
+    def logs(self) -> Floats:
+        """Log g/p (F, A)."""
+        return self.mixture.atoms.logs(self.along, np.ones(1))
+
+
+def _responsibilities(explained: Explained, target: float) -> tuple[Floats, float]:
     """Return the share (F, J) of each failure in each component, and the mean share of the target."""
-    logs = mixture.component_logs(log_ratios(mixture.atoms, tapes)) + np.log1p(-target)
+    logs = explained.mixture.component_logs(explained.logs) + np.log1p(-target)
     logs = np.concatenate([logs, np.full((len(logs), 1), np.log(max(target, 1e-12)))], axis=1)
     shares = np.exp(logs - np.logaddexp.reduce(logs, axis=1)[:, None])
     return shares[:, :-1], float(shares[:, -1].mean())
 
 
-def _causes(mixture: TapeMixture, tapes: Floats, shares: Floats, names: NoiseNames) -> list[dict[str, Any]]:
-    """Return causes: components of the same channels, close to each other in time."""
-    own = mixture.components
-    order = sorted(range(len(own)), key=lambda j: (_signature(own[j][1]), _place(own[j][1])))
+def _bundles(mixture: TapeMixture) -> list[list[int]]:
+    """Return the components of each cause: of the same channels, close to each other in time."""
+    atoms, first = mixture.atoms, np.array([index[0] for index, _ in mixture.groups])
+    signs, places = [], []
+    for parts in mixture.parts.tolist():
+        own = [first[part] for part in parts if part != NONE]
+        signs.append([int(atoms.channel[a]) for a in own])
+        # Those of two noises belong together at any time.
+        places.append(int(atoms.last[own[0]]) if len(own) == 1 else 0)
     bundles: list[list[int]] = []
-    for j in order:
-        near = bundles and _signature(own[bundles[-1][-1]][1]) == _signature(own[j][1])
-        if near and _place(own[j][1]) - _place(own[bundles[-1][-1]][1]) <= _GAP:
+    for j in sorted(range(len(signs)), key=lambda j: (signs[j], places[j])):
+        last = bundles[-1][-1] if bundles else None
+        if last is not None and signs[last] == signs[j] and places[j] - places[last] <= _GAP:
             bundles[-1].append(j)
         else:
             bundles.append([j])
-    return [_tell([own[j][1] for j in bundle], shares[:, bundle], tapes, names) for bundle in bundles]
+    return bundles
 
 
-def _signature(groups: Sequence[Group]) -> list[int]:
-    """Return the channel of each group."""
-    return [int(next(iter(group))[0]) for group in groups]
-
-
-def _place(groups: Sequence[Group]) -> float:
-    """Return the step by which to part causes in time; those of two noises belong together."""
-    return next(iter(groups[0]))[2] if len(groups) == 1 else 0.0
-
-
-def _tell(
-    bundle: Sequence[Sequence[Group]], shares: Floats, tapes: Floats, names: NoiseNames
-) -> dict[str, Any]:  # fmt: skip
-    share = float(shares.sum() / len(tapes))
-    parts, spans = [], []
-    channels = _signature(bundle[0])
-    for k, channel in enumerate(channels):
-        rows: dict[Row, float] = {}
-        sizes, weights = [], []
-        for groups, weight in zip(bundle, shares.T, strict=True):
+def _tell(explained: Explained, bundle: list[int], shares: Floats, names: NoiseNames) -> dict[str, Any]:
+    mixture = explained.mixture
+    share = float(shares.sum() / len(shares))
+    parts, spans, noise = [], [], []
+    for k in range(int((mixture.parts[bundle[0]] != NONE).sum())):
+        atoms, sizes = [], []
+        for j in bundle:
             # Each failure belongs to the atom of the group that explains it best.
-            atoms = Atoms.of(list(groups[k]))
-            own = log_ratios(atoms, tapes) + np.log(list(groups[k].values()))
-            best = own.argmax(axis=1)
-            for a, row in enumerate(groups[k]):
-                mine = best == a
-                rows[row] = rows.get(row, 0.0) + float(weight[mine].sum())
-                sizes.append(_size(row, tapes[mine]))
-                weights.append(weight[mine])
-        first, last = _span(rows)
-        size = _how(np.concatenate(sizes), np.concatenate(weights))
-        parts.append(f"{names.noise[channel]} {size} {names.span(first, last)}")
+            index, weights = mixture.groups[mixture.parts[j, k]]
+            atoms.append(index[(explained.logs[:, index] + np.log(weights)).argmax(axis=1)])
+            sizes.append(explained.along[np.arange(len(shares)), atoms[-1]])
+        atom, weight = np.concatenate(atoms), shares.T.reshape(-1)
+        first, last = _span(mixture.atoms, atom, weight)
+        noise.append(names.noise[mixture.atoms.channel[atom[0]]])
+        parts.append(f"{noise[-1]} {_how(np.concatenate(sizes), weight)} {names.span(first, last)}")
         spans.append((first, last))
     return {
-        "noise": [names.noise[channel] for channel in channels],
-        "from": [first for first, _ in spans], "to": [last for _, last in spans],
+        "noise": noise, "from": [first for first, _ in spans], "to": [last for _, last in spans],
         "share": round(share, 4), "text": f"{' and '.join(parts)}, in {share:.0%} of the failures",
     }  # fmt: skip
 
 
-def _size(row: Row, tapes: Floats) -> Floats:
-    """Return the noise (F,) of an atom along its direction."""
-    return np.asarray(tapes[:, :, int(row[0])] @ Atoms.of([row]).vectors(tapes.shape[1] - 1)[0])
-
-
-def _span(rows: dict[Row, float]) -> tuple[int, int]:
+def _span(atoms: Atoms, index: Integers, weight: Floats) -> tuple[int, int]:
     """Return the steps between which 80 % of the atoms' shares lie."""
-    first, last = (np.array([row[k] for row in rows]) for k in (1, 2))
-    weight = np.array(list(rows.values()))
+    first, last = (np.asarray(part[index], dtype=np.float64) for part in (atoms.first, atoms.last))
     return int(_quantile(first, weight, 0.1)), int(_quantile(last, weight, 0.9))
 
 
