@@ -32,7 +32,8 @@ CLIMB_TAPES = 5
 GROUPS = 8
 """Independent groups of chains, whose scatter gives the uncertainty."""
 _LENGTH, _SHARE = 10, 0.1
-_FEWEST_CHAINS = 5
+_FEWEST_CHAINS, _ENOUGH_CHAINS = 5, 16
+"""Chains of a group, the fewest that climb and those whose answer is mostly exact enough to vouch."""
 _WEIGHED = 25
 """Failures of a group whose weight is computed."""
 _SCOUTS, _ROUNDS, _ANGLE = 24, 30, 0.4
@@ -100,9 +101,8 @@ class CrossCheck:
         Returns:
             None where there is nothing to compare with, or too little to climb with.
         """
-        sample = samples[-1]
-        estimate = float(np.where(sample.violated, np.exp(sample.log_weights), 0.0).mean())
-        places = [np.flatnonzero(~one.error[: one.target_rows]) for one in samples]
+        sample, estimate = samples[-1], _estimate(samples[-1])
+        places = _target_places(samples)
         scouts = _heaviest_failures(samples)
         budget -= GROUPS * _WEIGHED + len(scouts) * (_ROUNDS + 1)
         chains = _most_chains(budget, sum(map(len, places)), estimate, most) if estimate > 0.0 else 0
@@ -179,6 +179,24 @@ class CrossCheck:
         )
 
 
+def rollouts_to_vouch(samples: Sequence[Sample]) -> int:
+    """Return the rollouts of a cross-check that mostly vouches for a right estimate."""
+    estimate, rows = _estimate(samples[-1]), sum(map(len, _target_places(samples)))
+    if not estimate or not rows:
+        return 0
+    climb = _levels(_ENOUGH_CHAINS, rows, estimate) * GROUPS * _ENOUGH_CHAINS * (_LENGTH - 1)
+    return math.ceil(climb) + GROUPS * _WEIGHED + _SCOUTS * (_ROUNDS + 1)
+
+
+def _estimate(sample: Sample) -> float:
+    return float(np.where(sample.violated, np.exp(sample.log_weights), 0.0).mean())
+
+
+def _target_places(samples: Sequence[Sample]) -> list[Integers]:
+    """Return the places of the rows drawn from the target that have not broken down."""
+    return [np.flatnonzero(~one.error[: one.target_rows]) for one in samples]
+
+
 def _heaviest_failures(samples: Sequence[Sample]) -> Floats:
     """Return the tapes of the proposals' failures with the largest weights, some from each sample."""
     each, tapes = _SCOUTS // len(samples), [samples[0].tapes(np.arange(0))]
@@ -195,10 +213,14 @@ def _most_chains(budget: int, rows: int, estimate: float, most: int) -> int:
     Their tapes are at most ``most``.
     """
     for chains in range(min(rows, most) // (GROUPS * _LENGTH), _FEWEST_CHAINS - 1, -1):
-        levels = max(0.0, math.log(chains * GROUPS * _LENGTH / rows / estimate) / -math.log(_SHARE))
-        if levels * GROUPS * chains * (_LENGTH - 1) <= budget:
+        if _levels(chains, rows, estimate) * GROUPS * chains * (_LENGTH - 1) <= budget:
             return chains
     return 0
+
+
+def _levels(chains: int, rows: int, estimate: float) -> float:
+    """Return the levels from the best of the target's rows down to the estimate."""
+    return max(0.0, math.log(chains * GROUPS * _LENGTH / rows / estimate) / -math.log(_SHARE))
 
 
 def _first_stage(sample: Sample) -> int:

@@ -18,6 +18,7 @@ from avrare.rollout.problem import Problem
 from avrare_estimators.config import IsConfig
 from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.coverage import find_coverage_doubts
+from avrare_estimators.importance.cross_check import rollouts_to_vouch
 from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
 from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile, described
@@ -232,6 +233,17 @@ class LearnedSampling(WeightedSampler):
     def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         assert isinstance(state, LearnedState)
         return counted_samples(state)
+
+    def _check_rollouts(self, state: SamplingState) -> int:
+        """Return the cross-check's rollouts; where an error is asked for, at least what an answer takes.
+
+        There the sample is as small as the error allows, and a share of it too small to climb with.
+        """
+        share = super()._check_rollouts(state)
+        if self.config.relative_error is None or not self.config.check:
+            return share
+        left = state.rollouts - sum(len(one.error) for one in state.samples)
+        return max(share, min(left, rollouts_to_vouch(state.samples)))
 
     def _doubts(self, state: SamplingState) -> dict[str, str]:
         assert isinstance(state, LearnedState)
