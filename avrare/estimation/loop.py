@@ -113,8 +113,8 @@ class _Task:
         # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
         replayed = problem is self.given and not _stops_early(estimator)
         found = estimator.estimate(state)
-        suppress = self.settings.suppress
-        results = examined(problem, found, self.warnings, replay=replayed, suppress=suppress)
+        suppress, seed = self.settings.suppress, self.settings.seed
+        results = examined(problem, found, self.warnings, replay=replayed, suppress=suppress, seed=seed)
         return [replace(result, seconds=seconds) for result in results]
 
 

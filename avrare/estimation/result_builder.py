@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from avrare.estimation import health
+from avrare.estimation.outlier_probe import probe_cost, probe_outliers
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result, Worst
 from avrare.logic.formula import find_formula
@@ -21,9 +22,9 @@ from avrare.rollout.scores.term_sizes import PROBE_ROWS
 _FALLBACK = "fallback_solves"
 _MAX_FALLBACKS = 0.01
 _FAR_OFF = 3.0
-"""Factor between an estimate's interval and its blind bound above which flat parts are looked for."""
-_LEAST_ROLLOUTS = 20 * PROBE_ROWS
-"""Rollouts of an estimate for which a look for flat parts, which is not counted, costs 5 % at most."""
+"""Factor between an estimate's interval and its blind bound above which what is hidden is looked for."""
+_LOOK_SHARE = 20
+"""Rollouts of an estimate over those of a look, which are not counted: it costs 5 % at most."""
 _ROUNDING = 1e-3
 """Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
@@ -53,7 +54,7 @@ def missing_worst(plan: Plan) -> Worst:
 
 def examined(
     problem: Problem, results: Sequence[Result], warnings: Mapping[str, str], *, replay: bool,
-    suppress: Collection[str],
+    suppress: Collection[str], seed: int,
 ) -> list[Result]:  # fmt: skip
     """Add the warnings that need the problem to the results of its specifications.
 
@@ -67,7 +68,8 @@ def examined(
     complete = []
     for column, result in enumerate(results):
         found = {**result.health, **notes, **_horizon(problem, column), **_solver(result.counts)}
-        found |= _flat_part(problem, column, result)
+        if result.blind_bound is not None and result.blind_bound > _FAR_OFF * result.interval[1]:
+            found |= _flat_part(problem, column, result) or _outliers(problem, column, result, seed)
         if again and "not_deterministic" not in found:
             found |= _reproduction(problem, result, column, again[column], rounds="rounding" in found)
         kept = {name: text for name, text in found.items() if name not in suppress}
@@ -84,11 +86,19 @@ def _horizon(problem: Problem, column: int) -> dict[str, str]:
 
 
 def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
-    bound = result.blind_bound
-    if bound is None or bound <= _FAR_OFF * result.interval[1] or result.rollouts < _LEAST_ROLLOUTS:
+    parts = problem.flat_parts(column) if result.rollouts >= _LOOK_SHARE * PROBE_ROWS else ()
+    return health.warn("flat_part", part=parts[0], bound=result.blind_bound) if parts else {}
+
+
+def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
+    if result.rollouts < _LOOK_SHARE * probe_cost(problem):
         return {}
-    parts = problem.flat_parts(column)
-    return health.warn("flat_part", part=parts[0], bound=bound) if parts else {}
+    upper = result.interval[1]
+    found = probe_outliers(problem, column, upper, seed, result.confidence)
+    if found is None:
+        return {}
+    when = "at the start" if found.at_start else "at a later step"
+    return health.warn("outliers", noise=found.noise, when=when, low=found.low, upper=upper)
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:

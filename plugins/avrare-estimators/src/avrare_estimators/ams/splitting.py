@@ -16,6 +16,7 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ams.forecast import forecast_cost
+from avrare_estimators.ams.leaps import Leaps
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
 from avrare_estimators.ams.look_ahead import LookAheadProblem
 from avrare_estimators.ams.state import AmsState, Branches, run_bytes
@@ -102,7 +103,10 @@ class Splitting:
         if state.stage == 0:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
             first = np.concatenate([state.first, first])
-            state = replace(state, every=rollouts.every, first=first, fresh=state.fresh.plus(rollouts))
+            leaps = state.leaps + Leaps.of(rollouts.scores[~rollouts.error])
+            state = replace(
+                state, every=rollouts.every, first=first, fresh=state.fresh.plus(rollouts), leaps=leaps
+            )
         saved = state.saved + state.pending.steps(state.plan.steps, state.every) - rollouts.simulated_steps
         state = replace(state, tally=state.tally.plus(rollouts), stage=state.stage + 1, saved=saved)
         state, survivors = self._advance_level(state)

@@ -15,6 +15,7 @@ from avrare.base import batch
 from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Rollouts
+from avrare_estimators.ams.leaps import Leaps
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.in_turn import take_in_turn
 from avrare_estimators.looks import Looks, Pilot
@@ -298,6 +299,7 @@ class AmsState:
         pilot: What the pilot has found, if there was one.
         ended: Runs before these, which come in batches that fit into memory.
         saved: Steps of rollouts that ended early.
+        leaps: First rollouts that came to a high level in a single step.
     """
 
     plan: Plan
@@ -322,6 +324,7 @@ class AmsState:
     pilot: Pilot | None = None
     ended: EndedRuns | None = None
     saved: int = 0
+    leaps: Leaps = field(default_factory=Leaps)
 
     @staticmethod
     def begin(plan: Plan, runs: int, particles: int, **fields: Any) -> AmsState:
@@ -341,7 +344,7 @@ class AmsState:
         return AmsState.begin(
             self.plan, runs, self.particles, first=self.first, fresh=self.fresh, tally=self.tally,
             first_run=ended.runs, growth=self.growth, looks=self.looks, pilot=self.pilot, ended=ended,
-            saved=self.saved,
+            saved=self.saved, leaps=self.leaps,
         )  # fmt: skip
 
     @property

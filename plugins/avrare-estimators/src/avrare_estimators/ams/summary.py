@@ -43,6 +43,8 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
+    if any(ended.levels) and state.leaps.most:
+        warnings |= health.warn("leaps", share=state.leaps.share)
     variance = _variances(ended, values)
     relative = relative_variance(values, variance, state.particles)
     interval_at = looks.interval(ended.runs, _interval(ended, values, state.fresh, relative))
