@@ -15,7 +15,8 @@ from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result, Worst
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax.nodes import bounded_span
-from avrare.protocols import Floats, find_notes
+from avrare.protocols import Floats, find_ability, find_notes
+from avrare.protocols.abilities import WeighsRollouts
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
@@ -91,8 +92,8 @@ def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
 
 
 def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
-    if result.rollouts < _LOOK_SHARE * probe_cost(problem):
-        return {}
+    if result.rollouts < _LOOK_SHARE * probe_cost(problem) or find_ability(problem.system, WeighsRollouts):
+        return {}  # rollouts with weights are of another law than the one that is meant
     upper = result.interval[1]
     found = probe_outliers(problem, column, upper, seed, result.confidence)
     if found is None:
