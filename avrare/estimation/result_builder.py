@@ -92,7 +92,7 @@ def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
 
 
 def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
-    if result.rollouts < _LOOK_SHARE * probe_cost(problem) or find_ability(problem.system, WeighsRollouts):
+    if result.rollouts < _LOOK_SHARE * probe_cost(problem) or _weighs(problem):
         return {}  # rollouts with weights are of another law than the one that is meant
     upper = result.interval[1]
     found = probe_outliers(problem, column, upper, seed, result.confidence)
@@ -100,6 +100,10 @@ def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[
         return {}
     when = "at the start" if found.at_start else "at a later step"
     return health.warn("outliers", noise=found.noise, when=when, low=found.low, upper=upper)
+
+
+def _weighs(problem: Problem) -> bool:
+    return find_ability(problem.system, WeighsRollouts) is not None
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:
