@@ -166,7 +166,7 @@ def pictures(folder: Path) -> None:
 
 
 def flights(start: Flights, actuator: Flights, picture: Path) -> None:
-    """Simulate all the way, and the last metre for both kinds of noise."""
+    """Draw all the way, and the last metre for both kinds of noise."""
     figure, (whole, *near) = _figure(12.0, 3.4, 3, widths=(2.2, 1.0, 1.0))
     path = nominal().states
     whole.plot(path[:, 0], path[:, 1], color=_BLUE, lw=1.6)

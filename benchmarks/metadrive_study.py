@@ -43,7 +43,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def danger(usual: Any) -> Any:
-    """Score that splitting orders by: -1 at full speed without delay, 0 at a failure.
+    """Return the score that splitting orders by: -1 at full speed without delay, 0 at a failure.
 
     How slow the last five samples are, or how far the reward lags behind ``usual`` (T + 1,), that of a run
     whose noise is at its median. A lag shows early; what lacks at the end would leave nothing to branch.
@@ -102,13 +102,13 @@ def cost(steps: int = 150) -> None:
 
 
 def _options() -> dict[str, dict[str, Any]]:
-    """Options of a part, and the fingerprint of the scenario that it is of."""
+    """Return the options of a part, and the fingerprint of the scenario that it is of."""
     mark = fingerprint(avrare.load(SCENARIO).definition)
     return {name: chosen | {metadrive_parts.SCENARIO: mark} for name, chosen in OPTIONS.items()}
 
 
 def _config() -> MetaDriveConfig:
-    """Options of the scenario's simulator."""
+    """Return the options of the scenario's simulator."""
     config: Any = avrare.load(SCENARIO).definition.blocks["simulator"].config
     return config
 

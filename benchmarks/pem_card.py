@@ -78,7 +78,7 @@ def straight_ahead(model: str) -> None:
 
 
 def timing(model: str) -> None:
-    """Return least time of many repeats, visibility apart."""
+    """Print the least time of many repeats, visibility apart."""
     rng = np.random.default_rng(0)
     shape = (WORLDS, VEHICLES)
     world, scene = _worlds(rng.uniform(5, 60, shape), rng.uniform(-10, 10, shape)), _scene(VEHICLES)
