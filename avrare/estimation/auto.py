@@ -41,7 +41,8 @@ only rows of stages that come later."""
 _STAGES = 20
 """Most stages of learning: a small pilot climbs slowly. They take at most half of the rollouts anyway."""
 _CHECK = 0.3
-"""Share of the learned estimator's cross-check: its samples are small, and with less it often falls short."""
+"""Share of the learned estimator's cross-check where no error is asked for that would say what it takes: its
+samples are small, and with less it often falls short."""
 _TRIAL = 2000
 """Most rollouts of a trial."""
 _BY_STEPS = ("smc", "ams")
@@ -216,11 +217,9 @@ class _Work:
         options: dict[str, Any] = {
             "pilot": max(200, self.aim.pilot),
             "stages": _STAGES,
-            "check": _CHECK,
             "fall_back": False,
         }
-        if self.aim.goal is not None:
-            options |= {"relative_error": self.aim.goal}
+        options |= {"check": _CHECK} if self.aim.goal is None else {"relative_error": self.aim.goal}
         try:
             estimator = self._build("is", options)
             if estimator is None:

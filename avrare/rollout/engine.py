@@ -197,8 +197,7 @@ class _Simulation:
         if self.reporting is not None:
             faulty |= _check_rows("faults(state)", np.asarray(self.reporting.faults(state)), n).astype(bool)
         for values in signals.values():
-            if values.dtype.kind == "f":
-                faulty |= np.isnan(values).reshape(n, -1).any(axis=1)
+            faulty |= _is_nan(values)
         return state, signals, faulty
 
     def _guard(
@@ -217,7 +216,7 @@ class _Simulation:
         alive = ~sample[2]
         if alive.all():
             return sample, alive
-        self.messages.append("NaN signal or fault reported by the system")
+        self.messages.append(_describe_fault(sample[1], ~alive))
         return (batch.take(sample, alive) if alive.any() else None), alive
 
     def _bisect(
@@ -342,6 +341,20 @@ def _restore_carries(
             carry = batch.concatenate([merged[t], carry])
         merged[t] = batch.take(carry, np.argsort(who))
     return replace(request, carries=tuple(sorted(merged.items(), key=lambda pair: pair[0])))
+
+
+def _is_nan(values: Floats) -> Bools:
+    """Return the rows (N,) with a number that is NaN."""
+    if values.dtype.kind != "f":
+        return np.zeros(len(values), dtype=bool)
+    return np.asarray(np.isnan(values).reshape(len(values), -1).any(axis=1))
+
+
+def _describe_fault(signals: Mapping[str, Any], rows: Bools) -> str:
+    broken = [name for name, values in signals.items() if _is_nan(values[rows]).any()]
+    if not broken:
+        return "fault reported by the system"
+    return f"NaN in {'signal' if len(broken) == 1 else 'signals'} {', '.join(broken)}"[:200]
 
 
 def _check_signals(signals: Signals, n: int) -> dict[str, Any]:
