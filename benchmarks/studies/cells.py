@@ -59,8 +59,9 @@ class Block:
         """Run it."""
         problem = reference_problem(self.problem).problem(chunk=SLOTS_OF_SINGLE)
         result = avrare.estimate(
-            problem, "ams", particles=self.particles, discard=self.discard, runs=self.runs, seed=self.seed
-        )
+            problem, "ams", particles=self.particles, discard=self.discard, runs=self.runs, seed=self.seed,
+            grow=False,
+        )  # fmt: skip
         return {
             "values": result.run_probabilities,
             "steps": result.simulated_steps,
