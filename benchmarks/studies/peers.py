@@ -63,7 +63,7 @@ def splitting(name: str, seed: int) -> tuple[float, float]:
     reference = reference_problem(name)
     particles = PARTICLES[name]
     result = avrare.estimate(
-        reference.problem(), "ams", particles=particles, discard=particles // 10, seed=seed
+        reference.problem(), "ams", particles=particles, discard=particles // 10, seed=seed, grow=False
     )
     return result.probability, result.simulated_steps / reference.steps
 
@@ -74,7 +74,7 @@ def single_runs(name: str, seed: int) -> dict[str, Any]:
     particles = 10 * PARTICLES[name]
     result = avrare.estimate(
         reference.problem(chunk=50_000), "ams", particles=particles, discard=particles // 10, runs=BLOCK,
-        seed=10_000 + seed,
+        seed=10_000 + seed, grow=False,
     )  # fmt: skip
     cost = result.simulated_steps / reference.steps / BLOCK
     return {"values": np.asarray(result.run_probabilities), "costs": np.full(BLOCK, cost)}
