@@ -1,5 +1,8 @@
 """Networks at run time: what they compute, row by row, and their file."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 
@@ -226,3 +229,26 @@ def test_yaw_law_integrates_to_one():
     assert np.trapezoid(density, error) == pytest.approx(1.0, abs=1e-4)
     flips = np.trapezoid(np.where(np.abs(error) > np.pi / 2, density, 0.0), error)
     assert flips == pytest.approx(1 / (1 + np.exp(1.4)), abs=1e-4)
+
+
+IN_A_PROCESS = """
+import numpy as np
+from avrare_gp_pem.runtime.networks import networks
+rng = np.random.default_rng(0)
+sizes = ((29, 32), (32, 32), (32, 5))
+weights = tuple(rng.normal(0, 0.5, (5, *size)) for size in sizes)
+model = networks(weights, tuple(rng.normal(0, 0.3, (5, width)) for _, width in sizes))
+x = rng.normal(size=(50, 29))
+whole = model.predict(x)[0]
+assert all((model.predict(x[k:])[0] == whole[k:]).all() for k in range(50))
+"""
+
+
+@pytest.mark.parametrize("kernel", ["Haswell", "Nehalem"])
+def test_rows_are_the_same_with_other_kernels_of_openblas(kernel):
+    """The kernel for AVX2 sums the rows of its tiles in two orders; most machines have another one."""
+    environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_PROCESS], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr

@@ -253,7 +253,7 @@ def test_the_table_says_between_which_values(tmp_path):
 
 def test_a_parameter_that_may_not_move_is_refused(tmp_path):
     path = tmp_path / "tank.yaml"
-    path.write_text(TANK.format(start=1e-9, rim=1e-9, limit=0.3))
+    path.write_text(TANK.format(start=1e-9, rim=0.02, limit=0.015))
     with pytest.raises(UsageError, match="permits no value beside it") as caught:
         avrare.sensitivity(path, ["simulator.start"], rollouts=20, step=1e9)
     assert "above the rim" in caught.value.hint

@@ -19,7 +19,7 @@ from avrare_gp_pem.runtime.blocks import evaluate_in_blocks, pad_columns
 Singles = NDArray[np.float32]
 
 _TILE, _SINGLE_TILE = 64, 8
-_TOGETHER = 8
+_TOGETHER = 48
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from avrare_gp_pem.runtime.blocks import evaluate_in_blocks
 Singles = NDArray[np.float32]
 
 _TILE = 16
-_TOGETHER = 4
+_TOGETHER = 24
 
 
 @dataclass(frozen=True)
