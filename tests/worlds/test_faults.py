@@ -37,7 +37,7 @@ def test_rows_break_down_independently():
     ("name", "message"),
     [
         ("Raising", "ValueError: too large"), ("Exiting", "RuntimeError: the world exits: 3"),
-        ("Missing", "NaN signal"), ("Hanging", "StepTimeout: the step did not end within 0.2 s"),
+        ("Missing", "NaN in signal"), ("Hanging", "StepTimeout: the step did not end within 0.2 s"),
     ],
 )  # fmt: skip
 def test_rollouts_that_break_down_are_counted(toys, name, message, workers):
