@@ -232,9 +232,9 @@ def page(results: Path) -> str:
         "The goals: CW at most 0.1 % over all and 1 % on any problem; unwarned results cover in at least",
         "93 %; at most 10 % are warned of where the unwarned ones are right. Below are the problems with",
         f"{LEAST_RESULTS} results and more that miss them. A warning of `ce` is right where four",
-        "Gaussians do not describe the failures (an outlier in any step, hidden regimes, Boolean signals): it",
-        "then prints the wide interval. So is `flat_part` wherever a part shows nothing before it fails. Runs",
-        "of `ams` and `ess` scatter where a mode rises late: they are warned of, though their intervals cover.",
+        "Gaussians do not describe the failures (an outlier in any step, hidden regimes, Boolean signals):",
+        "it then prints the wide interval. So is `flat_part` wherever a part shows nothing before it fails.",
+        "Runs of `ams` and `ess` scatter where a mode rises late: they are warned of, though they cover.",
         "",
         "| estimator | results | CW over all | CW | unwarned cover in less than 93 % "
         "| warned of in more than 10 % |",
