@@ -38,10 +38,10 @@ def test_a_high_start_is_no_leap():
 
 
 def test_few_rows_are_not_judged():
-    assert not Leaps(15, 19).most
-    assert Leaps(15, 20).most
-    assert (Leaps(15, 19) + Leaps(0, 1)).most
-    assert not (Leaps(15, 20) + Leaps(0, 40)).most
+    assert not Leaps(15, 19).too_many
+    assert Leaps(15, 20).too_many
+    assert (Leaps(15, 19) + Leaps(0, 1)).too_many
+    assert not (Leaps(15, 20) + Leaps(0, 40)).too_many
 
 
 def test_none_where_every_rollout_breaks_down():

@@ -52,6 +52,6 @@ class Leaps:
         return self.count / max(self.rows, 1)
 
     @property
-    def most(self) -> bool:
-        """Answer to the question if there are too many."""
+    def too_many(self) -> bool:
+        """True if splitting cannot climb to a large part of the high level."""
         return self.rows >= _LEAST and self.share > _MOST_SHARE

@@ -43,7 +43,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
-    if any(ended.levels) and state.leaps.most:
+    if any(ended.levels) and state.leaps.too_many:
         warnings |= health.warn("leaps", share=state.leaps.share)
     variance = _variances(ended, values)
     relative = relative_variance(values, variance, state.particles)

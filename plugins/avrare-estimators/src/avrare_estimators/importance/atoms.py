@@ -94,7 +94,7 @@ class Atoms:
         """Return log g/p from x and n of each atom, arrays whose last axis is A."""
         spread, m = self.scale * self.scale - 1.0, self.shift
         grown = 1.0 + spread * length
-        # The square of x first, as its arrays are the large ones.
+        # In place: the arrays of x are the large ones.
         logs = along * (0.5 * spread / grown)
         logs += m / grown
         logs *= along
