@@ -18,6 +18,7 @@ from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
+from avrare.cli import check_catalogue
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import UNFINISHED, print_warnings, refuse_overwrite, say, write_file, write_files
 from avrare.estimation.budget import Budget
@@ -35,7 +36,9 @@ _PILOT_ROLLOUTS = 200
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Check the scenarios together, report, and return the exit code of the verdict."""
+    """Check the scenarios together, or a catalogue; report, and return the exit code of the verdict."""
+    if any(map(check_catalogue.is_catalogue, args.scenarios)):
+        return check_catalogue.execute(args)
     budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
     if budget and spend:
         raise UsageError("--budget cannot be combined with --spend", "remove one of them")
@@ -60,7 +63,7 @@ def execute(args: argparse.Namespace) -> int:
             saved.remove()
     if is_github_job():
         write_summary(outcome)
-        for line in annotate_rows(outcome, subjects):
+        for line in annotate_rows(outcome, {one.name: one.definition.path for one in subjects}):
             print(line, file=sys.stderr if args.json else sys.stdout)
     if args.json:
         print(json.dumps(outcome.to_dict(subjects)))

@@ -102,6 +102,7 @@ OPTIONS: dict[str, Options] = {
     },
     "check": {
         **_SCENARIOS,
+        "scenarios SCENARIO": ("scenario file, or one catalogue with thresholds", {"nargs": "+"}),
         **_RUN,
         "--spend KIND=N": "maximal budget, spent in up to four interim looks until every verdict is decided",
         "baselines": {

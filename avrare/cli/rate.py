@@ -33,7 +33,12 @@ _BUDGET = "budget.json"
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run the pilot, divide the budget, run the scenes, report, and return the exit code of the verdict."""
+    """Estimate the rates of the catalogue, and return the exit code of the verdict."""
+    return int(estimate(args).exit_code)
+
+
+def estimate(args: argparse.Namespace) -> CatalogueRates:
+    """Run the pilot, divide the budget, run the scenes, and report; ``args`` as of ``avrare rate``."""
     catalogue = load_catalogue(args.catalogue)
     budget = catalogue.budget(Budget.parse(args.budget))
     out = _out_folder(args, catalogue)
@@ -51,7 +56,7 @@ def execute(args: argparse.Namespace) -> int:
         print_rates(make_console(display(args)), rates, quiet=display(args) == "quiet")
         folders = "scenes and own" if any(catalogue.own) else "scenes"
         say(f"results in {out}: rate.json, report.html, a run folder of each scene in {folders}")
-    return int(rates.exit_code)
+    return rates
 
 
 def _resume_command(args: argparse.Namespace, out: Path) -> str:

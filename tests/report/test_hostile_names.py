@@ -244,10 +244,8 @@ def test_markdown(name, problem, estimate):
 
 def test_github_annotations(name, estimate):
     """Write each in one line, and none as another command of a workflow."""
-    target = SimpleNamespace(
-        name=name, definition=SimpleNamespace(path=name.replace("\0", "").replace("\ud800", ""))
-    )
-    lines = github_output.annotate_rows(check_of(name, estimate), [target])
+    path = name.replace("\0", "").replace("\ud800", "")
+    lines = github_output.annotate_rows(check_of(name, estimate), {name: path})
     assert [line.split()[0] for line in lines] == ["::error", "::warning"]
     assert not OBEYED.search("".join(lines))
     assert not re.search("[\n\r]", "".join(lines))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
-from avrare.analysis.check.targets import CheckTarget
 from avrare.base.errors import AvrareError
 from avrare.base.visible_text import spell_controls
 from avrare.report.documents.check_documents import format_numbers, markdown
@@ -23,14 +22,14 @@ def is_github_job(environment: Mapping[str, str] = os.environ) -> bool:
     return environment.get("GITHUB_ACTIONS") == "true"
 
 
-def annotate_rows(outcome: CheckResult, targets: Sequence[CheckTarget]) -> list[str]:
-    """Return a workflow command for each row that fails (error) or is inconclusive (warning)."""
-    by_name = {target.name: target for target in targets}
-    return [
-        _annotation(one, by_name[one.scenario].definition.path)
-        for one in outcome.decisions
-        if one.verdict in _LEVELS
-    ]
+def annotate_rows(outcome: CheckResult, paths: Mapping[str, str]) -> list[str]:
+    """Return a workflow command for each row that fails (error) or is inconclusive (warning).
+
+    Args:
+        outcome: The check.
+        paths: File of each scenario or catalogue, by its name.
+    """
+    return [_annotation(one, paths[one.scenario]) for one in outcome.decisions if one.verdict in _LEVELS]
 
 
 def write_summary(outcome: CheckResult, environment: Mapping[str, str] = os.environ) -> None:
@@ -44,8 +43,8 @@ def write_summary(outcome: CheckResult, environment: Mapping[str, str] = os.envi
 def _annotation(decision: Decision, path: str) -> str:
     numbers = format_numbers(decision)
     title = f"{decision.scenario} {decision.specification} {decision.question}: {decision.verdict}"
-    lines = [f"{numbers['probability']} ({numbers['interval']})", decision.reason, decision.next_step]
-    text = _escape("\n".join(line for line in lines if line))
+    found = f"{numbers['probability']} ({numbers['interval']})" if decision.interval else ""
+    text = _escape("\n".join(filter(None, [found, decision.reason, decision.next_step])))
     place = f"file={_escape_property(path)},line={_find_line(path, decision)}"
     return f"::{_LEVELS[decision.verdict]} {place},title={_escape_property(title)}::{text}"
 
@@ -58,7 +57,7 @@ def _find_line(path: str, decision: Decision) -> int:
         return 1
     thresholds = top.child("thresholds")
     for item in thresholds.items if thresholds is not None and decision.kind == "threshold" else ():
-        name = item.child("specification")
+        name = item.child("specification") or item.child("rule")
         if name is not None and name.value == decision.specification:
             return item.mark.line
     specifications = top.child("specifications") or Node({}, top.mark)

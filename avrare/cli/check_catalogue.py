@@ -1,0 +1,92 @@
+"""``avrare check`` of a catalogue: the thresholds of its rates."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from avrare.analysis.check.criteria import Decision
+from avrare.analysis.check.gate import CheckResult
+from avrare.analysis.rates.catalogue import Catalogue, load_catalogue
+from avrare.analysis.rates.rates import CatalogueRates
+from avrare.base.errors import AvrareError, UsageError
+from avrare.base.number_format import format_interval, format_probability
+from avrare.base.stored_files import open_regular
+from avrare.cli import rate
+from avrare.cli.output import write_file
+from avrare.report.documents.check_documents import junit, markdown
+from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
+from avrare.scenario.yaml import MAX_BYTES, parse
+
+_OF_SCENARIOS = (
+    "set", "estimator", "seed", "spend", "baseline", "save", "require_baseline", "accept_changes", "plan",
+)  # fmt: skip
+"""Options that a catalogue has no use for, or has keys of its own for."""
+
+
+def is_catalogue(path: str) -> bool:
+    """Return whether a file lists scenes and is no scenario itself; one that cannot be read is none."""
+    try:
+        with open_regular(path) as file:
+            top = parse(file.read(MAX_BYTES), path)
+    except (AvrareError, OSError, ValueError):
+        return False
+    return top.child("scenes") is not None and top.child("simulator") is None
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Estimate the rates of the catalogue, report their verdicts, and return the exit code."""
+    catalogue = _thresholds(args)
+    resumed = args.resume is not None and Path(args.resume).is_dir()
+    rates = rate.estimate(
+        argparse.Namespace(
+            **{name: getattr(args, name) for name in ("workers", "executor", "budget", "json")},
+            **{name: getattr(args, name) for name in ("quiet", "plain")},
+            catalogue=catalogue.path,
+            resume=args.resume if resumed else None,
+            out=args.out if resumed else args.resume or args.out,
+        )
+    )
+    outcome = _outcome(rates)
+    for name, text in ((args.junit, junit), (args.markdown, markdown)):
+        if name is not None:
+            write_file(name, text(outcome), "choose another file")
+    if is_github_job():
+        write_summary(outcome)
+        paths = {catalogue.document.name: catalogue.path}
+        for line in annotate_rows(outcome, paths):
+            print(line, file=sys.stderr if args.json else sys.stdout)
+    return int(rates.exit_code)
+
+
+def _thresholds(args: argparse.Namespace) -> Catalogue:
+    path = next(filter(is_catalogue, args.scenarios))
+    if len(args.scenarios) > 1:
+        raise UsageError(f"{path}: is a catalogue, which is checked alone", "run avrare check for each")
+    for name in _OF_SCENARIOS:
+        if getattr(args, name) not in (None, False, []):
+            option = "--" + name.replace("_", "-")
+            hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
+            raise UsageError(f"{option} is an option of scenarios, and {path} is a catalogue", hint)
+    if args.out and args.resume and Path(args.out).resolve() != Path(args.resume).resolve():
+        raise UsageError("--out cannot be combined with --resume", "results go to the check's folder")
+    catalogue = load_catalogue(path)
+    if not catalogue.document.thresholds:
+        hint = "add one, such as {rule: no_collision, per_hour: '< 1e-3'}, or run avrare rate"
+        raise UsageError(f"{path}: has no thresholds to check", hint)
+    return catalogue
+
+
+def _outcome(rates: CatalogueRates) -> CheckResult:
+    # The rows of a check; what it calls a probability is none here, so the rate stands in the reason.
+    name, rows = rates.catalogue.document.name, []
+    broken = f"more rollouts ended in an error than allowed: {', '.join(rates.errors)}"
+    for one in rates.rates:
+        for found in one.decisions:
+            total = one.totals[found.threshold.unit]
+            numbers = f"{format_probability(total.value)} ({format_interval(total.interval)})"
+            parts = [f"{numbers} per {found.threshold.unit}", *found.reasons, *[broken] * bool(rates.errors)]
+            question = found.threshold.text
+            rows.append(Decision(name, one.rule, "threshold", question, found.verdict, "; ".join(parts)))
+    return CheckResult(tuple(rows), {name: ()})
