@@ -66,6 +66,13 @@ class HasLimits(Protocol):
     lacks: Mapping[str, str]
 
 
+class LimitsSteps(Protocol):
+    """System or simulator that goes on for so many steps only, such as one that repeats a recording."""
+
+    def check_steps(self, steps: int) -> None:
+        """Raise the ``UsageError`` of a rollout that has too many steps."""
+
+
 class HasScene(Protocol):
     """Driving simulator; its road, sizes and names do not change during a rollout."""
 
@@ -220,6 +227,13 @@ def find_simulator(system: object) -> object:
     """Return the simulator that a system is built around, or the system itself."""
     loop = find_ability(system, HasSimulator)
     return loop.simulator if loop is not None else system
+
+
+def check_steps(system: object, steps: int) -> None:
+    """Raise the ``UsageError`` of a system, or of its simulator, that does not go on for so many steps."""
+    limited = find_ability(find_simulator(system), LimitsSteps)
+    if limited is not None:
+        limited.check_steps(steps)
 
 
 def find_notes(system: object) -> Mapping[str, str]:

@@ -11,7 +11,15 @@ import numpy as np
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.late_import import late_import
 from avrare.logic.formula import Formula, FormulaMonitor, find_formula
-from avrare.protocols import Floats, HasMargin, SelectsSamples, Specification, System, find_ability
+from avrare.protocols import (
+    Floats,
+    HasMargin,
+    SelectsSamples,
+    Specification,
+    System,
+    check_steps,
+    find_ability,
+)
 from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
@@ -28,6 +36,7 @@ from avrare.rollout.scores.scored_specifications import (
 )
 from avrare.rollout.scores.term_sizes import ScaledMonitor, Select, Sizes, measure_terms, record
 from avrare.rollout.twin import Twin, check_twin
+from avrare.stack.noise_names import check_noise
 
 SCORES = ("robustness", "margin", "progress")
 
@@ -74,6 +83,8 @@ class Problem:
                 "a system has noise_size, initial(noise), step(state, noise) and signals(state)",
             )
         _check_integer(f"{type(system).__name__}.noise_size", system.noise_size, 0)
+        check_noise(system)
+        check_steps(system, steps)
         if not (score is None or isinstance(score, Formula) or callable(score) or score in SCORES):
             raise UsageError(f"unknown score {score!r}", did_you_mean(str(score), SCORES))
         self.system = system

@@ -19,6 +19,7 @@ from avrare.protocols import (
     ExplainsViolation,
     HasMargin,
     Specification,
+    check_steps,
     find_ability,
     find_judged_scene,
     find_scene,
@@ -30,6 +31,7 @@ from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.drawn_start import DrawnStart, TakesDraws
+from avrare.stack.noise_names import check_noise
 from avrare.stack.unlabelled import check_labels, scene_of_tracks
 
 
@@ -57,6 +59,9 @@ def build_stack(scenario: Scenario) -> Stack:
         )
     with _located(scenario, "simulator"):
         simulator = _build_simulator(scenario.simulator)
+        check_noise(simulator)
+    with _located(scenario, "steps"):
+        check_steps(simulator, scenario.steps)
     scene = find_scene(simulator)
     perception, tracker, controller = _build_parts(scenario, scene)
     specifications, judged = {}, find_judged_scene(simulator)
@@ -75,6 +80,8 @@ def _build_parts(scenario: Scenario, scene: Scene | None) -> tuple[Any, Any, Any
         block = getattr(scenario, kind)
         with _located(scenario, kind):
             parts[kind] = build_block(block, known) if block is not None else None
+            if kind == "perception" and block is not None:
+                check_noise(parts[kind])
             if kind == "tracker":
                 check_labels(parts["perception"], parts[kind])
                 known = scene_of_tracks(parts[kind], scene)

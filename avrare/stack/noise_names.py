@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,7 +34,11 @@ def find_noise_names(part: Any, label: str = "noise") -> tuple[str, ...]:
     named = find_ability(part, NamesNoise)
     if named is None:
         return tuple(f"{label} {channel}" for channel in range(part.noise_size))
-    names = tuple(map(str, named.noise_names))
+    given = named.noise_names
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        text = f"{type(part).__name__} has noise_names {given!r}, which is no list of names"
+        raise UsageError(text, "give one name for each noise number, or leave noise_names out")
+    names = tuple(map(str, given))
     if len(names) != part.noise_size:
         raise UsageError(
             f"{type(part).__name__} has {len(names)} noise_names, but noise_size is {part.noise_size}",
@@ -65,10 +69,19 @@ def find_perfect_noise(part: Any) -> NDArray[np.float64]:
     perfect = find_ability(part, HasPerfectNoise)
     if perfect is None:
         return np.zeros(part.noise_size)
-    numbers = np.asarray(perfect.perfect_noise, dtype=np.float64)
+    name, hint = type(part).__name__, "give one number for each noise number, or leave perfect_noise out"
+    try:
+        numbers = np.asarray(perfect.perfect_noise, dtype=np.float64)
+    except (TypeError, ValueError):
+        text = f"{name} has perfect_noise {perfect.perfect_noise!r}, which are no numbers"
+        raise UsageError(text, hint) from None
     if numbers.shape != (part.noise_size,):
-        raise UsageError(
-            f"{type(part).__name__} has {numbers.shape} perfect_noise, but noise_size is {part.noise_size}",
-            "give one number for each noise number, or leave perfect_noise out",
-        )
+        text = f"{name} has {numbers.size} perfect_noise, but noise_size is {part.noise_size}"
+        raise UsageError(text, hint)
     return numbers
+
+
+def check_noise(part: Any) -> None:
+    """Raise the ``UsageError`` of a part whose declared names or perfect values do not fit its noise."""
+    find_noise_names(part)
+    find_perfect_noise(part)

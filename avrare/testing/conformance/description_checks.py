@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 
 from avrare import protocols
 from avrare.plugin.component import GROUP
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.noise_names import check_noise
 from avrare.testing.conformance.suite import Subject
 
 HEAVY = (
@@ -112,7 +112,7 @@ def factory_builds(subject: Subject) -> None:
     if "noise_size" in members:
         assert isinstance(part.noise_size, int), f"noise_size is {part.noise_size!r}, not an integer"
         assert part.noise_size >= 0, f"noise_size is {part.noise_size}"
-        find_noise_names(part)
+        check_noise(part)
     if "dt" in members:
         assert part.dt > 0.0, f"dt is {part.dt!r}; it must be more than 0 s"
 

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from avrare import Problem, stl
 from avrare.base.errors import UsageError
+from avrare.cli.main import main
 from avrare.driving import Action, Lane, Road
 from avrare.driving.lanes import ENDLESS
 from avrare.results.recordings.commonroad import open_commonroad
+from avrare.stack.closed_loop import ClosedLoop
 from avrare_single_track.config import OpenScenarioConfig, RecordedConfig
 from avrare_single_track.driver_model import idm
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
@@ -53,6 +56,26 @@ def test_it_drives_until_the_recording_ends(write):
         world = sim.step(world, Action(np.zeros(2), np.zeros(2)), np.zeros((2, 0)))
         assert sim.faults(world).any() == (step > 39)
     assert set(sim.signals(world)) >= {"ego_x", "others_x", "gap"}
+
+
+@pytest.mark.parametrize("command", [["validate", "--build"], ["run"]])
+def test_steps_beyond_the_recording_are_refused_with_its_end(write, command, tmp_path, monkeypatch, capsys):
+    path = write("bend")
+    simulator = f"{{plugin: commonroad, file: {path.name}, without: [1]}}"
+    (tmp_path / "scene.yaml").write_text(
+        f"name: scene\nsteps: 40\nsimulator: {simulator}\n"
+        'specifications: {clear: {stl: "always (gap > 2.0)"}}\n'
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "scene.yaml"]) == 4
+    error = capsys.readouterr().err
+    assert "scene.yaml: steps: " in error
+    assert "bend.xml: the recording ends 3.9 s after the start, at step 39, but a rollout has 40" in error
+    assert "hint: set `steps: 39`, or fewer" in error
+    sim = RecordedScene(RecordedConfig(file=path, without=(1,)))
+    Problem(ClosedLoop(sim), stl("always (gap > 2.0)"), 39)
+    with pytest.raises(UsageError, match="at step 39"):
+        Problem(ClosedLoop(sim), stl("always (gap > 2.0)"), 40)
 
 
 def test_mistakes(write):

@@ -7,7 +7,15 @@ from typing import Any
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.registry import default_registry
-from avrare.protocols import Floats, HasScene, ReportsFaults, Signals, Simulator, forward_abilities
+from avrare.protocols import (
+    Floats,
+    HasScene,
+    LimitsSteps,
+    ReportsFaults,
+    Signals,
+    Simulator,
+    forward_abilities,
+)
 from avrare.scenario.validation import check_options
 from avrare_flows import compound, marginals
 from avrare_flows.config import LawConfig, TransformedConfig
@@ -68,7 +76,7 @@ class TransformedSimulator:
         self.simulator, self.law, self.first = simulator, law, first
         self.dt, self.noise_size = simulator.dt, simulator.noise_size
         self.notes = notes_of(law, first)
-        forward_abilities(self, simulator, HasScene, ReportsFaults)
+        forward_abilities(self, simulator, HasScene, LimitsSteps, ReportsFaults)
 
     def reset(self, noise: Floats) -> Any:
         """Return the world at t = 0."""

@@ -5,7 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from avrare.base.errors import UsageError
-from avrare.protocols import CountsEvents, Floats, ReportsFaults, Signals, System, forward_abilities
+from avrare.protocols import (
+    CountsEvents,
+    Floats,
+    LimitsSteps,
+    ReportsFaults,
+    Signals,
+    System,
+    forward_abilities,
+)
 from avrare_flows.laws import Law
 
 
@@ -24,7 +32,7 @@ class TransformedSystem:
         self.system, self.law, self.first = system, law, first
         self.noise_size = system.noise_size
         self.notes = notes_of(law, first)
-        forward_abilities(self, system, ReportsFaults, CountsEvents)
+        forward_abilities(self, system, ReportsFaults, CountsEvents, LimitsSteps)
 
     def initial(self, noise: Floats) -> Any:
         """Return the state at t = 0 from standard normal rows (N, noise_size)."""

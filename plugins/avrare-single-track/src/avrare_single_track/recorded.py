@@ -47,7 +47,7 @@ class RecordedScene(SingleTrack):
     """Single-track ego among obstacles that repeat what was recorded, whatever the ego does."""
 
     def __init__(self, config: RecordedConfig) -> None:
-        path = str(config.file)
+        self._path = path = str(config.file)
         drives, start = open_problem(path, config.problem)
         guide = drives.lead(start, config.route)
         road, angle = drives.find_road(guide)
@@ -125,6 +125,15 @@ class RecordedScene(SingleTrack):
         """Return the signals of ``single_track``, and the colours ``light_k`` (N,) of lights on the way."""
         step = np.minimum(world.step, self.last)
         return {**super().signals(world), **{name: colours[step] for name, colours in self.lights.items()}}
+
+    def check_steps(self, steps: int) -> None:
+        """Raise the ``UsageError`` of a rollout that is longer than the recording."""
+        if steps > self.last:
+            raise UsageError(
+                f"{self._path}: the recording ends {self.last * self.dt:g} s after the start, at step "
+                f"{self.last}, but a rollout has {steps} steps",
+                f"set `steps: {self.last}`, or fewer",
+            )
 
     def faults(self, world: World) -> Bools:
         """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""

@@ -139,7 +139,7 @@ class SingleTrack:
             UsageError: There is no controller.
         """
         if action is None:
-            raise UsageError("single_track needs a controller", "add a `controller:` block to the scenario")
+            raise UsageError("the ego needs a controller", "add a `controller:` block to the scenario")
         road = self.scene.road
         ego, steering, slips = advance(
             self.config.ego, self.dt, to_plane(road, world.ego), world.steering, action, world.friction
