@@ -143,7 +143,7 @@ def estimate(name: str, seed: int, estimator: str, options: dict[str, Any]) -> d
         "case": name, "seed": seed, "estimator": estimator, "options": options, "truth": truth,
         "chosen": result.estimator, "probability": result.probability, "interval": list(result.interval),
         "relative_error": result.relative_error, "rollouts": cost, "health": list(result.health),
-        "pilot": result.diagnostics.get("pilot_rollouts", 0) + tried,
+        "pilot": sum(result.diagnostics.get(f"{name}_rollouts", 0) for name in ("pilot", "learning")) + tried,
         "seconds": time.process_time() - began,
     }  # fmt: skip
 

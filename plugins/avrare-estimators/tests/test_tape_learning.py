@@ -72,7 +72,7 @@ def test_an_outlier_is_found_and_told(one_outlier):
     assert " s, in " in told[0]["text"]
     assert told[0]["share"] > 0.5
     spent = one_outlier.diagnostics
-    assert one_outlier.rollouts == spent["pilot_rollouts"] + sum(spent["rows"]) + spent["check_rollouts"]
+    assert one_outlier.rollouts == spent["learning_rollouts"] + sum(spent["rows"]) + spent["check_rollouts"]
     # Monte Carlo would have needed (1 - p) / p over the squared relative error.
     assert one_outlier.relative_error**2 * one_outlier.rollouts < 0.2 / exact
 
@@ -81,7 +81,7 @@ def test_the_file_saves_the_pilot(one_outlier, tmp_path):
     path = tmp_path / "learned.json"
     path.write_text(json.dumps({"specification": one_outlier.artifacts["learned.json"]}))
     again = estimate(outliers("always (first < 4)"), seed=1, learned=str(path), rollouts=3000)
-    assert again.diagnostics["pilot_rollouts"] == 0
+    assert again.diagnostics["learning_rollouts"] == 0
     assert again.diagnostics["proposal"] == one_outlier.diagnostics["proposal"]
     assert again.interval[0] <= peak(4.0) <= again.interval[1]
     assert again.relative_error < 0.15

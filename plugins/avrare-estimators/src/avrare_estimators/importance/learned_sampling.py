@@ -108,7 +108,7 @@ class LearnedSampling(WeightedSampler):
         result = super().estimate(state)[0]
         samples = [run.sample for run in state.finished]
         told = {
-            "pilot_rollouts": sum(stage["rollouts"] for run in state.finished for stage in run.stages),
+            "learning_rollouts": sum(stage["rollouts"] for run in state.finished for stage in run.stages),
             "learnt": describe_failures(samples, self.names),
         }
         mixtures = [mixture for sample in samples if (mixture := mixture_of(sample)) is not None]
