@@ -14,7 +14,6 @@ MESSAGES = {
     "single_run": "only one run: its interval relies on its genealogy and is too narrow for rare events",
     "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles "
     "or chains",
-    "scattered_runs": "the runs' relative standard deviation is {spread:.2f}: use more particles",
     "flat_part": "`{part}` is kept by the same margin in every rollout tried: nothing shows how near its "
     "failures are, and they could be as likely as {bound:.2g}; more first rollouts lower this bound, a score "
     "function that rises on the way there finds them",

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from statistics import fmean, median, pstdev
+from statistics import median
 
 from avrare.base.health_messages import MESSAGES
 
 FEWEST_ROOTS = 15
 MOST_TIES = 2.0
 """Ratio of discarded to requested particles, median over the levels."""
-LARGEST_SPREAD = 0.7
 LEAST_EFFECTIVE = 15.0
 LARGEST_SHARE = 0.3
 LARGEST_DEVIATION = 4.0
@@ -48,9 +47,6 @@ def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> d
         found |= warn("extinct_runs", extinct=extinct, runs=runs)
     if median(roots) < FEWEST_ROOTS:
         found |= warn("few_roots", least=FEWEST_ROOTS)
-    spread = pstdev(values) / fmean(values)
-    if spread > LARGEST_SPREAD:
-        found |= warn("scattered_runs", spread=spread)
     return found
 
 
