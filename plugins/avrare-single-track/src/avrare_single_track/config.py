@@ -356,8 +356,13 @@ class OpenScenarioConfig(_Options):
     entity: str = Field(default="Ego", min_length=1, description="name of the entity that is the ego")
     road: Path | None = Field(
         default=None,
-        description="OpenDRIVE file; default: the one that the scenario names",
+        description="OpenDRIVE or CommonRoad file; default: the one that the scenario names",
         json_schema_extra={"file": True},
+    )
+    catalogs: tuple[Path, ...] = Field(
+        default=(),
+        max_length=100,
+        description="files of catalogs; default: those that the scenario refers to",
     )
     dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
     parameters: dict[str, Drawable | str] = Field(
@@ -373,6 +378,11 @@ class OpenScenarioConfig(_Options):
     weather: Drawable | None = Field(
         default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
     )
+
+    @property
+    def used_files(self) -> dict[str, Path]:
+        """Files of catalogs, which count in the fingerprint."""
+        return {f"catalogs.{number}": path for number, path in enumerate(self.catalogs)}
 
     @field_validator("ego")
     @classmethod

@@ -13,7 +13,7 @@ from avrare_single_track.openscenario.xml_tree import read_xml
 
 
 def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
-    """Return the scenario's file and road, beside the scenario if they are there, and laws of parameters.
+    """Return the scenario's file, road and catalogs, beside the scenario if they are there, and laws.
 
     Raises:
         UsageError: Something in a file is not understood.
@@ -35,7 +35,7 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
         allow(file, "ParameterValueDistribution: ScenarioFile")
     laws = {name: law for name, law in laws.items() if name not in given}
     numbers = {name: value for name, value in given.items() if isinstance(value, str | float | int)}
-    road = options.get("road")
+    road, catalogs = options.get("road"), options.get("catalogs")
     found = read_scenario(
         file,
         str(options.get("entity", "Ego")),
@@ -43,9 +43,12 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
         numbers,
         _find(road, folder) if isinstance(road, str) else None,
         options.get("ignore_ego_events") is True,
+        [_find(str(path), folder) for path in catalogs] if isinstance(catalogs, list | tuple) else (),
         allow,
     )
-    return {"file": file, "road": found.road_path, **({"parameters": laws} if laws else {})}
+    files: dict[str, Any] = {"file": file, "road": found.road_path}
+    files |= {"catalogs": list(found.catalog_paths)} if found.catalog_paths else {}
+    return {**files, **({"parameters": laws} if laws else {})}
 
 
 def _find(path: str, folder: str) -> str:

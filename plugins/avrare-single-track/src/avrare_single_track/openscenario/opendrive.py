@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from avrare.driving import Road
-from avrare.driving.reference_line import CurvedLine, Piece
+from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
 from avrare.driving.values import Lane
 from avrare_single_track.openscenario.xml_tree import Element, read_xml
 
@@ -46,7 +46,7 @@ class RoadMap:
     """
 
     road: Road
-    line: CurvedLine
+    line: ReferenceLine
     begins: Mapping[str, float]
     lanes: Mapping[int, int]
     centres: Mapping[int, float]

@@ -7,12 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from avrare.base.errors import did_you_mean
+from avrare_single_track.openscenario.catalogs import Catalogs
+from avrare_single_track.openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
 from avrare_single_track.openscenario.opendrive import RoadMap, read_opendrive
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import read_place
 from avrare_single_track.openscenario.story import Place, Storyboard
 from avrare_single_track.openscenario.story_reader import StoryReader
 from avrare_single_track.openscenario.xml_tree import Element, parse_number, read_xml
+
+_BODIES = ("Vehicle", "Pedestrian", "MiscObject")
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ class ScenarioFile:
     Attributes:
         path: The file.
         road_path: The file of its road.
+        catalog_paths: The files of the catalogs that it refers to.
         parameters: Its parameters; all numbers of the storyboard are columns of their table.
         roads: Its road.
         bodies: Bodies of the vehicles, the ego last.
@@ -51,6 +56,7 @@ class ScenarioFile:
 
     path: str
     road_path: str
+    catalog_paths: tuple[str, ...]
     parameters: Parameters
     roads: RoadMap
     bodies: tuple[Body, ...]
@@ -64,6 +70,7 @@ def read_scenario(
     given: Mapping[str, float | str],
     road: str | None = None,
     ignore_ego: bool = False,
+    catalogs: Sequence[str] = (),
     allowed: Callable[[str, str], None] | None = None,
 ) -> ScenarioFile:
     """Read a file.
@@ -75,6 +82,7 @@ def read_scenario(
         given: Values of parameters, in place of the declared ones.
         road: Road file in place of the one that the file names.
         ignore_ego: Whether what the storyboard has the ego do is passed over.
+        catalogs: Files of catalogs in place of those in the folders that the file names; empty: those.
         allowed: Raises an error where a file (path, what it is) may not be read.
 
     Raises:
@@ -85,8 +93,8 @@ def read_scenario(
     header.skip()
     if header.attributes.get("revMajor") != "1":
         raise header.error("only OpenSCENARIO XML 1.x is read")
-    top.skip_children("CatalogLocations")
     parameters = Parameters(top.find("ParameterDeclarations"), given, path)
+    entries = Catalogs(top.find("CatalogLocations"), parameters, path, catalogs, allowed)
     logic = top.child("RoadNetwork").find("LogicFile")
     if logic is None:
         raise top.child("RoadNetwork").error("names no LogicFile", "the lanes must be known")
@@ -95,19 +103,20 @@ def read_scenario(
     if allowed is not None:
         allowed(file, "RoadNetwork: LogicFile")
     top.child("RoadNetwork").skip_children("SceneGraphFile")
-    roads = read_opendrive(file)
-    bodies = _read_bodies(top.child("Entities"), parameters, ego)
+    roads = read_lanelet_map(file, logic) if is_lanelet_map(file) else read_opendrive(file)
+    bodies = _read_bodies(top.child("Entities"), parameters, entries, ego)
     names = [body.name for body in bodies]
     board = top.child("Storyboard")
     places, speeds = _read_starts(board.child("Init"), parameters, roads, names)
-    reader = StoryReader(parameters, roads, names, dt, ignore_ego)
+    reader = StoryReader(parameters, roads, names, dt, ignore_ego, entries)
     story = reader.read(board, places, speeds)
     top.refuse_unread()
-    return ScenarioFile(path, file, parameters, roads, bodies, story)
+    entries.refuse_unread()
+    return ScenarioFile(path, file, tuple(entries.used), parameters, roads, bodies, story)
 
 
-def _read_bodies(entities: Element, parameters: Parameters, ego: str) -> tuple[Body, ...]:
-    bodies = [_read_body(one, parameters) for one in entities.list("ScenarioObject")]
+def _read_bodies(entities: Element, parameters: Parameters, catalogs: Catalogs, ego: str) -> tuple[Body, ...]:
+    bodies = [_read_body(one, parameters, catalogs) for one in entities.list("ScenarioObject")]
     names = [body.name for body in bodies]
     if ego not in names:
         hint = did_you_mean(ego, names) or f"choose it with `entity`; there are: {', '.join(names)}"
@@ -119,11 +128,13 @@ def _read_bodies(entities: Element, parameters: Parameters, ego: str) -> tuple[B
     return (*(body for body in bodies if body.name != ego), *(body for body in bodies if body.name == ego))
 
 
-def _read_body(entity: Element, parameters: Parameters) -> Body:
+def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> Body:
     entity.skip_children("ObjectController")
     kind = entity.choice()
-    if kind.tag not in ("Vehicle", "Pedestrian", "MiscObject"):
-        raise kind.unknown("Vehicle, Pedestrian, MiscObject, with their boxes in the file itself")
+    if kind.tag == "CatalogReference":
+        kind = catalogs.resolve(kind, _BODIES)
+    if kind.tag not in _BODIES:
+        raise kind.unknown(f"{', '.join(_BODIES)}, CatalogReference")
     box = kind.child("BoundingBox")
     box.skip()
     centre, size = box.child("Center"), box.child("Dimensions")

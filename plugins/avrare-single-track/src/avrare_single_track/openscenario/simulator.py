@@ -127,6 +127,7 @@ def read_file(config: OpenScenarioConfig, **limits: Any) -> ScenarioFile:
         config.parameters,
         None if config.road is None else str(config.road),
         config.ignore_ego_events,
+        [str(path) for path in config.catalogs],
         **limits,
     )
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from avrare_single_track.openscenario.catalogs import Catalogs
 from avrare_single_track.openscenario.opendrive import RoadMap
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity, find_lane, read_place
@@ -52,13 +53,20 @@ class StoryReader:
         names: Names of the entities, the ego last.
         dt: Step [s].
         ignore_ego: Whether actions of the ego are passed over.
+        catalogs: Catalogs of maneuvers.
     """
 
     def __init__(
-        self, parameters: Parameters, roads: RoadMap, names: Sequence[str], dt: float, ignore_ego: bool
+        self,
+        parameters: Parameters,
+        roads: RoadMap,
+        names: Sequence[str],
+        dt: float,
+        ignore_ego: bool,
+        catalogs: Catalogs,
     ) -> None:
         self.parameters, self.roads, self.names, self.dt = parameters, roads, names, dt
-        self.ignore_ego = ignore_ego
+        self.ignore_ego, self.catalogs = ignore_ego, catalogs
         self.actions: list[Action] = []
         self.events: list[Event] = []
         self.conditions: list[Condition] = []
@@ -113,7 +121,8 @@ class StoryReader:
         chosen = [
             find_entity(one, "entityRef", self.parameters, self.names) for one in actors.list("EntityRef")
         ]
-        for maneuver in group.list("Maneuver"):
+        referred = [self.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")]
+        for maneuver in [*referred, *group.list("Maneuver")]:
             with self._named(maneuver, "maneuver", act):
                 self._read_maneuver(maneuver, act, chosen)
 
