@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "merge_metadrive.yaml"
 PICTURES = ROOT / "docs" / "metadrive"
 KEPT = PICTURES / "results.zip"
-LEAST_SPEED, LEAST_REWARD = 5.0, 193.0
+LEAST_SPEED, LEAST_REWARD = 5.0, 193.5
 """Of the scenario's formula."""
 PACE = 1.3
 """Most reward of a step; the arrival gives more, once."""

@@ -1,19 +1,74 @@
 """Stacks with false detections: what they need, and that their rollouts keep the promises of all rollouts."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import avrare
 from avrare.cli.main import main
 from avrare.driving import Scene
 from avrare.rollout.loaded_scenario import load
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
+from avrare.testing import faulty_systems as systems
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
 GHOSTS = "perception.ghosts={rate: 0.5, persistence: 0.4, forward: [5, 40]}"
 ASSOCIATE = "tracker.association=hungarian"
+
+BRAKE = """\
+import numpy as np
+
+
+def act(o):
+    near = [np.where((abs(c.y - o.ego.y) < 2) & (c.x > o.ego.x), c.x, np.inf) for c in o.others.values()]
+    return np.clip(np.min(near, axis=0) - o.ego.x - 35, -6, 1), 0 * o.ego.x
+"""
+"""Brakes for whatever the tracker knows ahead, ghosts as well; cheap beside the scenario's planner."""
+
+
+@pytest.fixture
+def problem(tmp_path):
+    """Return a function that builds a problem; with ``lives`` its system is killed after so many steps."""
+    (tmp_path / "brake.py").write_text(BRAKE)
+    cheap = f"controller={{plugin: function, file: {tmp_path / 'brake.py'}, batched: true}}"
+    perception = GHOSTS.replace("perception.ghosts=", "perception={plugin: parametric, ghosts: ") + "}"
+
+    def build(lives=None):
+        found = load(LANE_CHANGE, (perception, ASSOCIATE, cheap, "steps=30", "chunk=8"))
+        built = found.problem("no_abrupt_braking")
+        if lives is not None:
+            built.system = systems.Mortal(built.system, lives)
+        return built
+
+    return build
+
+
+def estimate(problem, **options):
+    result = avrare.estimate(problem, "ams", seed=3, particles=16, discard=4, runs=2, **options)
+    content = json.loads(result.to_json())
+    del content["seconds"]
+    return content, result.failures.noise.tobytes(), result.robustness.tobytes()
+
+
+def test_splitting_with_ghosts_gives_the_same_bits_for_any_workers(problem):
+    one = estimate(problem())
+    assert 0 < one[0]["probability"] < 0.9  # it has risen through levels
+    assert estimate(problem(), workers=2) == one
+
+
+def test_splitting_with_ghosts_that_is_killed_goes_on_to_the_same_bits(problem, tmp_path):
+    whole, lives, deaths = estimate(problem(10**9)), 100, 0
+    while True:
+        try:
+            found = estimate(problem(lives), checkpoint=tmp_path / "kept")
+            break
+        except systems.Killed:
+            lives, deaths = lives + 50, deaths + 1
+    assert deaths > 1
+    assert found == whole
 
 
 def test_a_tracker_that_is_told_the_vehicle_is_refused(capsys):
