@@ -27,7 +27,17 @@ from avrare_single_track.config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from intersection_scenes import LENGTH, RIGHT_OF_WAY, TURNS, WIDTH, _ends, _way, crossroads, drives, route
+from intersection_scenes import (
+    LENGTH,
+    RIGHT_OF_WAY,
+    TURNS,
+    WIDTH,
+    crossroads,
+    drives,
+    road_end,
+    route,
+    way_through,
+)
 
 CHOSEN = {
     "from the right, 1.19 s later": 22,
@@ -59,7 +69,7 @@ def _draw_scene(ax: Any, title: str, shown: int) -> None:
     specification = build_rule(rule, [], sim.scene)
     worlds, violated = _drive(sim, specification)
     for arm in range(4):
-        ways = [_way(arm, turn) for turn in TURNS] + [_ends(arm, 0.0), _ends(arm, 0.0, True)]
+        ways = [way_through(arm, turn) for turn in TURNS] + [road_end(arm, 0.0), road_end(arm, 0.0, True)]
         for way in ways:
             ax.plot(*way.T, color=ROAD, lw=16.0, solid_capstyle="butt", zorder=0)
     for area in sim.scene.road.crossings:

@@ -37,7 +37,7 @@ def problem(tmp_path):
     perception = GHOSTS.replace("perception.ghosts=", "perception={plugin: parametric, ghosts: ") + "}"
 
     def build(lives=None):
-        found = load(LANE_CHANGE, (perception, ASSOCIATE, cheap, "steps=30", "chunk=8"))
+        found = load(LANE_CHANGE, (perception, ASSOCIATE, cheap, "steps=22", "chunk=8"))
         built = found.problem("no_abrupt_braking")
         if lives is not None:
             built.system = systems.Mortal(built.system, lives)
@@ -47,26 +47,28 @@ def problem(tmp_path):
 
 
 def estimate(problem, **options):
-    result = avrare.estimate(problem, "ams", seed=3, particles=16, discard=4, runs=2, **options)
+    result = avrare.estimate(problem, "ams", seed=3, particles=8, discard=2, runs=2, **options)
     content = json.loads(result.to_json())
     del content["seconds"]
     return content, result.failures.noise.tobytes(), result.robustness.tobytes()
 
 
+@pytest.mark.slow
 def test_splitting_with_ghosts_gives_the_same_bits_for_any_workers(problem):
     one = estimate(problem())
     assert 0 < one[0]["probability"] < 0.9  # it has risen through levels
     assert estimate(problem(), workers=2) == one
 
 
+@pytest.mark.slow
 def test_splitting_with_ghosts_that_is_killed_goes_on_to_the_same_bits(problem, tmp_path):
-    whole, lives, deaths = estimate(problem(10**9)), 100, 0
+    whole, lives, deaths = estimate(problem(10**9)), 120, 0
     while True:
         try:
             found = estimate(problem(lives), checkpoint=tmp_path / "kept")
             break
         except systems.Killed:
-            lives, deaths = lives + 50, deaths + 1
+            lives, deaths = lives + 40, deaths + 1
     assert deaths > 1
     assert found == whole
 

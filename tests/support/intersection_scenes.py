@@ -138,8 +138,8 @@ def crossroads(
     return "\n".join(parts)
 
 
-def _way(arm: int, turn: str, offset: float = 0.0) -> np.ndarray:
-    # the stretch within the intersection; positive offsets are to the left
+def way_through(arm: int, turn: str, offset: float = 0.0) -> np.ndarray:
+    """Return the points (33, 2) of a way within the intersection [m]; positive offsets are to its left."""
     x = LANE - offset
     if turn == "straight":
         points = np.stack([np.full(33, x), np.linspace(-HALF, HALF, 33)], axis=1)
@@ -155,7 +155,8 @@ def _turned(points: np.ndarray, arm: int) -> np.ndarray:
     return points @ np.array([[cos, sin], [-sin, cos]], dtype=float)
 
 
-def _ends(arm: int, offset: float, out: bool = False) -> np.ndarray:
+def road_end(arm: int, offset: float, out: bool = False) -> np.ndarray:
+    """Return the two ends (2, 2) of the lane before the intersection [m], or ``out`` of it straight on."""
     y = np.array([-FAR, -HALF]) if not out else np.array([HALF, FAR])
     return _turned(np.stack([np.full(2, LANE - offset), y], axis=1), arm)
 
@@ -167,19 +168,19 @@ def _exit(arm: int, turn: str) -> int:
 
 def _arm(arm: int) -> list[Section]:
     inner = [300 + 10 * arm + k for k in range(3)]
-    incoming = Section(100 + arm, _ends(arm, -LANE), _ends(arm, LANE), successors=inner)
+    incoming = Section(100 + arm, road_end(arm, -LANE), road_end(arm, LANE), successors=inner)
     feeders = [
         300 + 10 * other + k
         for other in range(4)
         for k, turn in enumerate(TURNS)
         if _exit(other, turn) == arm
     ]
-    leaving = Section(200 + arm, _ends(arm, -LANE, True), _ends(arm, LANE, True), predecessors=feeders)
+    leaving = Section(200 + arm, road_end(arm, -LANE, True), road_end(arm, LANE, True), predecessors=feeders)
     ways = [
         Section(
             name,
-            _way(arm, turn, -LANE),
-            _way(arm, turn, LANE),
+            way_through(arm, turn, -LANE),
+            way_through(arm, turn, LANE),
             successors=[200 + _exit(arm, turn)],
             predecessors=[100 + arm],
         )
@@ -233,9 +234,9 @@ def route(car: Driver) -> tuple[int, int, int]:
 
 def _states(car: Driver, rotate: np.ndarray, turn: float) -> tuple[list[list[float]], np.ndarray]:
     parts = [
-        _ends(car.arm, 0.0),
-        _way(car.arm, car.turn)[1:-1],
-        _ends(_exit(car.arm, car.turn), 0.0, True),
+        road_end(car.arm, 0.0),
+        way_through(car.arm, car.turn)[1:-1],
+        road_end(_exit(car.arm, car.turn), 0.0, True),
     ]
     line = PolygonalLine(np.concatenate(parts))
     x, y, heading, _ = line.frame(car.stations)
