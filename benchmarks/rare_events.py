@@ -4,9 +4,10 @@
         [--estimator auto] [--set relative_error=0.1 ...] [--out FILE]
 
 A case is an id of ``avrare.testing``, a problem of ``studies/untuned_problems.py``, one of ``OWN`` below, or
-SCENARIO:SPECIFICATION (`lane_change:no_collision`, with the riccati backend; without a truth, its relative
-variance is estimated by the results themselves). Cost is in steps over those of a
-rollout, and counts pilot, stages and check.
+SCENARIO:SPECIFICATION of a scenario with a truth in docs/ground-truth (`lane_change:no_collision`), or
+SCENARIO:SPECIFICATION@P at the robustness that so small a share of its rollouts falls to
+(`lane_change:no_collision@1e-4`). Cost is in steps over those of a rollout, and counts pilot, stages and
+check.
 With ``--out`` a study that was stopped goes on where it was.
 CW: no warning, and the interval misses the truth by more than a factor 3.
 """
@@ -32,12 +33,12 @@ import avrare
 from avrare import Problem, stl
 from avrare.protocols import Floats
 from avrare.testing.problems import reference_problem, reference_problems
+from benchmarks.studies.levels import read_level
 from benchmarks.studies.untuned_problems import untuned_names, untuned_problem
 
 GOALS = {"d_rw_L3.8": 60, "d_rw_L4.8": 150, "e_ou_L4.0": 80, "e_ou_L5.0": 600}
 """Relative mean squared error times cost to stay below."""
 _KEYS = ("case", "seed", "estimator", "options")
-ROOT = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -116,12 +117,12 @@ OWN: dict[str, Callable[[], tuple[Problem, float]]] = {
 """Failures by one outlier, by two of different channels at any two steps, and by no noise in particular."""
 
 
-def find_case(name: str) -> tuple[Problem, float | None]:
+def find_case(name: str) -> tuple[Problem, float]:
     """Return the problem of a case and its exact probability."""
     if ":" in name:
-        scenario, specification = name.split(":")
-        loaded = avrare.load(ROOT / "scenarios" / f"{scenario}.yaml", ["controller.backend=riccati"])
-        return loaded.problem(specification), None
+        scenario, _, rule = name.partition(":")
+        rule, _, probability = rule.partition("@")
+        return read_level(scenario, rule, float(probability) if probability else None)
     if name in OWN:
         return OWN[name]()
     if name in untuned_names():
@@ -151,17 +152,13 @@ def estimate(name: str, seed: int, estimator: str, options: dict[str, Any]) -> d
 def summarise(name: str, found: Sequence[dict[str, Any]], goal: float | None) -> str:
     """Return the row of a case; with a goal the cost is compared with that of ``mc``, (2 + 1/goal^2) / p."""
     values = np.array([one["probability"] for one in found])
-    truth = found[0]["truth"]
-    p = truth if truth is not None else float(values.mean())
+    p = found[0]["truth"]
     cost = np.array([one["rollouts"] for one in found], dtype=float)
     low, high = np.array([one["interval"] for one in found]).T / p
     quiet = np.array([not one["health"] for one in found])
     covers, far = (low <= 1.0) & (high >= 1.0), (low > 3.0) | (high < 1.0 / 3.0)
     error = values.std(ddof=1) / p / math.sqrt(len(values)) if len(values) > 1 else math.nan
-    if truth is not None:
-        gained = float(((values / p - 1.0) ** 2).mean() * cost.mean())
-    else:
-        gained = float(np.mean([one["relative_error"] ** 2 * one["rollouts"] for one in found]))
+    gained = float(((values / p - 1.0) ** 2).mean() * cost.mean())
     names = Counter(warning for one in found for warning in one["health"])
     chosen = Counter(one["chosen"] for one in found)
     entries = [

@@ -1,0 +1,62 @@
+"""Specifications of a scenario at rarer levels, whose probabilities are known from its truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from avrare.protocols import Signals, Specification, Verdict
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
+from avrare.scenario.load import load
+from benchmarks.studies import table2_page, truth
+
+ROOT = Path(__file__).parents[2]
+
+
+class Level:
+    """Specification that a rule's robustness stays above a level.
+
+    It has no formula, so that rollouts run to their end and are ordered by robustness.
+
+    Args:
+        rule: Specification of the rule.
+        level: Robustness that is violated, with all below it.
+    """
+
+    def __init__(self, rule: Specification, level: float) -> None:
+        self.rule = rule
+        self.level = level
+
+    def start(self, n: int) -> Any:
+        """Return the rule's state before sample 0."""
+        return self.rule.start(n)
+
+    def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
+        """Return the rule's state, and its verdict at the level."""
+        state, verdict = self.rule.update(state, signals)
+        robustness = verdict.robustness - self.level
+        violated = verdict.robustness <= self.level
+        return state, replace(verdict, robustness=robustness, violated=violated, score=-robustness)
+
+
+def read_level(scenario: str, rule: str, probability: float | None) -> tuple[Problem, float]:
+    """Return a rule at the level that it falls to with about this probability, and the known one.
+
+    Args:
+        scenario: Name of a file in ``scenarios/`` with a truth in ``docs/ground-truth``.
+        rule: Name of a specification.
+        probability: Probability of the level; None: the rule itself.
+    """
+    loaded = load(str(ROOT / "scenarios" / f"{scenario}.yaml"))
+    found = table2_page.ground_truth(ROOT / "docs" / "ground-truth", loaded)
+    problem = LoadedScenario(loaded).problem(rule)
+    if probability is None:
+        counts = next(one for one in found["estimates"] if one["specification"] == rule)
+        return problem, counts["probability"]
+    tail = truth.read_tails(ROOT / "docs" / "ground-truth" / f"{scenario}-{found['fingerprint']}.json")[rule]
+    level = tail.threshold(probability)
+    known, _ = tail.probability(level)
+    (monitor,) = problem.monitors
+    return Problem(problem.system, Level(monitor, level), problem.steps, chunk=problem.named_chunk), known
