@@ -238,7 +238,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--catalogues", type=int, default=30)
     parser.add_argument("--repetitions", type=int, default=200)
-    parser.add_argument("--only", help="name of one kind")
+    parser.add_argument("--only", choices=[one.name for one in REGIMES], help="one kind")
     args = parser.parse_args()
     for regime in [one for one in REGIMES if args.only in (None, one.name)]:
         simulate(regime, args.catalogues, args.repetitions)

@@ -25,12 +25,32 @@ class Outlier:
         return {"x": state}
 
 
-def test_leaps_are_counted():
-    # 1,000 rollouts; 10 pass the level of 1 %, of which the last 4 came there by way of more than 10 %.
+def rising(leaps, others):
+    """Return scores of 1,000 rollouts, the best of which leap at the last step, or come by way of others."""
     scores = np.repeat(np.arange(1000.0)[:, None], 3, axis=1)
-    scores[990:996, :2] = 500.0
-    scores[996:, :2] = 950.0
-    assert Leaps.of(scores) == Leaps(6, 10)
+    best = 1000 - leaps - others
+    scores[best : best + leaps, :2] = 500.0
+    scores[best + leaps :, :2] = 950.0
+    return scores
+
+
+def told(leaps):
+    return leaps.count, leaps.rows
+
+
+def test_leaps_are_counted():
+    # 10 pass the level of 1 %, of which the last 4 came there by way of more than 10 %.
+    assert told(Leaps.of(rising(6, 4))) == (6, 10)
+
+
+def test_levels_are_those_of_all_batches_together():
+    scores = np.concatenate([rising(6, 4), rising(3, 7), 2.0 * rising(9, 1), rising(0, 10)])
+    shuffled = np.random.default_rng(0).permutation(scores)
+    whole = told(Leaps.of(scores))
+    assert 0 < whole[0] < whole[1] == 40
+    for count in (2, 3, 16):
+        parts = (Leaps.of(part) for part in np.array_split(shuffled, count))
+        assert told(sum(parts, Leaps())) == whole
 
 
 def test_a_high_start_is_no_leap():
@@ -38,14 +58,16 @@ def test_a_high_start_is_no_leap():
 
 
 def test_few_rows_are_not_judged():
-    assert not Leaps(15, 19).too_many
-    assert Leaps(15, 20).too_many
-    assert (Leaps(15, 19) + Leaps(0, 1)).too_many
-    assert not (Leaps(15, 20) + Leaps(0, 40)).too_many
+    few, more = Leaps.of(rising(10, 0)), Leaps.of(rising(10, 0)) + Leaps.of(rising(0, 10))
+    assert told(few) == (10, 10)
+    assert not few.too_many
+    assert told(more) == (10, 20)
+    assert more.too_many
+    assert not (more + Leaps.of(rising(0, 10))).too_many
 
 
 def test_none_where_every_rollout_breaks_down():
-    assert Leaps.of(np.empty((0, 4))) == Leaps()
+    assert told(Leaps.of(np.empty((0, 4)))) == told(Leaps()) == (0, 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -68,4 +90,4 @@ def test_warnings_do_not_depend_on_batches_of_runs():
     whole = avrare.estimate(problem, "ams", seed=1, **options)
     parts = avrare.estimate(problem, "ams", seed=1, memory=1, **options)
     assert "leaps" in whole.health
-    assert "leaps" in parts.health
+    assert parts.health == whole.health

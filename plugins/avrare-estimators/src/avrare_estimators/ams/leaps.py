@@ -7,44 +7,67 @@ that met none agree with each other. At levels that the first rollouts reach thi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 
 import numpy as np
 
 from avrare.protocols import Floats
 
-_BELOW, _ABOVE = 0.1, 0.01
-"""Shares of the rollouts that pass the low level and the high one."""
+_BELOW, _BETWEEN, _ABOVE = 0.1, 0.05, 0.01
+"""Shares of the rollouts that pass the low level, one between, and the high one."""
 _LEAST, _MOST_SHARE = 20, 1.0 / 3.0
 """Rollouts above the high level from which the share of leaps is judged, and the largest that is no doubt."""
 
 
-@dataclass(frozen=True)
+def _none() -> Floats:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
 class Leaps:
-    """Rollouts above the high level.
+    """What is kept of M independent rollouts: the levels are those of all, the rollouts come in batches.
+
+    A leap passes every level between the low one and the high one in the same step: that at which a rollout
+    passes a level between them, such as its batch's own.
 
     Attributes:
-        count: Those that came there in a single step from below the low level.
-        rows: All of them.
+        final: (M,) score at the end.
+        before: (H,) score before that step, of the H rollouts that come so far; infinite at the start.
+        after: (H,) score after it.
     """
 
-    count: int = 0
-    rows: int = 0
+    final: Floats = field(default_factory=_none)
+    before: Floats = field(default_factory=_none)
+    after: Floats = field(default_factory=_none)
 
     @staticmethod
     def of(scores: Floats) -> Leaps:
-        """Count the leaps among the running scores (N, T + 1) of independent rollouts."""
+        """Return what is kept of a batch of independent rollouts by their running scores (N, T + 1)."""
         if not len(scores):
             return Leaps()
-        low, high = np.quantile(scores[:, -1], [1.0 - _BELOW, 1.0 - _ABOVE], method="lower")
-        passed = scores[scores[:, -1] > high]
-        step = (passed > high).argmax(axis=1)
-        before = passed[np.arange(len(passed)), np.maximum(step - 1, 0)]
-        return Leaps(int(((before <= low) & (step > 0)).sum()), len(passed))
+        final = scores[:, -1].copy()
+        between = np.quantile(final, 1.0 - _BETWEEN, method="lower")
+        passed = scores[final > between]
+        step, row = (passed > between).argmax(axis=1), np.arange(len(passed))
+        before = np.where(step > 0, passed[row, np.maximum(step - 1, 0)], np.inf)
+        return Leaps(final, before, passed[row, step])
 
     def __add__(self, other: Leaps) -> Leaps:
         """Return both together."""
-        return Leaps(self.count + other.count, self.rows + other.rows)
+        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
+        return Leaps(*map(np.concatenate, pairs))
+
+    @cached_property
+    def rows(self) -> int:
+        """Rollouts above the high level."""
+        return int((self.final > self._levels[1]).sum())
+
+    @cached_property
+    def count(self) -> int:
+        """Those of them that came there in a single step from below the low level."""
+        low, high = self._levels
+        return int(((self.before <= low) & (self.after > high)).sum())
 
     @property
     def share(self) -> float:
@@ -55,3 +78,10 @@ class Leaps:
     def too_many(self) -> bool:
         """True if splitting cannot climb to a large part of the high level."""
         return self.rows >= _LEAST and self.share > _MOST_SHARE
+
+    @cached_property
+    def _levels(self) -> tuple[float, float]:
+        if not len(self.final):
+            return np.inf, np.inf
+        low, high = np.quantile(self.final, [1.0 - _BELOW, 1.0 - _ABOVE], method="lower")
+        return float(low), float(high)
