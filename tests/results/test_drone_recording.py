@@ -1,11 +1,16 @@
 """Recordings in the formats of highD and inD, written by hand."""
 
+import math
+
 import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road
+from avrare.results.recordings.commonroad import open_commonroad
 from avrare.results.recordings.drives import list_recordings, open_drives
+from avrare.stack.builder import build_rule
+from intersection_scenes import EAST, EGO, PRIORITY, RED, RIGHT_OF_WAY, SOUTH, crossroads, drives, stops
 
 HIGHD = "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,laneId"
 MARKINGS = "8.00;12.00;16.00", "20.00;24.00;28.00"
@@ -103,21 +108,82 @@ class TestHighd:
             open_drives(write_highd(tmp_path, [], {}))
 
 
-class TestInd:
-    COLUMNS = "recordingId,trackId,frame,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"
+IND = "recordingId,trackId,frame,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"
 
+
+def write_ind(folder, rows, rate=25):
+    (folder / "00_tracks.csv").write_text("\n".join([IND + ",xAcceleration,yAcceleration", *rows]))
+    (folder / "00_tracksMeta.csv").write_text("trackId,class\n1,car\n")
+    (folder / "00_recordingMeta.csv").write_text(f"recordingId,frameRate\n0,{rate}\n")
+    return str(folder / "00_tracks.csv")
+
+
+class TestInd:
     def test_centres_and_degrees_on_the_callers_road(self, tmp_path):
         rows = [f"0,{v},{f},{10 * v + 0.4 * f},1.75,0,1.8,4.5,10,0,0,0" for v in (1, 2) for f in range(20)]
-        text = "\n".join([self.COLUMNS + ",xAcceleration,yAcceleration", *rows])
-        (tmp_path / "00_tracks.csv").write_text(text)
-        (tmp_path / "00_tracksMeta.csv").write_text("trackId,class\n1,car\n")
-        (tmp_path / "00_recordingMeta.csv").write_text("recordingId,frameRate\n0,25\n")
-        found = open_drives(str(tmp_path / "00_tracks.csv"), Road((1.75,), 3.5)).recording("1")
+        found = open_drives(write_ind(tmp_path, rows), Road((1.75,), 3.5)).recording("1")
         assert (found.samples, found.names, found.scene.ego_length) == (20, ("2",), 4.5)
         np.testing.assert_allclose(found.signals["ego_speed"], 10.0)
         assert len(list_recordings(tmp_path)) == 1
         with pytest.raises(UsageError, match="no lanelets"):
             open_drives(str(tmp_path / "00_tracks.csv")).recording("1")
+
+
+class TestIndOnANetwork:
+    """Scenes with verdicts by hand (``intersection_scenes``), in the format of inD beside their map."""
+
+    @pytest.fixture
+    def judge(self, tmp_path):
+        pytest.importorskip("commonroad.common.file_reader")
+
+        def judge(rule, cars, finer=1, **more):
+            """Return the verdict on the first car's drive, with so many frames for each step of 0.1 s."""
+            scene = tmp_path / "map.xml"
+            scene.write_text(crossroads(cars, turn=0.7, **more), encoding="utf-8")
+            rows = []
+            for name, one in open_commonroad(str(scene)).obstacles.items():
+                frames = np.arange((len(one.steps) - 1) * finer + 1)
+                x, y, heading, speed = (np.interp(frames / finer, one.steps, row) for row in one.states)
+                columns = (x, y, np.degrees(heading), speed * np.cos(heading), speed * np.sin(heading))
+                for f, *(x, y, degrees, vx, vy) in zip(frames, *columns, strict=True):
+                    rows.append(f"0,{name},{f},{x},{y},{degrees},1.8,4.5,{vx},{vy},0,0")
+            scene.write_text(crossroads([drives(3, "right", 0.0)], turn=0.7, **more), encoding="utf-8")
+            tracks = write_ind(tmp_path, rows, 10 * finer)
+            recording = open_drives(tracks, None, str(scene)).recording("1")
+            specification = build_rule(rule, [], recording.scene)
+            state = specification.start(1)
+            for t in range(recording.samples):
+                sample = {key: x[t : t + 1] for key, x in recording.signals.items()}
+                state, verdict = specification.update(state, sample)
+            return bool(verdict.violated[0]), float(verdict.robustness[0])
+
+        return judge
+
+    @pytest.mark.parametrize("title", RIGHT_OF_WAY)
+    def test_right_of_way(self, judge, title):
+        rule, cars, more, kept = RIGHT_OF_WAY[title]
+        violated, robustness = judge(rule, cars, **more)
+        assert violated == (kept is False)
+        assert (robustness == math.inf) == (kept is None)
+
+    @pytest.mark.parametrize(("seconds", "violated"), [(3.5, False), (2.0, True)])
+    def test_stop_sign(self, judge, seconds, violated):
+        car = stops(SOUTH, "straight", 49.25, seconds)
+        assert judge("R_IN1", [car], signs={SOUTH: "206"})[0] == violated
+
+    @pytest.mark.parametrize(("cycle", "violated"), [("13 red 90 green", True), ("12 red 90 green", False)])
+    def test_lights_keep_their_own_step(self, judge, cycle, violated):
+        # the front is on the line at 1.22 s: of 20 frames a second it covers it at that of 1.25 s
+        assert judge("R_IN2", [EGO], finer=2, lights=cycle)[0] == violated
+
+    def test_a_network_that_refers_to_nothing_is_named(self, tmp_path):
+        pytest.importorskip("commonroad.common.file_reader")
+        text = crossroads([EGO, drives(EAST, "straight", 40.0)], signs=PRIORITY, **RED)
+        (tmp_path / "map.xml").write_text(
+            text.replace('incomingLanelet ref="101"', 'incomingLanelet ref="7"')
+        )
+        with pytest.raises(UsageError, match=r"map\.xml: intersection 950 has the incoming lanelet 7"):
+            open_drives(write_ind(tmp_path, ["0,1,0,0,0,0,1.8,4.5,9,0,0,0"]), None, str(tmp_path / "map.xml"))
 
 
 def test_a_folder_without_recordings(tmp_path):

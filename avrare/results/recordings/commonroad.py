@@ -19,6 +19,7 @@ from avrare.base.visible_text import escape_xml
 from avrare.driving import Road
 from avrare.protocols import Floats
 from avrare.results.recordings.commonroad_2024 import SUFFIX, open_2024
+from avrare.results.recordings.crossings import check_references
 from avrare.results.recordings.plane_drives import Obstacle, PlaneDrives
 from avrare.results.recordings.recording import FIELDS, Recording
 
@@ -75,6 +76,13 @@ def _read_drives(path: str, scenario: Any, road: Road | None) -> PlaneDrives:
 def read_lanelets(path: str) -> tuple[Any, ...]:
     """Return the lanelets of a scenario or map."""
     return tuple(_open_scenario(path).lanelet_network.lanelets)
+
+
+def read_network(path: str) -> tuple[Any, float]:
+    """Return the lanelet network of a scenario or map, and the step of its light cycles [s]."""
+    scenario = _open_scenario(path)
+    check_references(path, scenario.lanelet_network)
+    return scenario.lanelet_network, float(scenario.dt)
 
 
 def to_commonroad(recording: Recording, name: str) -> str:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.results.recordings.commonroad import open_commonroad, read_lanelets
+from avrare.results.recordings.commonroad import open_commonroad, read_network
 from avrare.results.recordings.commonroad_2024 import SUFFIX, is_companion
 from avrare.results.recordings.csv_recording import open_csv
 from avrare.results.recordings.drone_recording import is_drone_recording, open_drone_recording
@@ -35,12 +35,12 @@ def open_drives(path: str, road: Road | None = None, network: str | None = None)
     Args:
         path: The file.
         road: The caller's road, which comes first.
-        network: CommonRoad file whose lanelets are those of a recording without lanes.
+        network: CommonRoad file whose lanelets, signs and lights are those of a recording without lanes.
     """
     if path.lower().endswith((".xml", SUFFIX)):
         return open_commonroad(path, road)
     if is_drone_recording(Path(path)):
-        return open_drone_recording(path, road, read_lanelets(network) if network is not None else ())
+        return open_drone_recording(path, road, read_network(network) if network is not None else None)
     return open_csv(path, road)
 
 

@@ -40,14 +40,14 @@ def is_drone_recording(path: Path) -> bool:
 
 
 def open_drone_recording(
-    path: str, road: Road | None = None, lanelets: tuple[Any, ...] = ()
+    path: str, road: Road | None = None, network: tuple[Any, float] | None = None
 ) -> CarriagewayDrives | PlaneDrives:
     """Read a recording by its file of tracks.
 
     Args:
         path: The file ``NN_tracks.csv``.
         road: The caller's road, if any.
-        lanelets: Network of a recording that has no lanes itself.
+        network: Of a recording that has no lanes itself, and the step of its light cycles [s].
 
     Raises:
         UsageError: A file or a column is missing, or a number cannot be read or is not finite.
@@ -73,7 +73,9 @@ def open_drone_recording(
     if wanted is _HIGHD:
         return _read_highd(path, table, about, recording[0], 1.0 / rate, road)
     obstacles = _read_plane(table)
-    return PlaneDrives(path, 1.0 / rate, obstacles, tuple(obstacles), lanelets, road)
+    names, (lanes, step) = tuple(obstacles), network or (None, None)
+    lanelets = () if lanes is None else tuple(lanes.lanelets)
+    return PlaneDrives(path, 1.0 / rate, obstacles, names, lanelets, road, lanes, step)
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ class PlaneDrives:
         lanelets: The network.
         road: The caller's own road, which comes first; None: that of the network.
         network: The network with its signs and intersections; None: they are unknown.
+        light_step: Step of its light cycles, which begin with the recording [s]; None: ``dt``.
     """
 
     path: str
@@ -44,6 +45,7 @@ class PlaneDrives:
     lanelets: tuple[Any, ...]
     road: Road | None = None
     network: Any = None
+    light_step: float | None = None
 
     def recording(self, ego: str | None) -> Recording:
         """Return the drive of one ego; UsageError if it is not there, has gaps, or is on no road."""
@@ -84,7 +86,9 @@ class PlaneDrives:
             return road, {}
         names = self._find_route(own)
         road = add_crossings(road, self.network, names, [self._routes[name] for name in others])
-        return road, show_lights(self.network, names, range(first, first + samples))
+        ratio = self.dt / (self.light_step or self.dt)
+        steps = [math.floor(ratio * step + 1e-6) for step in range(first, first + samples)]
+        return road, show_lights(self.network, names, steps)
 
     def find_road(self, ego: Obstacle) -> tuple[Road, float]:
         """Return the road of an ego, and the angle by which the plane is turned where it has no line."""
