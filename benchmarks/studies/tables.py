@@ -32,7 +32,10 @@ at that N, and z is not given.
 ## Coverage
 
 The table shows the share of {intervals:,} intervals (95 %, each of {runs} runs) that hold the truth, and on
-which side of the truth the others lie. No interval is left out.
+which side of the truth the others lie. No interval is left out. The intervals are those of t delta-log;
+since then Cox's is joined to them ([the interval](statistics.md#the-interval)), each end being the
+farther one, and the runs have kept their bits: today's cover at least as often. Of one row 910 of
+today's were made again: g_eventually_c0.5, N 500, covers .954.
 
 {coverage}
 
