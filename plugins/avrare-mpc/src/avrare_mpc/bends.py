@@ -8,11 +8,18 @@ where the other vehicles are and what is commanded.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
+
+_SPACING = 0.5
+"""Distance of the stations at which speeds in bends are kept [m]."""
+_STRAIGHT = 1e-6
+"""Curvature below which a road counts as straight [1/m]."""
 
 
 def beside_ego(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
@@ -36,3 +43,28 @@ def turn_of_road(line: ReferenceLine, ego: Vehicles, dt: float) -> Floats:
     """Return the yaw rate (N,) that follows the road over the next step [rad/s]."""
     pace = ego.speed * np.cos(ego.heading) / (1.0 - line.curvature(ego.x) * ego.y)
     return np.asarray((line.heading(ego.x + pace * dt) - line.heading(ego.x)) / dt)
+
+
+class BendSpeed:
+    """Speed along a road from which the ego can slow down in time for every bend ahead.
+
+    Args:
+        line: The road's line.
+        offsets: y of the lanes that the ego may drive in; the tightest decides [m].
+        lateral: Lateral acceleration that no bend is to demand [m/s^2].
+        braking: Deceleration ahead of bends [m/s^2].
+    """
+
+    def __init__(self, line: ReferenceLine, offsets: Sequence[float], lateral: float, braking: float) -> None:
+        self._stations = s = np.arange(0.0, line.length + _SPACING, _SPACING)
+        curvature = line.curvature(s)
+        tightest = np.max([np.abs(curvature / (1.0 - curvature * y)) for y in offsets], axis=0)
+        # the square of the speed falls by 2 b in each metre
+        square = lateral / np.maximum(tightest, _STRAIGHT) + 2.0 * braking * s
+        self._square = np.minimum.accumulate(square[::-1])[::-1] - 2.0 * braking * s
+        self._braking = braking
+
+    def limit(self, ego: Vehicles) -> Floats:
+        """Return the speed (N,) at the ego's station [m/s]."""
+        ahead = 2.0 * self._braking * np.maximum(-ego.x, 0.0)  # of a road that begins further on
+        return np.asarray(np.sqrt(np.interp(ego.x, self._stations, self._square) + ahead))

@@ -114,6 +114,22 @@ class MpcConfig(PlannerConfig):
         description="Distance of the ego's axles, from which its slip angle on a road that bends is known "
         "[m]; without it the ego drives some centimetres aside there.",
     )
+    lane_ends: bool = Field(
+        default=False,
+        description="Whether the ego keeps out of lanes where they have not begun or have ended, as if "
+        "something stood there, and stops before the end of the one that it is in while no plan leaves it.",
+    )
+    end_braking: Positive = Field(
+        default=5.0, description="Deceleration before the end of the ego's lane, with lane_ends [m/s^2]."
+    )
+    bend_acceleration: Positive | None = Field(
+        default=None,
+        description="Lateral acceleration that no bend is to demand, for which the ego slows down ahead of "
+        "it [m/s^2]; without it the ego does not slow down.",
+    )
+    bend_braking: Positive = Field(
+        default=2.0, description="Deceleration ahead of bends, with bend_acceleration [m/s^2]."
+    )
     backend: Backend = Field(
         default_factory=installed_backend,
         description="What solves the programme: a structured interior-point method for all particles at "

@@ -14,8 +14,9 @@ from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Bools, Floats
-from avrare_mpc.bends import beside_ego, slip_of_road, turn_of_road
+from avrare_mpc.bends import BendSpeed, beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
+from avrare_mpc.lane_gaps import find_gaps
 from avrare_mpc.plan import Memory, Search, shift, start_of
 
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
@@ -41,7 +42,13 @@ class MpcController:
         self.horizon = config.horizon
         self._config = config
         self._scene = scene
-        self._search = _backend(config, scene)
+        road = scene.road
+        self._gaps = find_gaps(road, config.lanes if config.lane_ends else ())
+        self._search = _backend(config, self._gaps.fill(scene))
+        self._bend_speed = None
+        if road.line is not None and config.bend_acceleration is not None:
+            offsets = [road.lane_centres[lane] for lane in config.lanes]
+            self._bend_speed = BendSpeed(road.line, offsets, config.bend_acceleration, config.bend_braking)
 
     def start(self, n: int) -> Memory:
         """Return the memory of ``n`` particles without a plan."""
@@ -72,6 +79,8 @@ class MpcController:
         line, wheelbase = self._scene.road.line, self._config.wheelbase
         if line is not None:
             others = beside_ego(line, ego, others[0]), others[1]
+        if len(self._gaps.edges):
+            others = self._gaps.extend(others, ego, self._scene.road)
         if line is not None and wheelbase is not None:
             ego = replace(ego, heading=ego.heading + slip_of_road(line, ego, wheelbase))
         start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
@@ -96,7 +105,21 @@ class MpcController:
         action = self._action(solved, inputs[:, 0], ego.speed)
         if line is not None:
             action = replace(action, yaw_rate=self._turn_with_road(action.yaw_rate, ego, line))
-        return action, later
+        return replace(action, acceleration=self._slow_down(action.acceleration, ego, states)), later
+
+    def _slow_down(self, acceleration: Floats, ego: Vehicles, states: Floats) -> Floats:
+        # Bends and ends of lanes beyond the horizon need more time than the plan has.
+        limits, dt = [], self._scene.dt
+        ahead = replace(ego, x=ego.x + dt * ego.speed)
+        if self._bend_speed is not None:
+            limits.append(self._bend_speed.limit(ahead))
+        if len(self._gaps.edges):
+            goal, braking = states[:, -1, 1], self._config.end_braking
+            limits.append(self._gaps.speed_limit(ahead, goal, self._scene, braking))
+        for limit in limits:
+            needed = np.maximum((limit - ego.speed) / dt, -self._config.acceleration_max)
+            acceleration = np.minimum(acceleration, needed)
+        return acceleration
 
     def _turn_with_road(self, turn_rate: Floats, ego: Vehicles, line: ReferenceLine) -> Floats:
         # Both together keep the lateral bound, but what the road itself demands is always driven.
