@@ -27,6 +27,9 @@ class HasLogRatio(Protocol):
     ) -> tuple[Floats, Any]:
         """Return (N,) log ratio of ``other`` for the observation from ``noise``, and ``other``'s memory.
 
+        It is NaN where ``other`` may observe what this model cannot: no weights of rollouts under this model
+        make up for that.
+
         ``memory`` is that before the step, and ``other_memory`` that of the tape on which ``other`` would
         have observed the same; both are None where errors do not last.
         """
@@ -34,6 +37,8 @@ class HasLogRatio(Protocol):
 
 def log_ratios(problem: Problem, others: list[Any], tapes: Floats) -> Floats:
     """Return (N, K) log density ratios of K nearby perception error models along rollouts of N tapes.
+
+    They are NaN for a model that may observe, somewhere along a rollout, what the problem's own cannot.
 
     Args:
         problem: Problem whose system is a closed loop.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -139,14 +140,14 @@ def sensitivity(
     rows: list[Sensitivity] = []
     for parameter, value in values.items():
         if by_score and parameter.startswith(_DEFAULT) and isinstance(value, float):
-            rows.append(
-                derive_by_score(
-                    problem, sample, parameter, value,
-                    lambda x, parameter=parameter: scenario.at(parameter, x).stack.loop.perception,  # type: ignore[misc]
-                    tapes,
-                )
+            row = derive_by_score(
+                problem, sample, parameter, value,
+                lambda x, parameter=parameter: scenario.at(parameter, x).stack.loop.perception,  # type: ignore[misc]
+                tapes,
             )  # fmt: skip
-            continue
+            if not math.isnan(row.derivative):
+                rows.append(row)
+                continue
         low, high = _ends(scenario, parameter, value, step, name)
         row = derive_by_pairs(
             (low.problem, high.problem), (low.value, high.value), parameter, value, rollouts=rollouts,

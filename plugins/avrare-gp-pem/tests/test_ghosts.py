@@ -226,6 +226,18 @@ def test_the_density_ratio_has_mean_one_and_gives_the_other_law(make, changed, l
     assert count.mean() == pytest.approx(models[1].ghosts.rate, abs=4 * count.std() / math.sqrt(n))
 
 
+def test_ghosts_that_last_have_no_ratio_under_ghosts_that_never_do(make):
+    fresh, lasting = (
+        build_parametric(ParametricPemConfig(ghosts={"rate": 0.3, "persistence": one}), make.scene(1))
+        for one in (0.0, 0.5)
+    )
+    world = make.world([[20.0, 0.0, 0.0]], n=50)
+    noise = np.random.default_rng(3).standard_normal((2, 50, fresh.noise_size))
+    for own, other, known in ((fresh, lasting, False), (lasting, fresh, True)):
+        ratio, _ = own.log_ratio(world, noise[1], own.start(noise[0]), other, other.start(noise[0]))
+        assert (~np.isnan(ratio)).all() if known else np.isnan(ratio).all()
+
+
 def test_other_options_of_ghosts_have_no_ratio(make, model):
     other = build_parametric(ParametricPemConfig(ghosts=SHARED | {"sd": 0.5}), make.scene(2))
     noise = np.zeros((1, model.noise_size))

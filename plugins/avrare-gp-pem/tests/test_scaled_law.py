@@ -106,3 +106,24 @@ def test_a_quantile_does_not_depend_on_its_neighbours():
     wanted = np.minimum(np.log(normal.cdf(z)) + 0.3 * rng.standard_normal(300), -1e-9)
     alone = [normal.quantile(wanted[k : k + 1], z[k : k + 1])[0] for k in range(300)]
     np.testing.assert_array_equal(normal.quantile(wanted, z), alone)
+
+
+SURE = ["perception.detection_plateau=1.0", "perception.detection_range=500.0"]
+
+
+@pytest.mark.parametrize("model", ["parametric", "persistent"])
+@pytest.mark.parametrize(
+    ("own", "other"),
+    [
+        (["perception.error_limit=5.0"], ["perception.error_limit=5.5"]),
+        (["perception.speed_sd=0.0"], ["perception.speed_sd=0.1"]),
+        ([*SURE, "perception.detection_width=1.0"], [*SURE, "perception.detection_width=30.0"]),
+    ],
+)
+def test_there_is_no_ratio_where_another_law_observes_more(model, own, other):
+    problems = [load(model, *options).problem("no_collision") for options in (own, other)]
+    tapes = draw_tapes(problems[0], 5, 0, 20)
+    assert np.isnan(log_ratios(problems[0], [problems[1].system.perception], tapes)).all()
+    # What the other law cannot observe has weight 0, which loses nothing; exact speeds are never the others.
+    back = log_ratios(problems[1], [problems[0].system.perception], tapes)
+    assert np.isnan(back).all() if "speed" in own[0] else not np.isnan(back).any()

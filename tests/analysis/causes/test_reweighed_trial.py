@@ -13,8 +13,9 @@ from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor
 from avrare.estimation.intervals import weighted_counts
 from avrare.estimation.result import Failures
+from avrare.stack.closed_loop import ClosedLoop
 from avrare.testing.faulty_systems import Walk
-from noisy_loop import Sensor, exact, noisy_problem
+from noisy_loop import STEPS, Adder, Gain, Last, Sensor, exact, noisy_problem
 
 
 def test_failures_of_one_run_tell_of_values_nearby():
@@ -110,3 +111,20 @@ def test_failures_without_a_density_ratio_tell_nothing_of_other_values(monkeypat
     assert result.failures.count > 20
     assert reweigher.score(result.failures) is None
     assert reweigher.reweigh(result, (0.9, 1.1), 0.95) == ()
+
+
+class Bounded(Sensor):
+    """Sensor whose errors end at a bound, which is the parameter."""
+
+    def log_ratio(self, world, noise, memory, other, other_memory):
+        ends = np.where(np.abs(noise[:, 0]) > other.sd, -np.inf, 0.0)
+        return ends + (np.nan if other.sd > self.sd else 0.0), None
+
+
+def test_values_at_which_more_can_happen_are_left_to_runs_of_their_own():
+    result = avrare.estimate(noisy_problem(1.0), "mc", rollouts=4_000, seed=4)
+    loop = ClosedLoop(Adder(), Bounded(3.0), Last(), Gain())
+    problem = avrare.Problem(loop, avrare.stl("always (x < 4)"), steps=STEPS)
+    reweigher = Reweigher(problem, 3.0, Bounded)
+    assert [one.value for one in reweigher.reweigh(result, (2.9, 3.0, 3.1), 0.95)] == [2.9, 3.0]
+    assert reweigher.score(result.failures) is None

@@ -208,7 +208,8 @@ class GhostPem:
     ) -> tuple[Floats, GhostMemory]:
         """Return (N,) log density ratio of a nearby model ``other``, see ``PersistentPem.log_ratio``.
 
-        That of the ghosts is the ratio of the probabilities of what happened to each slot.
+        That of the ghosts is the ratio of the probabilities of what happened to each slot. It is NaN where
+        something can happen to a slot under ``other`` alone, as where its ghosts last and these do not.
 
         Raises:
             UsageError: The laws of the ghosts' places differ, or the model of the vehicles has no ratio.
@@ -227,6 +228,8 @@ class GhostPem:
         own, others = (_log_chances(law) for law in (self.ghosts, other.ghosts))
         with np.errstate(invalid="ignore"):  # what cannot happen under either law
             change = others - own
+        if (change == np.inf).any():
+            change = np.full_like(change, np.nan)
         happened = np.where(new, 0, np.where(gone, 1, 2))
         ratio = ratio + change[happened].sum(axis=1)
         q, other_q = self.ghosts.share, other.ghosts.share

@@ -16,6 +16,9 @@ from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE, ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 
+_NEVER = 1e-12
+"""Probability of a miss or a detection up to which it is taken for 0."""
+
 
 class Scales(Protocol):
     """Options of a model that scale its law."""
@@ -49,7 +52,8 @@ def shift_noise(own: ObservationLaw, other: ObservationLaw, noise: Floats) -> tu
 
     Returns:
         Changes (N, 4 V), and the logs of the ratio of the densities ``other`` / ``own`` of what each number
-        decides. Errors of a missed vehicle decide nothing.
+        decides. Errors of a missed vehicle decide nothing. A ratio is NaN where ``other`` observes what
+        ``own`` cannot: weights of what ``own`` observes would lose it.
     """
     parts = noise.reshape(*own.detect.shape, NOISE_PER_VEHICLE)
     change, ratio = np.zeros_like(parts), np.zeros_like(parts)
@@ -65,7 +69,16 @@ def shift_noise(own: ObservationLaw, other: ObservationLaw, noise: Floats) -> tu
                 seen, other._error_log_density(axis, error) - own._error_log_density(axis, error), 0.0
             )
     _shift_speed(own, other, parts[..., 3], seen, change[..., 3], ratio[..., 3])
+    ratio[..., 0] = np.where(_observes_more(own, other), np.nan, ratio[..., 0])
     return change.reshape(noise.shape), ratio.reshape(noise.shape)
+
+
+def _observes_more(own: ObservationLaw, other: ObservationLaw) -> Bools:
+    """Return (N, V) where ``other`` observes what has probability 0 under ``own``."""
+    misses = (own.miss == 0.0) & (other.miss > _NEVER)
+    detects = (own.detect == 0.0) & (other.detect > _NEVER)
+    further = other.limit > own.limit or (own.speed_sd == 0.0) != (other.speed_sd == 0.0)
+    return misses | detects | further
 
 
 def _shift_detection(z: Floats, seen: Bools, log_ratio: Floats) -> Floats:
@@ -78,7 +91,7 @@ def _shift_detection(z: Floats, seen: Bools, log_ratio: Floats) -> Floats:
 def _shift_speed(
     own: ObservationLaw, other: ObservationLaw, z: Floats, seen: Bools, change: Floats, ratio: Floats
 ) -> None:
-    if own.speed_sd > 0.0 and own.speed_sd != other.speed_sd:
+    if own.speed_sd != other.speed_sd and min(own.speed_sd, other.speed_sd) > 0.0:
         factor = own.speed_sd / other.speed_sd
         change[...] = np.where(seen, (factor - 1.0) * z, 0.0)
         ratio[...] = np.where(seen, np.log(factor) + 0.5 * z * z * (1.0 - factor * factor), 0.0)
