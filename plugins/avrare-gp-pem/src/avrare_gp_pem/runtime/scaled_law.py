@@ -78,7 +78,7 @@ def _observes_more(own: ObservationLaw, other: ObservationLaw) -> Bools:
     misses = (own.miss == 0.0) & (other.miss > _NEVER)
     detects = (own.detect == 0.0) & (other.detect > _NEVER)
     further = other.limit > own.limit or (own.speed_sd == 0.0) != (other.speed_sd == 0.0)
-    return misses | detects | further
+    return np.asarray(misses | detects | further)
 
 
 def _shift_detection(z: Floats, seen: Bools, log_ratio: Floats) -> Floats:
