@@ -22,6 +22,7 @@ from avrare.base.stored_files import check_seal, digest, read_arrays, read_json,
 from avrare.base.visible_text import spell_line
 from avrare.estimation.checkpoint import SCENARIO, resume_hint
 from avrare.estimation.result import Failures, Worst
+from avrare.results.stored_diagnostics import check_diagnostics
 from avrare.scenario.safe_mode import is_outside
 from avrare.scenario.yaml import MAX_BYTES
 
@@ -85,7 +86,7 @@ class StoredEstimate(BaseModel):
     warnings: dict[str, str] | None = None
     counts: dict[str, int | float] | None = None
     run_probabilities: list[float | None] | None = None
-    diagnostics: dict[str, Any] | None = None
+    diagnostics: Annotated[dict[str, Any] | None, AfterValidator(check_diagnostics)] = None
 
 
 class StoredResult(BaseModel):

@@ -42,6 +42,37 @@ def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
         read_run_folder(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("found", "place"),
+    [
+        ({"choice": "mc"}, "choice: Input should be a valid dictionary$"),
+        ({"choice": None}, "choice"),
+        ({"choice": {}}, "choice.text"),
+        ({"choice": {"text": "mc", "counting_rollouts": "many"}}, "choice.counting_rollouts"),
+        ({"choice": {"text": "mc", "shared_by": 0}}, "choice.shared_by"),
+        ({"model": {"text": "m", "members": 5}}, "model.members"),
+        ({"twin": {"counted": -1}, "note": "mc"}, "twin.counted"),
+        ({"learnt": [{}]}, "learnt.0.text"),
+        ({"note": ""}, "note"),
+        ({"used_rollouts": 0.5}, "used_rollouts"),
+    ],
+)
+def test_damaged_diagnostics_are_reported(tmp_path, found, place):
+    write(tmp_path, diagnostics=found)
+    with pytest.raises(UsageError, match=rf"estimates\.0\.diagnostics: Value error, {place}"):
+        read_run_folder(tmp_path)
+
+
+def test_diagnostics_are_read_as_they_were_written(tmp_path):
+    found = {
+        "choice": {"text": "mc, because", "counting_rollouts": 90, "shared_by": 2, "tried": []},
+        "model": {"text": "m", "members": [0.1, None]}, "twin": {"counted": 80}, "note": "mc: slow",
+        "learnt": [{"text": "gust", "noise": ["gust"]}], "used_rollouts": 400, "levels": [[None]],
+    }  # fmt: skip
+    write(tmp_path, diagnostics=found)
+    assert read_run_folder(tmp_path).result.estimates[0].diagnostics == found
+
+
 def test_a_result_without_estimates(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps({**RESULT, "estimates": []}))
     with pytest.raises(UsageError, match="it cannot be read: estimates: "):

@@ -88,9 +88,7 @@ class SceneEstimate:
             stored.estimator, stored.probability, stored.interval, stored.simulated_steps,
             stored.relative_error, stored.blind_bound,
         )  # fmt: skip
-        choice = found.get("choice")
-        sharing = choice.get("shared_by") if isinstance(choice, dict) else together
-        parts = sharing if isinstance(sharing, int) and sharing > 0 else 1
+        parts = found["choice"].get("shared_by", 1) if "choice" in found else together
         return replace(estimate, own=own, cost=stored.rollouts // parts if together else 0)
 
 
