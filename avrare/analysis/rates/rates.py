@@ -215,7 +215,7 @@ def _rule_rate(
         ]
         totals[unit] = combine(scaled, parts)
         if any(bound is not None for bound in bounds):
-            blind[unit] = math.fsum(e.value * (bound or 0.0) for e, bound in zip(scaled, bounds, strict=True))
+            blind[unit] = math.fsum(e.high * (bound or 0.0) for e, bound in zip(scaled, bounds, strict=True))
     names = [entry.name for entry in document.scenes]
     asked = [one for one in document.thresholds if one.rule == rule]
     decisions = tuple(_decide(totals[one.unit], one, dict(zip(names, found, strict=True))) for one in asked)

@@ -292,6 +292,15 @@ def test_an_interval_of_its_own_enters_the_sum_by_its_ends(catalogue):
     assert rate.rollouts == (1000, 1900)
 
 
+def test_the_blind_bound_of_a_scene_that_was_never_met_is_not_zero(catalogue):
+    read = load_catalogue(catalogue(("per_hour: 5.0", "count: 0, hours: 10.0")))
+    shared = {"dry": SceneEstimate(0, 1000), "calm": SceneEstimate(20, 1000)}
+    rare = own(1e-4, 0.5e-4, 3e-4, blind_bound=2e-3)
+    rate = compute(read, [shared, {"dry": rare, "calm": SceneEstimate(1, 1000)}])
+    assert rate.exposures[1].value == 0.0
+    assert rate.rates[0].blind == {"hour": pytest.approx(2e-3 * rate.exposures[1].high)}
+
+
 @pytest.mark.parametrize(
     ("probability", "warnings", "verdict"),
     [
@@ -340,7 +349,7 @@ ENTRY = {
 def test_counts_of_an_ensemble_do_not_stand_for_its_models():
     # Its failures are of one model and its rollouts of all: 2 / 400 would be a quarter of the estimate.
     assert SceneEstimate.read(ENTRY).quantity(0.95, False).value == 2 / 400
-    model = SceneEstimate.read({**ENTRY, "diagnostics": {"model": {"text": "m"}}})
+    model = SceneEstimate.read({**ENTRY, "diagnostics": {"model": {"text": "m", "members": [0.02]}}})
     found = model.quantity(0.95, False)
     assert (found.value, found.low, found.high) == (0.02, 0.01, 0.03)
     assert model.warnings == {"model_unknown": "m"}
@@ -349,10 +358,10 @@ def test_counts_of_an_ensemble_do_not_stand_for_its_models():
 def test_rollouts_that_rules_share_are_counted_once():
     assert SceneEstimate.read(ENTRY).cost == 0
     assert SceneEstimate.read(ENTRY, 4).cost == 100
-    chosen = {**ENTRY, "diagnostics": {"choice": {"shared_by": 2}}}
+    chosen = {**ENTRY, "diagnostics": {"choice": {"text": "mc", "shared_by": 2}}}
     assert SceneEstimate.read(chosen, 1).cost == 200
-    damaged = {**ENTRY, "diagnostics": {"choice": {"shared_by": "many"}}}
-    assert SceneEstimate.read(damaged, 1).cost == 400
+    alone = {**ENTRY, "diagnostics": {"choice": {"text": "mc"}}}
+    assert SceneEstimate.read(alone, 1).cost == 400
 
 
 def test_simulated_splitting_is_unbiased():
