@@ -45,7 +45,7 @@ def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
 @pytest.mark.parametrize(
     ("found", "place"),
     [
-        ({"choice": "mc"}, "choice: Input should be a valid dictionary$"),
+        ({"choice": "mc"}, r"choice: Input should be a valid dictionary\n"),
         ({"choice": None}, "choice"),
         ({"choice": {}}, "choice.text"),
         ({"choice": {"text": "mc", "counting_rollouts": "many"}}, "choice.counting_rollouts"),
