@@ -6,7 +6,7 @@ down leaves the batch, keeps its score, and is reported as an error: never as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -114,7 +114,7 @@ class _Simulation:
         self.counting = find_ability(system, CountsEvents)
         self.simulated_steps = int(request.past.paid.sum()) if request.past is not None else 0
         self.counts: dict[str, Integers] = {}
-        self.messages: list[str] = []
+        self.messages: dict[str, int] = {}  # each with the first row that it is of
         self.last = steps if request.until is None else min(request.until, steps)
         self.store = _CarryStore(request, self.last)
         self.features: dict[int, tuple[Integers, Floats]] = {}
@@ -146,7 +146,7 @@ class _Simulation:
             values[self.error] = 0
         return Rollouts(
             self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
-            tuple(dict.fromkeys(self.messages))[:5], tuple(self.store.carries),
+            tuple(sorted(self.messages, key=self.messages.__getitem__))[:5], tuple(self.store.carries),
             self.log_weight + self.noise.log_ratio(), self.store.every, self._all_features(),
             self.noise.sums.T.copy() if self.request.until is not None else np.zeros((self.request.rows, 0)),
         )  # fmt: skip
@@ -168,13 +168,16 @@ class _Simulation:
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
         sample, alive = self._guard(
-            lambda _, noise: self._sample(self.system.initial(noise), len(noise)), None, self.noise(rows, 0)
+            lambda _, noise: self._sample(self.system.initial(noise), len(noise)),
+            None,
+            self.noise(rows, 0),
+            rows,
         )
         monitors = tuple(spec.start(int(alive.sum())) for spec in self.specifications)
         return self._observe(sample, alive, monitors, rows, 0)
 
     def _advance(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
-        sample, alive = self._guard(self._step, carry.system, self.noise(rows, t))
+        sample, alive = self._guard(self._step, carry.system, self.noise(rows, t), rows)
         monitors = carry.monitors if alive.all() else batch.take(carry.monitors, alive)
         return self._observe(sample, alive, monitors, rows, t)
 
@@ -201,7 +204,7 @@ class _Simulation:
         return state, signals, faulty
 
     def _guard(
-        self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats
+        self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats, rows: Integers
     ) -> tuple[Sample | None, Bools]:
         # Apply ``function`` and drop rows that break down; bisect to find those that raise.
         try:
@@ -210,21 +213,22 @@ class _Simulation:
             raise
         except (Exception, SystemExit) as error:  # a plugin that calls exit(0) ends no program as passed
             if len(noise) == 1:
-                self.messages.append(f"{type(error).__name__}: {error}"[:200])
+                self._tell(f"{type(error).__name__}: {error}", rows)
                 return None, np.zeros(1, dtype=bool)
-            return self._bisect(function, state, noise)
+            return self._bisect(function, state, noise, rows)
         alive = ~sample[2]
         if alive.all():
             return sample, alive
-        self.messages.append(_describe_fault(sample[1], ~alive))
+        for text, place in _describe_faults(sample[1], ~alive):
+            self._tell(text, rows[place])
         return (batch.take(sample, alive) if alive.any() else None), alive
 
     def _bisect(
-        self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats
+        self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats, rows: Integers
     ) -> tuple[Sample | None, Bools]:
         half = len(noise) // 2
         parts = [
-            self._guard(function, None if state is None else batch.take(state, part), noise[part])
+            self._guard(function, None if state is None else batch.take(state, part), noise[part], rows[part])
             for part in (slice(0, half), slice(half, None))
         ]
         good = [sample for sample, _ in parts if sample is not None]
@@ -245,13 +249,19 @@ class _Simulation:
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
         unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
         if unknown.any():
-            self.messages.append("the formula has no value: the difference of two infinite signals, or 0/0")
+            text = "the formula has no value: the difference of two infinite signals, or 0/0"
+            self._tell(text, rows[unknown])
             self._drop(rows[unknown], t)
             carry, rows = batch.take(carry, ~unknown), rows[~unknown]
         if not rows.size:
             return None, rows
         self._record(carry, rows, t)
         return carry, rows
+
+    def _tell(self, text: str, rows: Integers) -> None:
+        # The order is that of the rows, whatever the chunk.
+        first = int(rows.min())
+        self.messages[text[:200]] = min(first, self.messages.get(text[:200], first))
 
     def _drop(self, rows: Integers, t: int) -> None:
         self.error[rows] = True
@@ -350,11 +360,14 @@ def _is_nan(values: Floats) -> Bools:
     return np.asarray(np.isnan(values).reshape(len(values), -1).any(axis=1))
 
 
-def _describe_fault(signals: Mapping[str, Any], rows: Bools) -> str:
-    broken = [name for name, values in signals.items() if _is_nan(values[rows]).any()]
-    if not broken:
-        return "fault reported by the system"
-    return f"NaN in {'signal' if len(broken) == 1 else 'signals'} {', '.join(broken)}"[:200]
+def _describe_faults(signals: Mapping[str, Any], rows: Bools) -> Iterator[tuple[str, Integers]]:
+    """Yield each way in which these rows (N,) broke down, and the places of the rows that did."""
+    places = np.flatnonzero(rows)
+    broken = np.array([np.full(len(places), True), *(_is_nan(values[rows]) for values in signals.values())])
+    for way in np.unique(broken, axis=1).T:
+        found = [name for name, there in zip(signals, way[1:], strict=True) if there]
+        nan = f"NaN in signal{'s' * (len(found) > 1)} {', '.join(found)}"
+        yield nan if found else "fault reported by the system", places[(broken == way[:, None]).all(axis=0)]
 
 
 def _check_signals(signals: Signals, n: int) -> dict[str, Any]:

@@ -152,6 +152,42 @@ def test_faults_of_the_wrong_shape(faults):
         problem(system).robustness(np.zeros((4, STEPS + 1, 2)))
 
 
+class Manifold(systems.Walk):
+    """Rows break down in several ways, some of them in the same step."""
+
+    def step(self, state, noise):
+        if (noise[:, 0] > 2.2).any():
+            raise RuntimeError("lost its way")
+        return super().step(state, noise) | {"u": noise[:, 0]}
+
+    def initial(self, noise):
+        return super().initial(noise) | {"u": noise[:, 0]}
+
+    def signals(self, state):
+        u = state["u"]
+        high, low = np.where(u > 1.8, np.nan, u), np.where(u < -1.8, np.nan, u)
+        return {**super().signals(state), "high": high, "low": low}
+
+    def faults(self, state):
+        return np.abs(state["u"]) < 0.005
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 50])
+def test_messages_do_not_depend_on_the_chunk(chunk):
+    def messages(chunk):
+        made = avrare.Problem(Manifold(), avrare.stl("always (x < 9)"), steps=STEPS, chunk=chunk)
+        return avrare.estimate(made, "mc", rollouts=ROWS, seed=2).health["errors"]
+
+    assert messages(chunk) == messages(ROWS)
+
+
+def test_messages_tell_of_each_way_by_the_first_row_that_went_it():
+    assert sorted(simulate(Manifold()).messages) == [
+        "NaN in signal high", "NaN in signal low", "RuntimeError: lost its way",
+        "fault reported by the system",
+    ]  # fmt: skip
+
+
 def test_avrare_errors_are_not_swallowed():
     class Wrong(systems.Walk):
         def step(self, state, noise):
