@@ -41,6 +41,32 @@ def test_blocks_are_drawn_with_replacement():
     assert len(np.unique(draw_blocks(7, np.random.default_rng(0)))) < 7
 
 
+def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
+    pytest.importorskip("torch")
+    from avrare_gp_pem.training import pipeline
+    from avrare_gp_pem.training.bootstrap import fit_ensemble
+    from avrare_gp_pem.training.cleaning import clean
+
+    recipes = []
+
+    def fit_networks(sample, recipe, seed, report):
+        recipes.append(recipe)
+        return train(sample, recipe, seed, report)
+
+    train = pipeline.fit_networks
+    monkeypatch.setattr(pipeline, "fit_networks", fit_networks)
+    recipe = replace(pipeline.RECIPES["logistic"][0], members=3, epochs=1, least_steps=12, least_gain=0.05)
+    data, lines = clean(drive(800)), []
+    fit = pipeline.fit_model(data, pipeline.FitPlan("logistic", recipe=recipe), {}, lines.append)
+    fit_ensemble(fit, data, 2, lines.append)
+    steps = int(lines[0].rpartition(" ")[2])
+    assert steps > 12  # the first schedule was too short
+    assert recipes[0] == recipe
+    assert (
+        recipes[1] == recipes[2] == replace(recipe, epochs=steps // 12, least_steps=steps, least_gain=np.inf)
+    )
+
+
 @pytest.mark.slow
 def test_refits_scatter_as_the_data_leave_them(drive):
     pytest.importorskip("torch")
@@ -52,7 +78,7 @@ def test_refits_scatter_as_the_data_leave_them(drive):
     spreads = []
     for rows in (800, 8000):
         data, plan = clean(drive(rows)), FitPlan("logistic", recipe=recipe)
-        model = fit_ensemble(fit_model(data, plan, {}, lambda line: None), data, plan, 6, lambda line: None)
+        model = fit_ensemble(fit_model(data, plan, {}, lambda line: None), data, 6, lambda line: None)
         assert len(model.ensemble) == 6
         scales = np.array(
             [np.log(one.clean.base_scale[:, 0] + 30 * one.clean.base_scale[:, 1]) for one in model.ensemble]

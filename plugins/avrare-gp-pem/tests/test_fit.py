@@ -51,7 +51,7 @@ def test_the_true_law_is_recovered(drive, model):
 
     data = clean(drive(5000))
     lines = []
-    fitted = fit_model(data, quick(model), {"model": model}, lines.append)
+    fitted = fit_model(data, quick(model), {"model": model}, lines.append).model
     assert lines
     assert fitted.delivered is None
     law = fitted.clean.law(cars(RANGES), 0.0)
@@ -76,7 +76,7 @@ def test_the_artefact_is_modelled_separately(drive):
     from avrare_gp_pem.training.scores import evaluate, yaw_scores
 
     data = clean(drive(6000, artefact=True))
-    fitted = fit_model(data, quick("mlp"), {}, lambda line: None)
+    fitted = fit_model(data, quick("mlp"), {}, lambda line: None).model
     aligned, truth = cars(RANGES[:3], yaw=np.pi / 2), drive.detection(RANGES[:3])
     np.testing.assert_allclose(fitted.clean.law(aligned, 0.0).detect.mean(axis=1), truth, atol=0.12)
     np.testing.assert_allclose(fitted.delivered.law(aligned, 0.0).detect.mean(axis=1), 0.4 * truth, atol=0.12)

@@ -73,7 +73,7 @@ def test_a_fit_finds_normal_errors(drive, tmp_path):
     rows |= {"error_right": 0.3 + errors[0], "error_forward": errors[1]}
     data = clean(make_table({name: np.asarray(part, float) for name, part in rows.items()}), artefact=False)
     plan = FitPlan("literal", schedule=Schedule(inducing=12, steps=150, batch=128, checks=1, weight=1.0))
-    model = fit_model(data, plan, {"licence": "none"}, lambda line: None)
+    model = fit_model(data, plan, {"licence": "none"}, lambda line: None).model
     save(tmp_path / "a.npz", model)
     again = load(tmp_path / "a.npz")
     law = again.clean.law(data.test, 0.0)

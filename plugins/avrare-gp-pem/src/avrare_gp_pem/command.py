@@ -131,8 +131,8 @@ def _fit(args: argparse.Namespace) -> None:
     _make_folder(args.out)
     plan = FitPlan(args.model, args.seed)
     stated = {"data": args.source, "detector": args.detector, "licence": args.licence}
-    model = fit_model(data, plan, provenance(plan, data, stated), _log)
-    model = fit_ensemble(model, data, plan, args.ensemble, _log)
+    fit = fit_model(data, plan, provenance(plan, data, stated), _log)
+    model = fit_ensemble(fit, data, args.ensemble, _log)
     for line in write_report(args.out, args.name, model, data):
         print(line)
 

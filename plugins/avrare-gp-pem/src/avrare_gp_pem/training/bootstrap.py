@@ -1,9 +1,10 @@
 """Bootstrap of a fit: refits to resampled data, which tell how well the data determine the model.
 
 Rows are frames of scenes, so neighbours are alike: contiguous blocks are drawn with replacement, not rows
-(Kuensch, Annals of Statistics 17, 1989). A refit has the recipe of the model itself, and the persistence of
-its errors, which a sample with repeated blocks cannot tell. It is of the detector alone: the labels as
-delivered, artefact included, serve the scores of the model card and no rollout.
+(Kuensch, Annals of Statistics 17, 1989). A refit has the recipe of the model itself, the schedule that was
+found for it included, and the persistence of its errors, which a sample with repeated blocks cannot tell. It
+is of the detector alone: the labels as delivered, artefact included, serve the scores of the model card and
+no rollout.
 """
 
 from __future__ import annotations
@@ -15,23 +16,21 @@ from numpy.typing import NDArray
 
 from avrare_gp_pem.runtime.variant import FittedPem
 from avrare_gp_pem.training.cleaning import CleanedData
-from avrare_gp_pem.training.pipeline import FitPlan, Report, fit_model
+from avrare_gp_pem.training.pipeline import Fit, Report, fit_model
 
 _BLOCKS = 50
 """Blocks that the training rows are cut into."""
 _SEED_KEY = 0xB007
 
 
-def fit_ensemble(
-    model: FittedPem, data: CleanedData, plan: FitPlan, members: int, report: Report
-) -> FittedPem:
+def fit_ensemble(fit: Fit, data: CleanedData, members: int, report: Report) -> FittedPem:
     """Return the model with so many refits to bootstrap samples of the training rows."""
-    found = []
+    model, plan, found = fit.model, fit.plan, []
     for number in range(members):
         rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(_SEED_KEY, number)))
         sample = resample(data, rng)
         own = replace(plan, seed=plan.seed + number + 1)
-        refit = fit_model(sample, own, {}, lambda line: None, whole=False)
+        refit = fit_model(sample, own, {}, lambda line: None, whole=False).model
         found.append(replace(refit, persistence=model.persistence, ghosts=model.ghosts))
         report(f"bootstrap: refit {number + 1} of {members}")
     return replace(model, ensemble=tuple(found))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -52,6 +52,11 @@ class Recipe:
     decay: float = 1e-2
     dropout: float = 0.1
 
+    def settled(self, doubled: int) -> Recipe:
+        """Return the recipe whose only schedule is the shortest one, so many times as long."""
+        longer = doubled * self.epochs, doubled * self.least_steps
+        return replace(self, epochs=longer[0], least_steps=longer[1], least_gain=math.inf)
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -70,7 +75,7 @@ class Sample:
 
 def fit_networks(
     sample: Sample, recipe: Recipe, seed: int, report: Callable[[str], None]
-) -> tuple[Networks, Floats]:
+) -> tuple[Networks, Floats, Recipe]:
     """Train an ensemble.
 
     Args:
@@ -80,7 +85,8 @@ def fit_networks(
         report: Called with a line when done.
 
     Returns:
-        The networks, and (n, 5) outputs for each row by the network that has not seen its block.
+        The networks, (n, 5) outputs for each row by the network that has not seen its block, and the recipe
+        with the schedule that was found.
     """
     blocks = np.array_split(np.arange(len(sample.x)), recipe.members)
     threads = torch.get_num_threads()
@@ -92,7 +98,7 @@ def fit_networks(
             torch.set_num_threads(threads)
     steps = ", ".join(map(str, trainer.best_step))
     report(f"loss {trainer.loss:.4f} on blocks left out; kept steps {steps} of {trainer.steps}")
-    return trainer.best(), trainer.left_out()
+    return trainer.best(), trainer.left_out(), recipe.settled(trainer.doubled)
 
 
 def _train(sample: Sample, recipe: Recipe, blocks: list[NDArray[np.intp]], seed: int) -> _Trainer:
@@ -115,7 +121,7 @@ class _Trainer:
     def __init__(
         self, sample: Sample, recipe: Recipe, blocks: list[NDArray[np.intp]], doubled: int = 1
     ) -> None:
-        self.recipe, self.blocks = recipe, blocks
+        self.recipe, self.blocks, self.doubled = recipe, blocks, doubled
         self.x = torch.as_tensor(sample.x, dtype=torch.float32)
         self.detected = torch.as_tensor(sample.detected, dtype=torch.float32)
         self.standard = torch.as_tensor(sample.standard, dtype=torch.float32)

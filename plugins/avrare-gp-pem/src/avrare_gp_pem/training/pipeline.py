@@ -55,6 +55,19 @@ class FitPlan:
     schedule: Schedule | None = None
 
 
+@dataclass(frozen=True)
+class Fit:
+    """Fitted model, and what a refit to other rows needs.
+
+    Attributes:
+        model: The model.
+        plan: Its plan, for networks with the schedule that was found for the detector.
+    """
+
+    model: FittedPem
+    plan: FitPlan
+
+
 def fit_model(
     data: CleanedData,
     plan: FitPlan,
@@ -62,7 +75,7 @@ def fit_model(
     report: Report,
     *,
     whole: bool = True,
-) -> FittedPem:
+) -> Fit:
     """Fit the detector, and where the labels have an artefact, the labels as delivered too.
 
     Args:
@@ -74,20 +87,23 @@ def fit_model(
     """
     oblique = data.train.take(data.oblique)
     fit = _fit_literal_variant if plan.model == "literal" else _fit_variant
-    clean = fit(oblique, plan, "vehicle", lambda line: report(f"detector: {line}"))
+    clean, recipe = fit(oblique, plan, "vehicle", lambda line: report(f"detector: {line}"))
     delivered = None
     if data.has_artefact and whole:
-        delivered = fit(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
+        delivered, _ = fit(data.train, plan, "ego", lambda line: report(f"labels: {line}"))
     lasting = None
     if whole:
         lasting = fit_persistence(clean, oblique)
         report(describe_persistence(lasting))
     ghosts = fit_ghosts(data.ghosts) if data.ghosts is not None else None
     report(describe_ghosts(ghosts, data.ghosts, data.test_ghosts))
-    return FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting, ghosts)
+    model = FittedPem(clean, delivered, dict(provenance), fit_yaw(oblique), lasting, ghosts)
+    return Fit(model, replace(plan, recipe=recipe))
 
 
-def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report) -> Variant:
+def _fit_variant(
+    rows: DetectionTable, plan: FitPlan, frame: str, report: Report
+) -> tuple[Variant, Recipe | None]:
     # 1. Inputs; only the labels' own frame reads the orientation of boxes relative to the ego's axes.
     wanted = COMMON if plan.model == "gp" else RECIPES[plan.model][1]
     wanted = (*wanted, *AXES) if frame == "ego" else wanted
@@ -101,7 +117,7 @@ def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report
     standard = np.nan_to_num(errors / (base[:, 0] + base[:, 1] * distance[:, None]))
     # 3. Latent functions, then calibration on rows that they were not fitted to.
     sample = Sample((columns - mean) / sd, rows.detected, standard)
-    latents, unseen = _fit_latents(sample, plan, distance, errors, report)
+    latents, unseen, recipe = _fit_latents(sample, plan, distance, errors, report)
     variant = Variant(
         latents=latents,
         inputs=tuple(np.array(wanted)[varying].tolist()),
@@ -122,10 +138,12 @@ def _fit_variant(rows: DetectionTable, plan: FitPlan, frame: str, report: Report
         f"scales x {variant.stretch[0]:.2f} and {variant.stretch[1]:.2f}, "
         f"{variant.dof[0]:.2f} and {variant.dof[1]:.2f} degrees of freedom, tails to the power of {powers}"
     )
-    return variant
+    return variant, recipe
 
 
-def _fit_literal_variant(rows: DetectionTable, plan: FitPlan, _: str, report: Report) -> Variant:
+def _fit_literal_variant(
+    rows: DetectionTable, plan: FitPlan, _: str, report: Report
+) -> tuple[Variant, Recipe | None]:
     from avrare_gp_pem.training.fit_literal import LITERAL_SCHEDULE, fit_literal  # needs pyro
 
     columns, errors = features(rows, LITERAL), errors_in("ego", rows)
@@ -135,7 +153,7 @@ def _fit_literal_variant(rows: DetectionTable, plan: FitPlan, _: str, report: Re
     latents = fit_literal(sample, replace(plan.schedule or LITERAL_SCHEDULE, seed=plan.seed), report)
     noise = scale * np.exp(latents.log_noise)
     report(f"normal noise of {noise[0]:.3f} m to the right and {noise[1]:.3f} m forward, not calibrated")
-    return Variant(
+    variant = Variant(
         latents=latents,
         inputs=LITERAL,
         input_mean=mean,
@@ -147,20 +165,23 @@ def _fit_literal_variant(rows: DetectionTable, plan: FitPlan, _: str, report: Re
         frame="ego",
         bounds=np.stack([columns.min(axis=0), columns.max(axis=0)]),
     )
+    return variant, plan.recipe
 
 
 def _fit_latents(
     sample: Sample, plan: FitPlan, distance: Floats, errors: Floats, report: Report
-) -> tuple[Latents, UnseenRows]:
+) -> tuple[Latents, UnseenRows, Recipe | None]:
     if plan.model == "gp":
         from avrare_gp_pem.training.fit_gp import SCHEDULE, fit_gps  # needs pyro, networks do not
 
         schedule = replace(plan.schedule or SCHEDULE, seed=plan.seed)
         pair, mean, variance, rows = fit_gps(sample, schedule, report)
-        return pair, UnseenRows(mean, variance, distance[rows], sample.detected[rows], errors[rows])
+        unseen = UnseenRows(mean, variance, distance[rows], sample.detected[rows], errors[rows])
+        return pair, unseen, plan.recipe
     recipe = plan.recipe or RECIPES[plan.model][0]
-    fitted, left_out = fit_networks(sample, recipe, plan.seed, report)
-    return fitted, UnseenRows(left_out, np.zeros_like(left_out), distance, sample.detected, errors)
+    fitted, left_out, found = fit_networks(sample, recipe, plan.seed, report)
+    unseen = UnseenRows(left_out, np.zeros_like(left_out), distance, sample.detected, errors)
+    return fitted, unseen, found
 
 
 def fit_base_scale(distance: Floats, errors: Floats) -> Floats:
