@@ -38,7 +38,8 @@ def run(
         clock: CPU time until now [s].
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for seed in range(len(read(folder, name, options)), count):
+    known = {part["seed"] for part in read(folder, name, options)}
+    for seed in sorted(set(range(count)) - known):
         part = {"seed": seed, "options": dict(options)} | _run_part(
             problem, name, options, seed, folder, clock
         )

@@ -56,6 +56,16 @@ def test_a_later_call_adds_only_the_missing_parts(tmp_path):
         parts.read(tmp_path, "mc", MC | {"scenario": "b"})
 
 
+def test_parts_made_elsewhere_leave_the_gaps_between_them(tmp_path):
+    whole = finished(tmp_path / "whole", "mc", MC, 3)
+    (tmp_path / "some").mkdir()
+    lines = (tmp_path / "whole" / "mc.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "some" / "mc.jsonl").write_text(lines[0] + lines[2])
+    found = finished(tmp_path / "some", "mc", MC, 3)
+    assert [part["seed"] for part in found] == [0, 2, 1]
+    assert parts.pool(found) == parts.pool(whole)
+
+
 def test_an_interrupted_part_goes_on_and_keeps_its_cpu_time(tmp_path):
     problem = linear(1.5, dim=5).problem(chunk=10)
     whole = finished(tmp_path / "whole", "mc", MC, 1, problem)
