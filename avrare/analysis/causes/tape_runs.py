@@ -113,7 +113,7 @@ class TapeRunner:
         requests = [Request.replay(tapes[at : at + rows]) for at in range(done, len(tapes), rows)]
         if not requests:
             return
-        executor: Executor = build_executor(self.workers)
+        executor: Executor = build_executor(min(self.workers, len(requests)))
         executor.open(work)
         with closing(executor):
             for request, outcome in zip(requests, executor.map(requests), strict=True):

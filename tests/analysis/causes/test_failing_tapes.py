@@ -69,3 +69,20 @@ def test_tapes_of_another_shape_are_refused():
     ends[1].steps += 1
     with pytest.raises(UsageError, match="tapes of different shapes"):
         derive_from_failures(ends, 0.1, sample, TapeRunner(), "steps")
+
+
+def test_a_single_chunk_starts_no_further_process(monkeypatch):
+    from avrare.analysis.causes import tape_runs
+
+    started = []
+
+    def build(workers):
+        started.append(workers)
+        return build_executor(1)
+
+    build_executor = tape_runs.build_executor
+    monkeypatch.setattr(tape_runs, "build_executor", build)
+    problem, tapes = noisy_problem(), np.zeros((3 * noisy_problem().chunk, 6, 1))
+    for count in (1, len(tapes)):
+        TapeRunner(workers=2)(problem, tapes[:count])
+    assert started == [1, 2]
