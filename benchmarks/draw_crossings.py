@@ -23,7 +23,7 @@ from avrare.driving import Action
 from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle
 from avrare.stack.builder import build_rule
-from avrare_single_track.config import RecordedConfig
+from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from avrare_single_track.config import OpenScenarioConfig
+from avrare_single_track.file_config import OpenScenarioConfig
 from avrare_single_track.openscenario.simulator import OpenScenario
 from openscenario_files import SCENARIOS
 

@@ -12,7 +12,7 @@ import pytest
 from avrare.base.errors import UsageError
 from avrare.driving import Action
 from avrare.stack.builder import build_rule
-from avrare_single_track.config import RecordedConfig
+from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 from intersection_scenes import (
     EGO,

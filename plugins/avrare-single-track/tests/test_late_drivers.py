@@ -7,8 +7,8 @@ from pydantic import TypeAdapter, ValidationError
 from avrare.base.batch import leaves, take
 from avrare.base.laws import Law
 from avrare.driving import Action
-from avrare_single_track.config import HandedOverConfig
 from avrare_single_track.driver_model import idm
+from avrare_single_track.file_config import HandedOverConfig
 from drivers import car, dense, drive, simulator
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare_single_track.config import OpenScenarioConfig
+from avrare_single_track.file_config import OpenScenarioConfig
 from avrare_single_track.openscenario.simulator import OpenScenario
 from lanelet_scenes import BEND, KINDS
 from openscenario_files import change_lane, document, drive, event

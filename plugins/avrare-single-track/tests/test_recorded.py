@@ -13,8 +13,8 @@ from avrare.driving import Action, Lane, Road
 from avrare.driving.lanes import ENDLESS
 from avrare.results.recordings.commonroad import open_commonroad
 from avrare.stack.closed_loop import ClosedLoop
-from avrare_single_track.config import OpenScenarioConfig, RecordedConfig
 from avrare_single_track.driver_model import idm
+from avrare_single_track.file_config import OpenScenarioConfig, RecordedConfig
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
 from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
@@ -92,7 +92,7 @@ def test_mistakes(write):
 @pytest.mark.parametrize(
     ("ego", "words"),
     [
-        ({"speed": 3.0}, r"ego\.speed is that of the planning problem: leave it out"),
+        ({"speed": 3.0}, r"ego\.speed is that of the recording: leave it out"),
         ({"lenght": 4.0}, r"ego\.lenght: unknown key; did you mean 'length'"),
         ({"length": -4.0}, r"ego\.length: Input should be greater than 0"),
     ],
@@ -100,7 +100,7 @@ def test_mistakes(write):
 def test_the_ego_s_options_are_checked_before_anything_is_built(ego, words):
     with pytest.raises(ValidationError, match=words):
         RecordedConfig(file="scene.xml", ego=ego)
-    with pytest.raises(ValidationError, match=words.replace("the planning problem", "the file")):
+    with pytest.raises(ValidationError, match=words.replace("the recording", "the file")):
         OpenScenarioConfig(file="scene.xosc", ego=ego)
 
 

@@ -18,15 +18,15 @@ def avrare_components() -> list[Component]:
         Component(
             kind="simulator",
             name="commonroad",
-            config="avrare_single_track.config:RecordedConfig",
+            config="avrare_single_track.file_config:RecordedConfig",
             factory="avrare_single_track.recorded:build",
-            summary="recorded CommonRoad scene: its planning problem as the ego, its obstacles replayed",
+            summary="recorded scene of CommonRoad, highD or inD; the others are replayed or react",
             needs=("casadi", "commonroad"),
         ),
         Component(
             kind="simulator",
             name="openscenario",
-            config="avrare_single_track.config:OpenScenarioConfig",
+            config="avrare_single_track.file_config:OpenScenarioConfig",
             factory="avrare_single_track.openscenario.simulator:build",
             complete="avrare_single_track.openscenario.completion:complete",
             summary="OpenSCENARIO XML scene: a single-track ego among vehicles that act out its storyboard",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, Generic, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from avrare.base.errors import did_you_mean
 from avrare.plugin import Drawable
 from avrare_mpc.config import TrajectoryPlan
 
@@ -22,11 +20,13 @@ MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
 
 
-class _Options(BaseModel):
+class Options(BaseModel):
+    """Options that are checked whole, and do not change."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class PieceConfig(_Options):
+class PieceConfig(Options):
     """Straight, arc or clothoid of a road's reference line."""
 
     length: float = Field(gt=0.0, description="[m]")
@@ -36,7 +36,7 @@ class PieceConfig(_Options):
     )
 
 
-class SpanConfig(_Options):
+class SpanConfig(Options):
     """Stretch of the road at which there is a lane."""
 
     lane: int = Field(ge=0, description="index of the lane, from the right")
@@ -52,7 +52,7 @@ class SpanConfig(_Options):
         return self
 
 
-class RoadConfig(_Options):
+class RoadConfig(Options):
     """Parallel lanes along x, or along a line that bends."""
 
     lane_centres: tuple[float, ...] = Field(
@@ -106,7 +106,7 @@ class RoadConfig(_Options):
         return self
 
 
-class EgoConfig(_Options):
+class EgoConfig(Options):
     """Start and body of the ego; the defaults are a mid-size car (CommonRoad vehicle 1)."""
 
     x: Drawable = Field(description="centre at the start [m]")
@@ -133,14 +133,14 @@ class EgoConfig(_Options):
         return self
 
 
-class MergeConfig(_Options):
+class MergeConfig(Options):
     """Lane that a driver wants, as soon as the gaps are safe."""
 
     lane: int = Field(ge=0, description="index of the lane, from the right")
     from_step: int = Field(default=0, ge=0, description="first step at which it is wanted")
 
 
-class BrakeConfig(_Options):
+class BrakeConfig(Options):
     """Steps, first and last included, at which a driver brakes whatever is ahead."""
 
     from_step: int = Field(ge=0, description="first step")
@@ -160,7 +160,7 @@ def _number(default: float, description: str, **bounds: Any) -> Any:
     return Field(default=default, description=description, **bounds)
 
 
-class FollowingConfig(_Options, Generic[_Number]):
+class FollowingConfig(Options, Generic[_Number]):
     """Car following of a driver, its reaction time, and the noise of both."""
 
     time_gap: _Number = _number(1.5, "time gap to the vehicle ahead [s]", ge=0.0)
@@ -212,7 +212,7 @@ class DriverConfig(FollowingConfig[Drawable]):
         return lanes
 
 
-class VehicleConfig(_Options):
+class VehicleConfig(Options):
     """Other vehicle: parked, at constant velocity, following a plan made before the run, or reacting."""
 
     name: str = Field(min_length=1, description="as it is called in messages and pictures")
@@ -242,7 +242,7 @@ class VehicleConfig(_Options):
         return name
 
 
-class SingleTrackConfig(_Options):
+class SingleTrackConfig(Options):
     """Options of the simulator ``single_track``."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"ego": {"x": 0.0, "y": 1.75, "speed": 20.0}}]})
@@ -283,108 +283,3 @@ class SingleTrackConfig(_Options):
             if last >= count:
                 raise ValueError(f"{vehicle.name!r} drives on lane {last}, the lanes are 0..{count - 1}")
         return self
-
-
-class HandedOverConfig(FollowingConfig[float]):
-    """Recorded vehicles that a driver model takes over, from their state at the start.
-
-    Each desires the highest speed that it was recorded with.
-    """
-
-    vehicles: tuple[int, ...] = Field(
-        default=(),
-        description="obstacles to take over; default: all that move and are along a lane at the start",
-    )
-    lane_changes: bool = Field(default=False, description="change lanes where it pays (MOBIL)")
-
-
-def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:
-    for name in ego:
-        if name in ("x", "y", "heading", "speed"):
-            raise ValueError(f"ego.{name} is that of {source}: leave it out")
-        if name not in EgoConfig.model_fields:
-            hint = did_you_mean(name, EgoConfig.model_fields)
-            raise ValueError(f"ego.{name}: unknown key" + (f"; {hint}" if hint else ""))
-    try:
-        EgoConfig(x=0.0, y=0.0, speed=0.0, **ego)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, ("ego", *first["loc"])))
-        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
-    return ego
-
-
-class RecordedConfig(BaseModel):
-    """Options of the simulator ``commonroad``."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": "scene.xml"}]}
-    )
-
-    file: Path = Field(description="CommonRoad scenario", json_schema_extra={"file": True})
-    problem: int | None = Field(default=None, description="id of the planning problem; default: the only one")
-    without: tuple[int, ...] = Field(
-        default=(), description="obstacles to leave out, such as the one that the ego stands for"
-    )
-    route: tuple[int, ...] = Field(
-        default=(),
-        description="lanelets on the ego's way, such as that of a turn; default: straight on from its start",
-    )
-    ego: dict[str, float] = Field(
-        default_factory=dict,
-        description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
-    )
-    drivers: HandedOverConfig | None = Field(
-        default=None, description="recorded vehicles that react; default: all repeat what was recorded"
-    )
-
-    @field_validator("ego")
-    @classmethod
-    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
-        return _check_body(ego, "the planning problem")
-
-
-class OpenScenarioConfig(_Options):
-    """Options of the simulator ``openscenario``."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [{"file": "cut_in.xosc", "entity": "Ego"}]})
-
-    file: Path = Field(
-        description="OpenSCENARIO XML 1.x: a scenario, or a file of parameter distributions that names one",
-        json_schema_extra={"file": True},
-    )
-    entity: str = Field(default="Ego", min_length=1, description="name of the entity that is the ego")
-    road: Path | None = Field(
-        default=None,
-        description="OpenDRIVE or CommonRoad file; default: the one that the scenario names",
-        json_schema_extra={"file": True},
-    )
-    catalogs: tuple[Path, ...] = Field(
-        default=(),
-        max_length=100,
-        description="files of catalogs; default: those that the scenario refers to",
-    )
-    dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
-    parameters: dict[str, Drawable | str] = Field(
-        default_factory=dict, description="values or laws of parameters, in place of those that are declared"
-    )
-    ego: dict[str, float] = Field(
-        default_factory=dict,
-        description="limits of the ego, as in single_track: friction, acceleration_max, steering_max, ...",
-    )
-    ignore_ego_events: bool = Field(
-        default=False, description="pass over what the storyboard has the ego do; its start counts"
-    )
-    weather: Drawable | None = Field(
-        default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
-    )
-
-    @property
-    def used_files(self) -> dict[str, Path]:
-        """Files of catalogs, which count in the fingerprint."""
-        return {f"catalogs.{number}": path for number, path in enumerate(self.catalogs)}
-
-    @field_validator("ego")
-    @classmethod
-    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
-        return _check_body(ego, "the file")

@@ -12,20 +12,16 @@ from pydantic import ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare.driving.lanes import ENDLESS, lane_borders, lane_overlap
+from avrare.driving.lanes import ENDLESS, lane_overlap
 from avrare.protocols import Bools, Floats, Signals
-from avrare.results.recordings.commonroad import open_problem
 from avrare.results.recordings.recording import VehicleTrack
-from avrare_single_track.config import (
-    DriverConfig,
-    EgoConfig,
-    HandedOverConfig,
-    RecordedConfig,
-    SingleTrackConfig,
-    VehicleConfig,
-)
+from avrare_single_track.config import DriverConfig, EgoConfig, SingleTrackConfig, VehicleConfig
+from avrare_single_track.file_config import HandedOverConfig, RecordedConfig
+from avrare_single_track.recorded_files import read_scene
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWorld
 
+_SLOW = 0.01
+"""Speed up to which a vehicle counts as parked [m/s]."""
 _STEADY = 0.3
 """Most that a border of a lane may move aside where drivers keep to it [m]."""
 _ALIGNED = 0.25 * np.pi
@@ -48,43 +44,23 @@ class RecordedScene(SingleTrack):
 
     def __init__(self, config: RecordedConfig) -> None:
         self._path = path = str(config.file)
-        drives, start = open_problem(path, config.problem)
-        guide = drives.lead(start, config.route)
-        road, angle = drives.find_road(guide)
-        if unknown := {str(one) for one in config.without} - set(drives.obstacles):
-            raise UsageError(f"{path}: there is no obstacle {min(unknown)}", "look at `without`")
-        kept = [one for name, one in drives.obstacles.items() if int(name) not in config.without]
-        steps = [int(one.steps.max()) for one in kept if len(one.steps)]
-        first, self.last = int(start.steps[0]), max(steps, default=0)
-        samples = self.last - first + 1
-        if samples < 2:
-            raise UsageError(f"{path}: no obstacle is recorded after the planning problem begins")
-        every = [one.track(first, samples, angle, road.line) for one in kept]
-        others = [track for track in every if track.present.any()]
-        road, self.lights = drives.add_rules(road, guide, [track.name for track in others], first, samples)
-        pose = start.track(first, 1, angle, road.line).states[:4, 0]
-        if config.route:
-            _check_start(path, road, *pose[:2])
-        body: dict[str, Any] = {
-            **config.ego,
-            **dict(zip(("x", "y", "heading", "speed"), pose.tolist(), strict=True)),
-        }
-        super().__init__(SingleTrackConfig(dt=drives.dt, ego=_check_ego(path, body)))
-        self.last -= first
-        filled = [track.fill_gaps(drives.dt) for track in others]
-        self.traffic = ReplayedTraffic(filled)
+        found = read_scene(config)
+        ego = _check_ego(path, {**found.body, **config.ego})
+        super().__init__(SingleTrackConfig(dt=found.dt, ego=ego))
+        self.last, self.lights = found.last, found.lights
+        self.traffic = ReplayedTraffic([track.fill_gaps(found.dt) for track in found.others])
         self.scene = Scene(
-            drives.dt,
-            road,
+            found.dt,
+            found.road,
             self.config.ego.length,
             self.config.ego.width,
-            tuple(f"v{track.name}" for track in others),
-            np.array([track.length for track in others]),
-            np.array([track.width for track in others]),
-            np.array([bool(np.nanmax(np.abs(track.states[3])) > 0.01) for track in others], dtype=bool),
+            tuple(f"v{track.name}" for track in found.others),
+            np.array([track.length for track in found.others]),
+            np.array([track.width for track in found.others]),
+            np.array([_moves(track) for track in found.others], dtype=bool),
         )
         if config.drivers is not None:
-            self._hand_over(path, config.drivers, others)
+            self._hand_over(path, config.drivers, found.others)
 
     def _hand_over(self, path: str, drivers: HandedOverConfig, tracks: list[VehicleTrack]) -> None:
         if not has_constant_lanes(self.scene.road):
@@ -140,6 +116,10 @@ class RecordedScene(SingleTrack):
         return super().faults(world) | (world.step > self.last)
 
 
+def _moves(track: VehicleTrack) -> bool:
+    return bool(np.abs(track.states[3][track.present]).max() > _SLOW)
+
+
 def has_constant_lanes(road: Road) -> bool:
     """Return whether no lane moves aside by more than 0.3 m."""
     return all(np.ptp(border) < _STEADY for lane in road.lanes for border in (lane.right, lane.left))
@@ -159,12 +139,6 @@ def continue_lanes(road: Road) -> Road:
 def _is_along_a_lane(road: Road, x: float, y: float, heading: float) -> bool:
     place = np.array(x), np.array(y), np.array(0.0), np.array(0.0)
     return abs(np.cos(heading)) > np.cos(_ALIGNED) and bool((lane_overlap(road, *place) > 0.0).any())
-
-
-def _check_start(path: str, road: Road, x: float, y: float) -> None:
-    right, left = lane_borders(road, np.array(x))
-    if not (right <= y).any() or not (y <= left).any():
-        raise UsageError(f"{path}: the ego does not start on the way along `route`", "look at `route`")
 
 
 def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:

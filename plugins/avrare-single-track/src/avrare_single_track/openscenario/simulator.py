@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from avrare.base.errors import UsageError
 from avrare.driving import Scene, World
 from avrare.protocols import Bools, Floats
-from avrare_single_track.config import EgoConfig, OpenScenarioConfig, SingleTrackConfig
+from avrare_single_track.config import EgoConfig, SingleTrackConfig
+from avrare_single_track.file_config import OpenScenarioConfig
 from avrare_single_track.openscenario.acted_traffic import ActedTraffic, StoryMemory
 from avrare_single_track.openscenario.scenario_file import Body, ScenarioFile, read_scenario
 from avrare_single_track.simulator import SingleTrack, TrackWorld

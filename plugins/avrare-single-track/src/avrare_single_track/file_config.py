@@ -1,0 +1,143 @@
+"""Options of simulators of files: recorded scenes, and those in OpenSCENARIO XML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from avrare.base.errors import did_you_mean
+from avrare.plugin import Drawable
+from avrare_single_track.config import EgoConfig, FollowingConfig, Options
+
+
+class HandedOverConfig(FollowingConfig[float]):
+    """Recorded vehicles that a driver model takes over, from their state at the start.
+
+    Each desires the highest speed that it was recorded with.
+    """
+
+    vehicles: tuple[int, ...] = Field(
+        default=(),
+        description="obstacles to take over; default: all that move and are along a lane at the start",
+    )
+    lane_changes: bool = Field(default=False, description="change lanes where it pays (MOBIL)")
+
+
+def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:
+    for name in ego:
+        if name in ("x", "y", "heading", "speed"):
+            raise ValueError(f"ego.{name} is that of {source}: leave it out")
+        if name not in EgoConfig.model_fields:
+            hint = did_you_mean(name, EgoConfig.model_fields)
+            raise ValueError(f"ego.{name}: unknown key" + (f"; {hint}" if hint else ""))
+    try:
+        EgoConfig(x=0.0, y=0.0, speed=0.0, **ego)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, ("ego", *first["loc"])))
+        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
+    return ego
+
+
+class RecordedConfig(BaseModel):
+    """Options of the simulator ``commonroad``."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": "scene.xml"}]}
+    )
+
+    file: Path = Field(
+        description="CommonRoad scenario; with `vehicle` any recording with lanes, such as NN_tracks.csv of "
+        "highD",
+        json_schema_extra={"file": True},
+    )
+    problem: int | None = Field(default=None, description="id of the planning problem; default: the only one")
+    vehicle: int | None = Field(
+        default=None,
+        description="recorded vehicle that the ego stands for, from its first step on, in place of a "
+        "planning problem",
+    )
+    network: Path | None = Field(
+        default=None,
+        description="CommonRoad file with the lanes of a recording in the format of inD",
+        json_schema_extra={"file": True},
+    )
+    dt: float | None = Field(
+        default=None, gt=0.0, le=1.0, description="step [s]; default: that of the recording"
+    )
+    without: tuple[int, ...] = Field(
+        default=(), description="obstacles to leave out, such as the one that the ego stands for"
+    )
+    route: tuple[int, ...] = Field(
+        default=(),
+        description="lanelets on the ego's way, such as that of a turn; default: straight on from its start",
+    )
+    ego: dict[str, float] = Field(
+        default_factory=dict,
+        description="body of the ego, as in single_track: length, width, wheelbase, friction, ...",
+    )
+    drivers: HandedOverConfig | None = Field(
+        default=None, description="recorded vehicles that react; default: all repeat what was recorded"
+    )
+
+    @field_validator("ego")
+    @classmethod
+    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
+        return _check_body(ego, "the recording")
+
+    @model_validator(mode="after")
+    def _one_start(self) -> Self:
+        wrong = ("problem", "route") if self.vehicle is not None else ("network",)
+        for name in wrong:
+            if getattr(self, name) not in (None, ()):
+                text = "is of a planning problem" if self.vehicle is not None else "is of a `vehicle`"
+                raise ValueError(f"{name} {text}: leave it out")
+        return self
+
+
+class OpenScenarioConfig(Options):
+    """Options of the simulator ``openscenario``."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"file": "cut_in.xosc", "entity": "Ego"}]})
+
+    file: Path = Field(
+        description="OpenSCENARIO XML 1.x: a scenario, or a file of parameter distributions that names one",
+        json_schema_extra={"file": True},
+    )
+    entity: str = Field(default="Ego", min_length=1, description="name of the entity that is the ego")
+    road: Path | None = Field(
+        default=None,
+        description="OpenDRIVE or CommonRoad file; default: the one that the scenario names",
+        json_schema_extra={"file": True},
+    )
+    catalogs: tuple[Path, ...] = Field(
+        default=(),
+        max_length=100,
+        description="files of catalogs; default: those that the scenario refers to",
+    )
+    dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
+    parameters: dict[str, Drawable | str] = Field(
+        default_factory=dict, description="values or laws of parameters, in place of those that are declared"
+    )
+    ego: dict[str, float] = Field(
+        default_factory=dict,
+        description="limits of the ego, as in single_track: friction, acceleration_max, steering_max, ...",
+    )
+    ignore_ego_events: bool = Field(
+        default=False, description="pass over what the storyboard has the ego do; its start counts"
+    )
+    weather: Drawable | None = Field(
+        default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
+    )
+
+    @property
+    def used_files(self) -> dict[str, Path]:
+        """Files of catalogs, which count in the fingerprint."""
+        return {f"catalogs.{number}": path for number, path in enumerate(self.catalogs)}
+
+    @field_validator("ego")
+    @classmethod
+    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
+        return _check_body(ego, "the file")

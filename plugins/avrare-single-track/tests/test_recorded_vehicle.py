@@ -1,0 +1,124 @@
+"""Recordings as scenarios in which the ego stands for one of the vehicles: CommonRoad, highD, inD."""
+
+import math
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from avrare.base.errors import UsageError
+from avrare.driving import Action
+from avrare.results.recordings.commonroad import open_commonroad
+from avrare.results.recordings.drives import open_drives
+from avrare_single_track.file_config import RecordedConfig
+from avrare_single_track.recorded import RecordedScene
+from drone_files import highd_rows, write_highd, write_ind
+from lanelet_scenes import KINDS
+
+pytest.importorskip("commonroad.common.file_reader")
+
+
+@pytest.fixture
+def highd(tmp_path):
+    rows = [
+        *highd_rows(1, 50.0, 26.0, 30.0, range(10, 110)),  # lower, right lane
+        *highd_rows(2, 90.0, 26.0, 20.0, range(110)),  # ahead of it, slower
+        *highd_rows(3, 70.0, 22.0, 25.0, range(60)),  # left lane, gone after 2 s
+        *highd_rows(4, 300.0, 10.0, 25.0, range(110), -1.0),  # the other way
+    ]
+    return write_highd(tmp_path, rows, {1: 2, 2: 2, 3: 2, 4: 1})
+
+
+def roll(sim, steps):
+    """Return the world after some steps, the ego going straight on."""
+    zero = np.zeros(1)
+    world = sim.reset(np.zeros((1, sim.noise_size)))
+    for _ in range(steps):
+        world = sim.step(world, Action(zero, zero), np.zeros((1, sim.noise_size)))
+        assert not sim.faults(world).any()
+    return world
+
+
+def test_the_ego_stands_for_a_vehicle_of_highd(highd):
+    sim = RecordedScene(RecordedConfig(file=highd, vehicle=1))
+    recording = open_drives(highd).recording("1")
+    assert (sim.dt, sim.last, sim.scene.names) == (0.04, 99, ("v2", "v3"))
+    world = sim.reset(np.zeros((1, 0)))
+    for name in ("x", "y", "heading", "speed"):
+        assert getattr(world.ego, name)[0] == recording.signals[f"ego_{name}"][0]
+    for step in (0, 30, 99):
+        found = sim.traffic.at(np.array([step]))
+        np.testing.assert_array_equal(found.x[0], recording.signals["others_x"][step])
+
+
+def test_its_step_may_be_another(highd):
+    sim = RecordedScene(RecordedConfig(file=highd, vehicle=1, dt=0.1))
+    assert (sim.dt, sim.last) == (0.1, 39)
+    x = np.array([sim.traffic.at(np.array([step])).x[0] for step in range(40)])
+    start = open_drives(highd).recording("1").signals["others_x"][0]
+    np.testing.assert_allclose(x[:, 0], start[0] + 20.0 * 0.1 * np.arange(40), atol=1e-9)
+    np.testing.assert_allclose(x[:20, 1], start[1] + 25.0 * 0.1 * np.arange(20), atol=1e-9)
+    assert (x[21:, 1] < -1e5).all()  # it is recorded for 2 s only
+
+
+def test_vehicles_of_highd_are_handed_to_drivers(tmp_path):
+    rows = [*highd_rows(1, 50.0, 26.0, 30.0, range(110)), *highd_rows(2, 90.0, 26.0, 20.0, range(110))]
+    highd = write_highd(tmp_path, rows, {1: 2, 2: 2})
+    sim = RecordedScene(RecordedConfig(file=highd, vehicle=2, dt=0.1, drivers={"vehicles": (1,)}))
+    assert sim.noise_names == ("acceleration of v1",)
+    replayed = roll(RecordedScene(RecordedConfig(file=highd, vehicle=2, dt=0.1)), 43)
+    driven = roll(sim, 43)
+    k = sim.scene.names.index("v1")
+    assert replayed.others.x[0, k] > replayed.ego.x[0]  # 10 m/s faster, it drives through the ego
+    assert driven.others.x[0, k] + 4.5 < driven.ego.x[0]
+    assert driven.others.speed[0, k] < 29.0
+
+
+def test_the_ego_stands_for_a_vehicle_of_ind_on_a_network(tmp_path):
+    rows = [f"0,7,{f},{20 + 0.4 * f},1.75,0,1.8,4.0,10,0,0,0" for f in range(60)]
+    rows += [f"0,8,{f},{60 + 0.4 * f},1.75,0,1.8,4.5,10,0,0,0" for f in range(60)]
+    path = write_ind(tmp_path, rows)
+    lanes = tmp_path / "map.xml"
+    lanes.write_text(KINDS["crossing"](0.0), encoding="utf-8")
+    sim = RecordedScene(RecordedConfig(file=path, vehicle=7, network=lanes, dt=0.2))
+    world = roll(sim, sim.last)
+    assert world.ego.x[0] - sim.reset(np.zeros((1, 0))).ego.x[0] == pytest.approx(10.0 * 0.2 * sim.last)
+    assert sim.scene.ego_length == 4.0
+    with pytest.raises(UsageError, match="there are no lanelets"):
+        RecordedScene(RecordedConfig(file=path, vehicle=7))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_ego_stands_for_an_obstacle_of_commonroad(tmp_path, kind):
+    path = tmp_path / f"{kind}.xml"
+    path.write_text(KINDS[kind](0.7), encoding="utf-8")
+    sim = RecordedScene(RecordedConfig(file=path, vehicle=1))
+    recording = open_commonroad(str(path)).recording("1")
+    assert sim.scene.names == tuple(f"v{name}" for name in recording.names)
+    world = sim.reset(np.zeros((1, 0)))
+    assert math.hypot(*(getattr(world.ego, c)[0] - recording.signals[f"ego_{c}"][0] for c in "xy")) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"vehicle": 9}, "there is no moving vehicle 9"),
+        ({"vehicle": 1, "without": (8,)}, "there is no obstacle 8"),
+        ({"vehicle": 1, "dt": 1.0, "drivers": {"vehicles": (4,)}}, "obstacle 4 is not there at the start"),
+    ],
+)
+def test_vehicles_that_are_not_there(highd, options, message):
+    with pytest.raises(UsageError, match=message):
+        RecordedScene(RecordedConfig(file=highd, **options))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"vehicle": 1, "problem": 2}, "problem is of a planning problem"),
+        ({"network": "a"}, "is of a `vehicle`"),
+    ],
+)
+def test_options_that_exclude_each_other(options, message):
+    with pytest.raises(ValidationError, match=message):
+        RecordedConfig(file="a.xml", **options)
