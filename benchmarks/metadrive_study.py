@@ -43,7 +43,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 
 def danger(usual: Any) -> Any:
-    """Return the score that splitting orders by: -1 at full speed without delay, 0 at a failure.
+    """Return the score that splitting orders by: -1 at full speed without delay, 0 where a failure threatens.
 
     How slow the last five samples are, or how far the reward lags behind ``usual`` (T + 1,), that of a run
     whose noise is at its median. A lag shows early; what lacks at the end would leave nothing to branch.

@@ -61,7 +61,7 @@ def _run_part(
     given = {key: value for key, value in options.items() if key != SCENARIO}
     chunks = folder / f"{name}-{seed}-chunks"
     result = avrare.estimate(problem, name, seed=seed, checkpoint=chunks, progress=note, **given)
-    noise, ancestors = result.failures.noise.astype(np.float32), result.failures.ancestors
+    noise, ancestors = result.failures.noise, result.failures.ancestors
     ancestors = np.zeros((len(noise), 2), dtype=np.int64) if ancestors is None else ancestors
     np.savez(folder / f"{name}-{seed}.npz", noise=noise, ancestors=ancestors)
     found: Part = json.loads(result.to_json())
