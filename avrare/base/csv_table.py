@@ -41,7 +41,8 @@ class CsvTable:
         for line, cells in self.rows:
             if len(cells) != len(self.names):
                 raise UsageError(
-                    f"{self.path}:{line}: {len(cells)} values, but the header has {len(self.names)} columns"
+                    f"{self.path}:{line}: {len(cells)} values, but the header has {len(self.names)} columns",
+                    "each line needs a value for every column of the first line, between commas",
                 )
         if not self.rows:
             raise UsageError(f"{self.path}: there are no rows below the header")

@@ -38,7 +38,7 @@ COMMANDS = {
     "history": ("avrare.cli.history", "store results, and show estimates over commits"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
-    "new": ("avrare.cli.new", "create a plugin package"),
+    "new": ("avrare.cli.new", "create a scenario, or a plugin package"),
     "check-plugin": ("avrare.cli.check_plugin", "run the conformance checks of a plugin"),
 }
 """Name -> module with ``execute(args)`` (returns the exit code, None: 0), and a summary."""

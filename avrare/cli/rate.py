@@ -70,7 +70,7 @@ def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:
         if args.out is not None and Path(args.out).resolve() != Path(args.resume).resolve():
             raise UsageError("--out cannot be combined with --resume", "results go to the folder of --resume")
         if not Path(args.resume).is_dir():
-            raise UsageError(f"--resume {args.resume}: no such folder")
+            raise UsageError(f"--resume {args.resume}: no such folder", "give the folder that --out named")
         rundir.refuse_links(Path(args.resume))
         return Path(args.resume)
     out = Path(args.out or f"runs/{catalogue.document.name}-{datetime.now():%Y%m%d-%H%M%S}")

@@ -13,7 +13,7 @@ from typing import Any
 
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
-from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, UsageError
+from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, ScenarioError, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings, say
 from avrare.estimation.budget import Budget
@@ -45,6 +45,12 @@ from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.safe_mode import is_safe
 from avrare.scenario.schema import Scenario
+
+_OPTIONS = {
+    "seed": "--seed", "cross_check": "--cross-check", "estimator.learned": "--learned",
+    "estimator.relative_error": "--until relative_error", "estimator.threshold": "--until threshold",
+}  # fmt: skip
+"""Keys of a scenario that an option sets, with the option."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -82,7 +88,7 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
     if args.out is not None and Path(args.out).resolve() != Path(args.resume).resolve():
         raise UsageError("--out cannot be combined with --resume", "results go to the run's folder")
     if not Path(args.resume).is_dir():
-        raise UsageError(f"--resume {args.resume}: no such folder")
+        raise UsageError(f"--resume {args.resume}: no such folder", "give the folder that --out named")
     rundir.refuse_links(Path(args.resume))
     return Path(args.resume)
 
@@ -90,7 +96,20 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
 def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
     if not args.scenarios and args.resume is None:
         raise UsageError("avrare run: SCENARIO is required", "avrare run SCENARIO, or --resume DIR")
-    return load_scenarios(args, _overrides(args))
+    try:
+        return load_scenarios(args, _overrides(args))
+    except ScenarioError as error:
+        problems = [(_by_option(text, args), hint) for text, hint in error.problems]
+        raise ScenarioError(problems, error.exit_code) from None
+
+
+def _by_option(text: str, args: argparse.Namespace) -> str:
+    # What an option has set is not told as a --set that nobody has written.
+    written = {one.partition("=")[0].strip() for one in args.set}
+    for key, option in _OPTIONS.items():
+        if key not in written and text.startswith(f"--set {key}: "):
+            return option + text.removeprefix(f"--set {key}")
+    return text
 
 
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:

@@ -14,7 +14,7 @@ CANDIDATES = ("is", "smc", "ams", "ess")
 class AutoConfig(BaseModel):
     """Options of the choice: a Monte Carlo pilot decides, by rules that are fixed before it runs."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     relative_error: float | None = Field(
         default=None, ge=1e-3, lt=1.0,

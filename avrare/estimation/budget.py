@@ -32,7 +32,8 @@ class Budget:
             raise UsageError(f"unknown budget {self.kind!r}", did_you_mean(str(self.kind), KINDS))
         if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= MAX_AMOUNT):
             wanted = f"a positive number up to {MAX_AMOUNT:g}"
-            raise UsageError(f"budget {self.kind} must be {wanted}, not {self.amount!r}")
+            hint = f"for example {self.kind}=1000"
+            raise UsageError(f"budget {self.kind} must be {wanted}, not {self.amount!r}", hint)
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class MfmcConfig(BaseModel):
     """Options of two-phase sampling: a cheap twin on many tapes, the stack itself on those that matter."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     rollouts: int = Field(
         default=10_000, ge=1, le=10**12,

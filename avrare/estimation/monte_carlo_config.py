@@ -13,7 +13,7 @@ MAX_SEQUENTIAL_ROLLOUTS = 10**6
 class McConfig(BaseModel):
     """Options of Monte Carlo: independent rollouts, all specifications scored in one pass."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     rollouts: int = Field(
         default=1000,

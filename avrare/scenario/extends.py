@@ -63,7 +63,8 @@ def _content(path: str, named_at: Mark | None) -> bytes:
         raise ScenarioError([(f"{where}: no such file", _similar_files(path, named_at))]) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
-        raise ScenarioError([(f"{where}: cannot be read: {reason}", None)]) from None
+        hint = "give a scenario file" if isinstance(error, IsADirectoryError) else None
+        raise ScenarioError([(f"{where}: cannot be read: {reason}", hint)]) from None
 
 
 def _similar_files(path: str, named_at: Mark | None) -> str | None:

@@ -36,6 +36,7 @@ _HINTS = (
     ("mapping values are not allowed", "quote a value that contains ': '"),
     ("could not find expected ':'", "write 'key: value', with a space after the colon"),
     ("expected <block end>", "check the indentation: keys of one mapping start in one column"),
+    ("expected ',' or", "close the bracket that is open, or put a comma between its entries"),
     ("undefined alias", "quote a value that starts with '*'"),
     ("cannot start any token", "quote a value that starts with a special character"),
 )
@@ -225,6 +226,8 @@ def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str | None]:
     problem = " ".join((error.problem or "cannot be read").split())
     if "another document" in problem:
         return "more than one document", "keep one document in a file; remove the second '---'"
-    context = f" ({' '.join(error.context.split())})" if error.context else ""
+    begin, end = error.context_mark, error.problem_mark
+    begins = f" that begins at line {begin.line + 1}" if begin and end and begin.line < end.line else ""
+    context = f" ({' '.join(error.context.split())}{begins})" if error.context else ""
     hint = next((hint for sign, hint in _HINTS if sign in problem), None)
     return f"not YAML: {problem}{context}", hint

@@ -101,6 +101,8 @@ def _hint(before: str, rest: str, token: Any) -> str | None:
         return "write >= to compare, -> for implies"
     if re.search(r"\[[^\]\n]*$", before):
         return _BOUNDS_HINT
+    if token.type == "NAME" and re.search(r"(^|[^\w.])\d[\d.]*\s*$", before):
+        return "numbers have no unit, only time bounds do, as in always[0:3s]; a product is written 3 * x"
     if token.type == "LSQB":
         if re.search(r"\b(exists|forall)\s*$", before):
             return "write at_least 2 o in others: ... for two or more"

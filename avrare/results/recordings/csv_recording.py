@@ -36,7 +36,11 @@ def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:
 
     Rules apply to the vehicle called ``ego`` and need a road. Errors in the file are told by line.
     """
-    table = read_csv_table(path, empty="the first line names the columns: time,speed,gap")
+    table = read_csv_table(
+        path,
+        missing="give the file of a recorded drive",
+        empty="the first line names the columns: time,speed,gap",
+    )
     _check_header(table)
     table.check_rows()
     if "vehicle" in table.names or _looks_like_vehicles(table):

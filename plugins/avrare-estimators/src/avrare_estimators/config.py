@@ -22,7 +22,7 @@ KernelName = Literal["pcn", "shrink", "lipschitz", "surrogate", "lipschitz_growi
 
 
 class _Config(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
 

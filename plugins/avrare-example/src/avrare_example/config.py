@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class TankConfig(BaseModel):
     """Options of the simulator ``tank``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     dt: float = Field(default=10.0, gt=0.0, description="time step [s]; converts time bounds of formulas")
     area: float = Field(default=2.0, gt=0.0, description="surface area of the water [m^2]")
@@ -23,6 +23,6 @@ class TankConfig(BaseModel):
 class SpillageConfig(BaseModel):
     """Options of the specification ``spillage``."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     limit: float = Field(default=0.5, ge=0.0, description="maximal spilled volume [m^3]")

@@ -124,7 +124,10 @@ class _PemConfig(_AnyPemConfig):
     """Options of the models of a detector."""
 
     speed_sd: float = Field(
-        0.3, ge=0, description="standard deviation of the observed speed along the road [m/s]; 0: exact"
+        0.3,
+        ge=0,
+        allow_inf_nan=False,
+        description="standard deviation of the observed speed along the road [m/s]; 0: exact",
     )
     miss_scale: float = Field(
         1.0,
@@ -174,7 +177,12 @@ class GpPemConfig(_PemConfig):
     artefact: bool = Field(
         False, description="imitate the matching of the training labels, too; only for scoring on such labels"
     )
-    height: float = Field(1.7, gt=0, description="height of every other vehicle, an input of the model [m]")
+    height: float = Field(
+        1.7,
+        gt=0,
+        allow_inf_nan=False,
+        description="height of every other vehicle, an input of the model [m]",
+    )
 
 
 class ParametricPemConfig(_PemConfig):
@@ -201,7 +209,12 @@ class NaivePemConfig(_AnyPemConfig):
     """Misses with a fixed probability and unit errors: a proposal for importance sampling, no detector."""
 
     detection: float = Field(0.5, gt=0, lt=1, description="detection probability of every vehicle")
-    sd: float = Field(1.0, gt=0, description="standard deviation of the position errors [m]")
+    sd: float = Field(
+        1.0, gt=0, allow_inf_nan=False, description="standard deviation of the position errors [m]"
+    )
     speed_sd: float = Field(
-        0.3, ge=0, description="standard deviation of the observed speed; best as the target's [m/s]"
+        0.3,
+        ge=0,
+        allow_inf_nan=False,
+        description="standard deviation of the observed speed; best as the target's [m/s]",
     )

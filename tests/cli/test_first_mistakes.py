@@ -1,0 +1,85 @@
+"""Mistakes of the first hours: what is wrong, where, and what to do next."""
+
+import pytest
+
+from avrare.base.errors import UsageError
+from avrare.cli.main import main
+from avrare.logic.formula import stl
+
+TANK = """\
+name: t
+steps: 4
+simulator: {plugin: tank}
+specifications: {dry: {stl: "always (level < 1.05)"}}
+estimator: {plugin: mc, rollouts: 20}
+"""
+
+
+@pytest.fixture
+def said(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "t.yaml").write_text(TANK)
+
+    def said(*words, code=4):
+        assert main([*words]) == code
+        return capsys.readouterr().err
+
+    return said
+
+
+def test_an_open_bracket_is_told_with_its_line(said, tmp_path):
+    (tmp_path / "t.yaml").write_text(TANK.replace("tank}", "tank"))
+    error = said("validate", "t.yaml")
+    assert "t.yaml:4:15: not YAML" in error
+    assert "while parsing a flow mapping that begins at line 3" in error
+    assert "hint: close the bracket that is open" in error
+
+
+@pytest.mark.parametrize("text", ["always (level < 1.05 m)", "always (2 level < 1)", "always (level < 3.m)"])
+def test_a_number_with_a_unit_is_no_number_of_a_formula(text):
+    with pytest.raises(UsageError) as caught:
+        stl(text)
+    assert caught.value.hint == (
+        "numbers have no unit, only time bounds do, as in always[0:3s]; a product is written 3 * x"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "start"),
+    [
+        (("--seed", "-1"), "--seed: should be greater"),
+        (("--until", "relative_error=-1"), "--until relative_error: should be greater"),
+        (("--until", "threshold=7"), "--until threshold: should be less"),
+        (("--learned", "learned.json"), "--learned: unknown key"),
+        (("--set", "seed=-1"), "--set seed: should be greater"),
+    ],
+)
+def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):
+    assert said("run", "t.yaml", *words).startswith(start)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "t.yaml", "--budget", "rollouts=0"),
+        ("run", "t.yaml", "--budget", "rollouts"),
+        ("run", "t.yaml", "--resume", "nothere"),
+        ("validate", "."),
+        ("monitor", "nothere.csv", "--rule", "R_G1"),
+        ("monitor", "t.yaml", "--rule", "R_G1"),
+    ],
+)
+def test_every_error_says_what_to_do(said, words):
+    assert "\nhint: " in said(*words)
+
+
+@pytest.mark.parametrize("estimator", ["mc", "auto", "ams", "ess", "is", "ce", "smc"])
+def test_an_infinite_memory_is_refused(said, estimator):
+    error = said("validate", "t.yaml", "--estimator", estimator, "--set", "estimator.memory=.inf")
+    assert "estimator.memory: should be a finite number, found inf" in error
+
+
+def test_an_infinite_option_of_the_example_is_refused(said):
+    assert "simulator.surge: should be a finite number" in said(
+        "validate", "t.yaml", "--set", "simulator.surge=1e400"
+    )
