@@ -76,6 +76,9 @@ class Problem:
         _check_integer("steps", steps, 0)
         if chunk is not None:
             _check_integer("chunk", chunk, 1)
+        if isinstance(system, type):
+            name = system.__name__
+            raise UsageError(f"{name} is a class, not a system", f"give an object of it, such as {name}()")
         missing = [name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)]
         if missing:
             raise UsageError(
@@ -211,7 +214,7 @@ class Problem:
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
         """Run given noise (N, steps + 1, noise_size)."""
-        tape = np.asarray(tape, dtype=np.float64)
+        tape = read_tape(tape)
         expected = (self.steps + 1, self.noise_size)
         if tape.ndim != 3 or tape.shape[1:] != expected:
             raise UsageError(
@@ -325,6 +328,19 @@ class Problem:
             measure = judge if lost else MarginScored(judge, nominal)
             scored.append(FormulaScored(spec, measure) if guide else measure)
         return tuple(scored)
+
+
+def read_tape(noise: Any) -> Floats:
+    """Return noise as an array of numbers, of whatever shape.
+
+    Raises:
+        UsageError: It is none.
+    """
+    try:
+        return np.asarray(noise, dtype=np.float64)
+    except (TypeError, ValueError):
+        text = f"the noise is no array of numbers, but {type(noise).__name__}"
+        raise UsageError(text, "give tapes such as result.failures.noise") from None
 
 
 def _check_integer(name: str, value: object, least: int) -> None:

@@ -76,7 +76,8 @@ def find_perfect_noise(part: Any) -> NDArray[np.float64]:
         text = f"{name} has perfect_noise {perfect.perfect_noise!r}, which are no numbers"
         raise UsageError(text, hint) from None
     if numbers.shape != (part.noise_size,):
-        text = f"{name} has {numbers.size} perfect_noise, but noise_size is {part.noise_size}"
+        size = f"{numbers.size}" if numbers.ndim == 1 else f"an array {numbers.shape} of"
+        text = f"{name} has {size} perfect_noise, but noise_size is {part.noise_size}"
         raise UsageError(text, hint)
     return numbers
 

@@ -2,9 +2,11 @@
 
 import pytest
 
+import avrare
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare.logic.formula import stl
+from avrare.testing.faulty_systems import Walk
 
 TANK = """\
 name: t
@@ -83,3 +85,17 @@ def test_an_infinite_option_of_the_example_is_refused(said):
     assert "simulator.surge: should be a finite number" in said(
         "validate", "t.yaml", "--set", "simulator.surge=1e400"
     )
+
+
+def test_a_class_is_no_system():
+    with pytest.raises(UsageError, match="Walk is a class, not a system") as caught:
+        avrare.Problem(Walk, stl("always (x < 1)"), steps=3)
+    assert caught.value.hint == "give an object of it, such as Walk()"
+
+
+@pytest.mark.parametrize("noise", ["worst", [[1.0], "x"], {}])
+def test_noise_that_is_no_array_is_refused(noise):
+    problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
+    for take in (problem.trace, problem.robustness):
+        with pytest.raises(UsageError, match="the noise is no array of numbers"):
+            take(noise)

@@ -18,7 +18,7 @@ from avrare.logic.formula import find_formula
 from avrare.protocols import Floats
 from avrare.report.plots import hide_spines, make_figure
 from avrare.report.session.plot import Plot
-from avrare.rollout.problem import Problem
+from avrare.rollout.problem import Problem, read_tape
 from avrare.rollout.replay import replay_tape, tabulate_signals
 
 _MAX_PANELS = 8
@@ -154,7 +154,7 @@ class Trace(Mapping[str, NDArray[Any]]):
 def trace_problem(problem: Problem, noise: Any = None) -> Trace:
     """Run one tape of ``problem`` and return the trace; see ``Problem.trace``."""
     shape = (problem.steps + 1, problem.noise_size)
-    tape = np.zeros(shape) if noise is None else np.asarray(getattr(noise, "noise", noise), dtype=np.float64)
+    tape = np.zeros(shape) if noise is None else read_tape(getattr(noise, "noise", noise))
     if tape.ndim == 3:
         raise UsageError(
             f"trace takes one tape, not {len(tape)}",
