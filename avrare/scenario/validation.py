@@ -48,6 +48,9 @@ def _translate(
         groups.setdefault(_path_in(data, details["loc"], details["type"]), []).append(details)
     translations = []
     for path, found in groups.items():
+        inside = any(other != path and other[: len(path)] == path for other in groups)
+        if found[0]["type"] == "too_short" and inside:
+            continue  # pydantic counts only the items without mistakes
         text, hint = _explain(found, model, _nearest(data, path), path, other_keys)
         about_key = found[0]["type"] in ("extra_forbidden", "missing") or found[0]["loc"][-1:] == ("[key]",)
         translations.append(Translation(path, text, hint, about_key))

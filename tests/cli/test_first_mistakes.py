@@ -99,3 +99,13 @@ def test_noise_that_is_no_array_is_refused(noise):
     for take in (problem.trace, problem.robustness):
         with pytest.raises(UsageError, match="the noise is no array of numbers"):
             take(noise)
+
+
+def test_a_mistake_in_the_only_scene_does_not_make_the_scenes_too_few(said, tmp_path):
+    scene = "{name: a, scenario: t.yaml, exposure: {count: 3, minutes: 10}}"
+    (tmp_path / "c.yaml").write_text(f"name: c\nbudget: {{rollouts: 900}}\nscenes:\n  - {scene}\n")
+    error = said("rate", "c.yaml")
+    assert "c.yaml:4:54: scenes.0.exposure.minutes: unknown key" in error
+    assert "at least 1 item" not in error
+    (tmp_path / "c.yaml").write_text("name: c\nbudget: {rollouts: 900}\nscenes: []\n")
+    assert "scenes: should have at least 1 item, found 0" in said("rate", "c.yaml")
