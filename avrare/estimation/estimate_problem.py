@@ -196,6 +196,10 @@ _ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint
 
 
 def _estimator(name: str, options: dict[str, Any]) -> Estimator:
+    if not isinstance(name, str):
+        raise UsageError(
+            f"estimator must be a name, not {name!r}", 'such as "mc"; `avrare plugins` lists all'
+        )
     component = default_registry().get("estimator", name)
     config = check_options(component.load_config(), name, options, other_keys=_ARGUMENTS)
     return component.load_factory()(config, None)  # type: ignore[no-any-return]

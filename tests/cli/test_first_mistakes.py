@@ -109,3 +109,14 @@ def test_a_mistake_in_the_only_scene_does_not_make_the_scenes_too_few(said, tmp_
     assert "at least 1 item" not in error
     (tmp_path / "c.yaml").write_text("name: c\nbudget: {rollouts: 900}\nscenes: []\n")
     assert "scenes: should have at least 1 item, found 0" in said("rate", "c.yaml")
+
+
+def test_what_python_hands_over_by_mistake_is_refused(tmp_path):
+    pytest.importorskip("matplotlib")
+    problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
+    with pytest.raises(UsageError, match="estimator must be a name, not 5"):
+        avrare.estimate(problem, 5)
+    plot = avrare.estimate(problem, "mc", rollouts=9).plot()
+    with pytest.raises(UsageError, match="no plot can be written as 'xyz'"):
+        plot.save(tmp_path / "plot.xyz")
+    assert plot.save(tmp_path / "plot.SVG").exists()
