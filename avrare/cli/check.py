@@ -16,6 +16,7 @@ from avrare.analysis.check.gate import check
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
+from avrare.analysis.rates.catalogue import is_catalogue
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.cli import check_catalogue
@@ -37,7 +38,7 @@ _PILOT_ROLLOUTS = 200
 
 def execute(args: argparse.Namespace) -> int:
     """Check the scenarios together, or a catalogue; report, and return the exit code of the verdict."""
-    if any(map(check_catalogue.is_catalogue, args.scenarios)):
+    if any(map(is_catalogue, args.scenarios)):
         return check_catalogue.execute(args)
     budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
     if budget and spend:

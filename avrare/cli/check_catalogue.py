@@ -8,31 +8,19 @@ from pathlib import Path
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
-from avrare.analysis.rates.catalogue import Catalogue, load_catalogue
+from avrare.analysis.rates.catalogue import Catalogue, is_catalogue, load_catalogue
 from avrare.analysis.rates.rates import CatalogueRates
-from avrare.base.errors import AvrareError, UsageError
+from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
-from avrare.base.stored_files import open_regular
 from avrare.cli import rate
 from avrare.cli.output import write_file
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
-from avrare.scenario.yaml import MAX_BYTES, parse
 
 _OF_SCENARIOS = (
     "set", "estimator", "seed", "spend", "baseline", "save", "require_baseline", "accept_changes", "plan",
 )  # fmt: skip
 """Options that a catalogue has no use for, or has keys of its own for."""
-
-
-def is_catalogue(path: str) -> bool:
-    """Return whether a file lists scenes and is no scenario itself; one that cannot be read is none."""
-    try:
-        with open_regular(path) as file:
-            top = parse(file.read(MAX_BYTES), path)
-    except (AvrareError, OSError, ValueError):
-        return False
-    return top.child("scenes") is not None and top.child("simulator") is None
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from avrare.base.errors import UsageError
+from avrare.base.errors import ScenarioError, UsageError
 from avrare.cli.epilogs import EPILOGS
 from avrare.plugin.component import KINDS
 
@@ -370,7 +370,15 @@ def load_scenarios(args: argparse.Namespace, settings: Sequence[str]) -> list[Sc
     """Load the scenarios on the command line, which must have different names."""
     from avrare.scenario.load import load
 
-    scenarios = [load(path, settings, args.estimator) for path in args.scenarios]
+    try:
+        scenarios = [load(path, settings, args.estimator) for path in args.scenarios]
+    except ScenarioError:
+        from avrare.analysis.rates.catalogue import is_catalogue
+
+        for path in filter(is_catalogue, args.scenarios):
+            text = f"{path}: is a catalogue of scenes, and no scenario"
+            raise UsageError(text, f"avrare rate {path}, or with thresholds avrare check {path}") from None
+        raise
     names = sorted(scenario.name for scenario in scenarios)
     if len(set(names)) < len(names):
         raise UsageError(f"two scenarios have the same name: {', '.join(names)}", "give one per command")

@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from avrare.analysis.rates.catalogue import is_catalogue, load_catalogue
 from avrare.base.errors import AvrareError, ExitCode, PluginError
 from avrare.cli.output import print_warnings, say
 from avrare.scenario.load import load
@@ -52,6 +53,11 @@ def _first_steps(scenario: Scenario) -> Iterator[None]:
 
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
+        if is_catalogue(path):
+            catalogue = load_catalogue(path)
+            scenes, rules = len(catalogue.document.scenes), len(catalogue.rules)
+            say(f"{path}: ok  {catalogue.document.name}, a catalogue of {scenes} scenes and {rules} rules")
+            return int(ExitCode.PASS)
         scenario = load(path, args.set, args.estimator)
         print_warnings(scenario.warnings)
         found = _build(scenario) if args.build else []

@@ -109,3 +109,18 @@ def test_a_catalogue_without_thresholds_is_refused(catalogue, capsys):
     Path("c.yaml").write_text(text)
     assert main(["check", "c.yaml"]) == 4
     assert "has no thresholds to check" in capsys.readouterr().err
+
+
+def test_a_catalogue_in_place_of_a_scenario_is_named(catalogue, capsys):
+    assert main(["run", catalogue()]) == 4
+    error = capsys.readouterr().err
+    assert "c.yaml: is a catalogue of scenes, and no scenario" in error
+    assert "hint: avrare rate c.yaml" in error
+
+
+def test_a_catalogue_is_validated_with_its_scenes(catalogue, capsys):
+    assert main(["validate", catalogue()]) == 0
+    assert capsys.readouterr().out == "c.yaml: ok  tanks, a catalogue of 2 scenes and 2 rules\n"
+    Path("tank.yaml").write_text(SCENARIO.replace("surge", "surg"))
+    assert main(["validate", "c.yaml"]) == 4
+    assert "did you mean 'surge'?" in capsys.readouterr().err
