@@ -44,6 +44,8 @@ class StoredSaving(_Stored):
     low: float | None
     high: float
     vanish: float
+    vanish_low: float = 0.0
+    vanish_high: float = 1.0
     new: float
     new_high: float
 

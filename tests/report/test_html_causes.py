@@ -43,6 +43,19 @@ def test_the_kinds_and_the_savings_are_shown(analysed):
     assert "failures in the plane of their two principal components" in section
 
 
+def test_without_fresh_tapes_the_failures_that_vanish_are_shown_alone(analysed, capsys):
+    words = ["attribution", str(analysed), "--out", str(analysed), "--specification", "left", "--fresh", "0"]
+    assert main(words) == 0
+    page = render_report(analysed)
+    table = page[page.index("What to fix first</h3>") :]
+    table = table[: table.index("</table>")]
+    assert "unknown" not in table
+    assert "Saves" not in table
+    first = json.loads((analysed / "attribution.json").read_text())["attribution"]["left"]["perfect"][0]
+    assert 0.0 < first["vanish_low"] < first["vanish"] <= first["vanish_high"] <= 1.0
+    assert f"{100 * first['vanish_low']:.0f} – {100 * first['vanish_high']:.0f} %" in table
+
+
 def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
     stored = json.loads((analysed / "kinds.json").read_text())
     stored["kinds"]["left"]["kinds"][0] |= {"decisive": "car 0.2 m too far left", "lost": "lost at t = 1.0 s"}

@@ -127,8 +127,8 @@ class Attribution:
         return Records(
             {
                 "perfect": one.name, "saves": one.saved, "low": one.saved_interval[0],
-                "high": one.saved_interval[1], "vanish": one.vanish, "new": one.new,
-                "new_high": one.new_interval[1],
+                "high": one.saved_interval[1], "vanish": one.vanish, "vanish_low": one.vanish_interval[0],
+                "vanish_high": one.vanish_interval[1], "new": one.new, "new_high": one.new_interval[1],
             }
             for one in self.savings
         )  # fmt: skip

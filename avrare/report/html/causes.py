@@ -105,19 +105,34 @@ def _render_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) 
 
 
 def _render_savings(attribution: StoredAttribution) -> Markup:
-    rows = [
+    heads: tuple[str, ...] = ("Change", "Saves", "Interval", "Failures that vanish", "New failures")
+    note = "Share of the probability that each change would save, measured on the same noise tapes."
+    rows: list[tuple[object, ...]] = [
         (
             one.perfect, "unknown" if one.low is None else tag("strong", f"{100 * one.saves:.0f} %"),
-            "unknown" if one.low is None else f"{100 * one.low:.0f} – {100 * one.high:.0f} %",
+            "unknown" if one.low is None else _format_share(one.low, one.high),
             f"{100 * one.vanish:.0f} %", _describe_new(one),
         )
         for one in attribution.perfect
     ]  # fmt: skip
-    note = "Share of the probability that each change would save, measured on the same noise tapes."
-    heads = ("Change", "Saves", "Interval", "Failures that vanish", "New failures")
+    if all(one.low is None for one in attribution.perfect):  # without fresh tapes
+        heads = ("Change", "Failures that vanish", "Interval")
+        note = (
+            "Share of the failures that vanish with each change, on the same noise tapes. "
+            "Failures that it makes were not looked for (--fresh)."
+        )
+        rows = [
+            (one.perfect, tag("strong", f"{100 * one.vanish:.0f} %"),
+             _format_share(one.vanish_low, one.vanish_high))
+            for one in attribution.perfect
+        ]  # fmt: skip
     return tag(
         "div", tag("h3", "What to fix first"), tag("p", note, class_="muted"), _render_table(heads, rows)
     )
+
+
+def _format_share(low: float, high: float) -> str:
+    return f"{100 * low:.0f} – {100 * high:.0f} %"
 
 
 def _describe_new(one: StoredSaving) -> str:
