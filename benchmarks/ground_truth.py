@@ -20,6 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from studies import truth
 
 from avrare.base.errors import Interrupted
@@ -28,8 +29,10 @@ from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.estimation.plan import Info
+from avrare.protocols import Floats
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.request import Rollouts
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
@@ -37,6 +40,23 @@ ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
 TRUTHS = ROOT / "docs" / "ground-truth"
 KEPT = ("specification", "probability", "interval", "confidence", "rollouts", "failures", "errors", "health")
+
+
+class KeepingMonteCarlo(MonteCarlo):
+    """Monte Carlo that keeps the robustness of every rollout; a result has that of the first ones only.
+
+    Attributes:
+        robustness: Parts (n, S), NaN for errors.
+    """
+
+    def __init__(self, config: McConfig) -> None:
+        super().__init__(config)
+        self.robustness: list[Floats] = []
+
+    def tell(self, state: Any, rollouts: Rollouts) -> tuple[Any, Info]:
+        """Keep the robustness, and count."""
+        self.robustness.append(np.where(rollouts.error[:, None], np.nan, rollouts.robustness))
+        return super().tell(state, rollouts)
 
 
 def main() -> None:
@@ -53,7 +73,7 @@ def main() -> None:
     settings = [*args.set, "estimator={plugin: mc}", f"estimator.rollouts={args.rollouts}"]
     scenario = LoadedScenario(load(args.scenario, settings))
     try:
-        results = rolled_out(scenario, args)
+        results, robustness = rolled_out(scenario, args)
     except Interrupted:
         print("stopped, the finished chunks are saved; the same command goes on")
         return
@@ -69,13 +89,14 @@ def main() -> None:
         "estimates": [{name: entry[name] for name in KEPT} for entry in entries],
     }
     file = args.truths / f"{definition.name}-{about['fingerprint']}.json"
-    truth.write(file, about, {result.specification: truth.Tail.of(result.robustness) for result in results})
+    names = [result.specification for result in results]
+    truth.write(file, about, dict(zip(names, map(truth.Tail.of, robustness.T), strict=True)))
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     print(f"{file} written; {results[0].seconds:.0f} s, the largest process had {peak:.0f} MiB")
 
 
-def rolled_out(scenario: LoadedScenario, args: Any) -> list[Any]:
-    """Return the results of all rollouts, those of earlier calls included."""
+def rolled_out(scenario: LoadedScenario, args: Any) -> tuple[list[Any], Floats]:
+    """Return the results of all rollouts and their robustness (N, S), those of earlier calls included."""
     definition = scenario.definition
     folder = args.results / f"ground_truth_{definition.name}_{fingerprint(definition)}"
     problem = scenario.problem(scenario.specifications)
@@ -90,11 +111,13 @@ def rolled_out(scenario: LoadedScenario, args: Any) -> list[Any]:
             print(f"{info.rollouts} of {args.rollouts} rollouts, {info.failures} failures", flush=True)
 
     task = {"scenario": definition.resolved | {"estimator": None}, "versions": definition.versions}
+    estimator = KeepingMonteCarlo(McConfig(rollouts=args.rollouts))
     with Checkpoint.open(folder, task).held() as checkpoint:
-        return run(
-            problem, MonteCarlo(McConfig(rollouts=args.rollouts)), executor, settings, tell,
+        results = run(
+            problem, estimator, executor, settings, tell,
             checkpoint.journal("rollouts"), lambda: moved[0] and time.monotonic() - began > args.seconds,
         )  # fmt: skip
+    return results, np.concatenate(estimator.robustness)
 
 
 if __name__ == "__main__":

@@ -84,3 +84,9 @@ def is_marked(field: FieldInfo, kind: str) -> bool:
     """Return whether an option is marked with ``json_schema_extra={kind: True}``."""
     extra = field.json_schema_extra
     return isinstance(extra, dict) and bool(extra.get(kind))
+
+
+def marked_options(model: type[BaseModel], kind: str) -> set[str]:
+    """Return the names, in a file, of the options that are marked so."""
+    fields = model.model_fields.items()
+    return {info.alias or name for name, info in fields if is_marked(info, kind)}

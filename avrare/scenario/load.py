@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pydantic import BaseModel
 
@@ -13,6 +14,7 @@ from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.drawn_options import find_draws
 from avrare.scenario.draws import KEY, Draws
 from avrare.scenario.extends import merge, read
+from avrare.scenario.fingerprint import FILE_OPTION, is_file, marked_options
 from avrare.scenario.overrides import override, put
 from avrare.scenario.safe_mode import check_import_path, find_refusals
 from avrare.scenario.schema import PARTS, TWIN_PARTS, Block, Document, Formula, Scenario
@@ -186,6 +188,7 @@ def _resolve_block(
         except AvrareError as error:
             return None, [Mistake(node.name_mark, path, error.message, error.hint)]
         node, draws, found = find_draws(model, node, path, folder)
+    node = _with_files_beside(node, model)
     if refusals := find_refusals(row, model, node, path, folder):
         return None, refusals
     config, mistakes = check(model, node, path, _CORE_KEYS.get(kind, ("plugin",)))
@@ -202,6 +205,17 @@ def _completed(row: Row, node: Node, folder: str) -> Node:
     beside = os.path.dirname(node.mark.file) if node.mark.line else folder
     found = late_import(row.component.complete)(node.plain(), beside or ".")
     return merge(node, Node.of(found, node.mark))
+
+
+def _with_files_beside(node: Node, model: type[BaseModel]) -> Node:
+    # Files that a scenario names lie beside it; else the path is one from the current folder.
+    for name in marked_options(model, FILE_OPTION) & node.entries.keys():
+        leaf = node.entries[name]
+        if isinstance(leaf.value, str) and leaf.mark.line:
+            beside = os.path.join(os.path.dirname(leaf.mark.file), leaf.value)
+            if is_file(beside):
+                node = replace(node, value={**node.entries, name: replace(leaf, value=beside)})
+    return node
 
 
 def _options_model(row: Row) -> type[BaseModel]:

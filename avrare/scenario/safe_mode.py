@@ -16,7 +16,7 @@ from typing import Any
 from avrare.base.errors import ExitCode, UsageError
 from avrare.plugin.component import GROUP
 from avrare.plugin.registry import Row
-from avrare.scenario.fingerprint import FILE_OPTION, is_marked
+from avrare.scenario.fingerprint import FILE_OPTION, marked_options
 from avrare.scenario.validation import Mistake
 from avrare.scenario.value_positions import Node, Path, printable
 
@@ -89,7 +89,7 @@ def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: st
     if not row.distribution:
         text = f"safe mode: {row.kind} {row.name!r} is of no installed plugin"
         return [Mistake(node.name_mark, path, text, TRUST, ExitCode.PLUGIN)]
-    marked = {kind: _marked(model, kind) for kind in (FILE_OPTION, CODE_OPTION)}
+    marked = {kind: marked_options(model, kind) for kind in (FILE_OPTION, CODE_OPTION)}
     found = []
     for at, leaf in _strings(node, ()):
         if not leaf.mark.line or at == ("plugin",):
@@ -102,11 +102,6 @@ def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: st
         if reason is not None:
             found.append(Mistake(leaf.mark, (*path, *at), f"safe mode: {reason}", TRUST))
     return found
-
-
-def _marked(model: type[Any], kind: str) -> set[str]:
-    fields = model.model_fields.items()
-    return {info.alias or name for name, info in fields if is_marked(info, kind)}
 
 
 def _strings(node: Node, path: Path) -> Iterator[tuple[Path, Node]]:

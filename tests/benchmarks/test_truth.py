@@ -73,7 +73,7 @@ def test_a_stopped_truth_goes_on_to_the_same_numbers(tmp_path):
         str(ROOT / "benchmarks" / "ground_truth.py"),
         str(scenario),
         "--rollouts",
-        "60000",
+        "110000",
     ]
 
     def run(name, *words):
@@ -90,6 +90,7 @@ def test_a_stopped_truth_goes_on_to_the_same_numbers(tmp_path):
     assert [path.name for path in files] == [path.name for path in others]
     one, other = (json.loads(paths[0].read_text()) for paths in (files, others))
     assert one | {"command": ""} == other | {"command": ""}
-    assert [entry["rollouts"] for entry in one["estimates"]] == [60_000, 60_000]
+    assert [entry["rollouts"] for entry in one["estimates"]] == [110_000, 110_000]
     for name, tail in truth.read_tails(files[0]).items():
+        assert (len(tail.robustness), tail.rollouts) == (110, 110_000)  # more than a result keeps
         np.testing.assert_array_equal(tail.robustness, truth.read_tails(others[0])[name].robustness)
