@@ -168,7 +168,7 @@ def test_until_a_relative_error(tmp_path, capsys):
     assert main(["run", *words, "--until", "error=0.1", "--out", str(tmp_path)]) == 4
     assert "write --until relative_error=0.1" in capsys.readouterr().err
     assert main(["run", *words, "--until", "relative_error=2", "--out", str(tmp_path)]) == 4
-    assert "estimator.relative_error" in capsys.readouterr().err
+    assert "--until relative_error: should be less than 1, found 2" in capsys.readouterr().err
 
 
 def test_want_of_memory_ends_with_advice(tmp_path, monkeypatch, capsys):
