@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
+from avrare.driving.reference_line import CurvedLine, Piece
 from avrare_single_track.file_config import OpenScenarioConfig
 from avrare_single_track.openscenario.simulator import OpenScenario
-from lanelet_scenes import BEND, KINDS
+from lanelet_scenes import BEND, KINDS, STRAIGHT, car, carriageway, scene, section
 from openscenario_files import change_lane, document, drive, event
 
 pytest.importorskip("commonroad")
@@ -90,3 +91,11 @@ def test_lanelets_that_are_not_there_are_named(build):
         build("bend", on_lanelets(car="7"))
     with pytest.raises(UsageError, match=r"there is no road '1'"):
         build("bend", re.sub('roadId="0"', 'roadId="1"', on_lanelets()))
+
+
+def test_a_lanelet_that_crosses_the_road_is_none_of_its_lanes(build, monkeypatch):
+    across = section(CurvedLine((Piece(200.0),), 150.0, -98.25, np.pi / 2), 800, 0.0, 200.0, -1.75, 1.75)
+    text = scene(STRAIGHT, [*carriageway(STRAIGHT, 1), across], [car(STRAIGHT, 1, 100.0, 1.75, 15.0)])
+    monkeypatch.setitem(KINDS, "across", lambda turn: text)
+    with pytest.raises(UsageError, match="there is no lane 800"):
+        build("across", on_lanelets(car="800", ego="101"))

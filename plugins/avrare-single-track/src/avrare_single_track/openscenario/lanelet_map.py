@@ -82,10 +82,9 @@ def _check(named: Element, path: str, road: Road, length: float) -> None:
 
 
 def _lane_of(road: Road, lanelet: Any) -> int | None:
-    # Lane in whose middle a lanelet lies.
+    # Lane in whose middle a lanelet lies from end to end; one that crosses it does at one point only.
     assert road.line is not None
-    centre = np.asarray(lanelet.center_vertices)[:, :2]
-    _, y = road.line.to_road(*centre[[len(centre) // 2]].T)
-    apart = np.abs(np.array(road.lane_centres) - y)
+    _, y = road.line.to_road(*np.asarray(lanelet.center_vertices)[:, :2].T)
+    apart = np.abs(np.array(road.lane_centres)[:, None] - y).max(axis=1)
     nearest = int(apart.argmin()) if np.isfinite(apart).all() else -1
     return nearest if nearest >= 0 and apart[nearest] < 0.25 * road.lane_width else None
