@@ -13,6 +13,7 @@ from avrare.results.recordings.drives import open_drives
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 from drone_files import highd_rows, write_highd, write_ind
+from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
 
 pytest.importorskip("commonroad.common.file_reader")
@@ -86,6 +87,40 @@ def test_the_ego_stands_for_a_vehicle_of_ind_on_a_network(tmp_path):
     assert sim.scene.ego_length == 4.0
     with pytest.raises(UsageError, match="there are no lanelets"):
         RecordedScene(RecordedConfig(file=path, vehicle=7))
+
+
+def test_lanes_are_given_to_recordings_without_them_only(highd, tmp_path):
+    lanes = tmp_path / "map.xml"
+    lanes.write_text(KINDS["bend"](0.0), encoding="utf-8")
+    for path in (highd, lanes):
+        with pytest.raises(UsageError, match="`network` is of a recording in the format of inD"):
+            RecordedScene(RecordedConfig(file=path, vehicle=1, network=lanes))
+
+
+def test_an_ego_may_be_alone(highd):
+    sim = RecordedScene(RecordedConfig(file=highd, vehicle=1, without=(2, 3)))
+    assert sim.scene.names == ()
+    assert np.isinf(sim.signals(roll(sim, 3))["gap"]).all()
+
+
+@pytest.mark.parametrize("dt", [None, 0.1])
+def test_a_vehicle_with_a_gap_while_the_ego_drives_is_left_out(tmp_path, dt):
+    rows = [
+        *highd_rows(1, 50.0, 26.0, 30.0, range(10, 60)),
+        *highd_rows(2, 90.0, 26.0, 20.0, [*range(5), *range(80, 90)]),
+        *highd_rows(3, 95.0, 22.0, 20.0, range(60)),
+    ]
+    highd = write_highd(tmp_path, rows, {1: 2, 2: 2, 3: 2})
+    assert RecordedScene(RecordedConfig(file=highd, vehicle=1, dt=dt)).scene.names == ("v3",)
+
+
+def test_ways_keep_their_users_where_others_are_left_out(tmp_path):
+    path = tmp_path / "crossroads.xml"
+    cars = [EGO, drives(SOUTH, "straight", 10.0), drives(EAST, "straight", 40.0)]
+    path.write_text(crossroads(cars), encoding="utf-8")
+    for without, users in (((), {(), (1,)}), ((2,), {(), (0,)}), ((3,), {()})):
+        sim = RecordedScene(RecordedConfig(file=path, vehicle=1, without=without))
+        assert {one.users for one in sim.scene.road.crossings} == users
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -48,7 +48,7 @@ class RecordedScene(SingleTrack):
         ego = _check_ego(path, {**found.body, **config.ego})
         super().__init__(SingleTrackConfig(dt=found.dt, ego=ego))
         self.last, self.lights = found.last, found.lights
-        self.traffic = ReplayedTraffic([track.fill_gaps(found.dt) for track in found.others])
+        self.traffic = ReplayedTraffic([track.fill_gaps(found.dt) for track in found.others], found.last + 1)
         self.scene = Scene(
             found.dt,
             found.road,
@@ -153,10 +153,12 @@ def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:
 class ReplayedTraffic(ScriptedTraffic):
     """Recorded states of V obstacles; one that is not there at a step is far away, in no lane."""
 
-    def __init__(self, tracks: list[dict[str, Floats]]) -> None:
+    def __init__(self, tracks: list[dict[str, Floats]], samples: int) -> None:
         names = ("x", "y", "heading", "speed", "acceleration")
         self._recorded: Mapping[str, Floats] = {
-            name: np.array([track[name] for track in tracks], dtype=np.float64).reshape(len(tracks), -1).T
+            name: np.array([track[name] for track in tracks], dtype=np.float64)
+            .reshape(len(tracks), samples)
+            .T
             for name in names
         }
 

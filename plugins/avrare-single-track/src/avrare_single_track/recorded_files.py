@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from avrare.driving.lanes import lane_borders
 from avrare.protocols import Floats
 from avrare.results.recordings.commonroad import open_problem
 from avrare.results.recordings.drives import open_drives
+from avrare.results.recordings.drone_recording import is_drone_recording
+from avrare.results.recordings.plane_drives import PlaneDrives
 from avrare.results.recordings.recording import ABSENT, FIELDS, Recording, VehicleTrack
 from avrare_single_track.file_config import RecordedConfig
 
@@ -48,7 +51,8 @@ def read_scene(config: RecordedConfig) -> RecordedFile:
         UsageError: The file cannot be read, or the ego is on no lane.
     """
     found = _read_problem(config) if config.vehicle is None else _read_drive(config, str(config.vehicle))
-    return found if config.dt is None else _resample(str(config.file), found, config.dt)
+    found = _leave_out(found, config.without)
+    return found if config.dt is None else _leave_out(_resample(str(config.file), found, config.dt))
 
 
 def _read_problem(config: RecordedConfig) -> RecordedFile:
@@ -63,8 +67,7 @@ def _read_problem(config: RecordedConfig) -> RecordedFile:
     samples = last - first + 1
     if samples < 2:
         raise UsageError(f"{path}: no obstacle is recorded after the planning problem begins")
-    every = [one.track(first, samples, angle, road.line) for one in kept]
-    others = [track for track in every if track.present.any()]
+    others = [one.track(first, samples, angle, road.line) for one in kept]
     road, lights = drives.add_rules(road, guide, [track.name for track in others], first, samples)
     pose = start.track(first, 1, angle, road.line).states[:4, 0]
     if config.route:
@@ -76,19 +79,21 @@ def _read_problem(config: RecordedConfig) -> RecordedFile:
 def _read_drive(config: RecordedConfig, vehicle: str) -> RecordedFile:
     path = str(config.file)
     drives = open_drives(path, network=None if config.network is None else str(config.network))
+    if config.network is not None and not (
+        is_drone_recording(Path(path)) and isinstance(drives, PlaneDrives)
+    ):
+        raise UsageError(f"{path}: `network` is of a recording in the format of inD", "leave it out")
     if vehicle not in drives.names:
         known = ", ".join(drives.names[:20])
         raise UsageError(f"{path}: there is no moving vehicle {vehicle}", f"choose one of: {known}")
     recording = drives.recording(vehicle)
     scene, signals = recording.scene, recording.signals
     if scene is None:
-        raise UsageError(f"{path}: the recording has no lanes", "give them by `network`")
+        raise UsageError(f"{path}: the recording has no lanes", "take one of CommonRoad, highD or inD")
     if recording.samples < 2:
         raise UsageError(f"{path}: vehicle {vehicle} is recorded at one step only")
     _check_names(path, config, set(recording.names))
-    others = [
-        _track(recording, k) for k, name in enumerate(recording.names) if name not in map(str, config.without)
-    ]
+    others = [_track(recording, k) for k in range(len(recording.names))]
     body = {name: float(signals[f"ego_{name}"][0]) for name in _POSE}
     body |= {"length": scene.ego_length, "width": scene.ego_width}
     lights = {name: values for name, values in signals.items() if name.startswith("light_")}
@@ -100,6 +105,19 @@ def _track(recording: Recording, k: int) -> VehicleTrack:
     states = np.stack([recording.signals[f"others_{field}"][:, k] for field in FIELDS])
     sizes = float(recording.scene.lengths[k]), float(recording.scene.widths[k])
     return VehicleTrack(recording.names[k], *sizes, states[0] != ABSENT["x"], states)
+
+
+def _leave_out(found: RecordedFile, without: Sequence[int] = ()) -> RecordedFile:
+    # Those that are never there, too. Ways through intersections have the indices of those who take them.
+    names = set(map(str, without))
+    kept = [k for k, one in enumerate(found.others) if one.present.any() and one.name not in names]
+    at = {k: index for index, k in enumerate(kept)}
+    crossings = tuple(
+        replace(one, users=None if one.users is None else tuple(at[k] for k in one.users if k in at))
+        for one in found.road.crossings
+    )
+    others = [found.others[k] for k in kept]
+    return replace(found, others=others, road=replace(found.road, crossings=crossings))
 
 
 def _resample(path: str, found: RecordedFile, dt: float) -> RecordedFile:
@@ -117,8 +135,7 @@ def _resample(path: str, found: RecordedFile, dt: float) -> RecordedFile:
         for row, values in enumerate(track.states):
             known = np.unwrap(values[here]) if FIELDS[row] == "heading" else values[here]
             states[row] = np.interp(new, old[here], known)
-        if (present := here[before] & here[after]).any():
-            others.append(replace(track, present=present, states=states))
+        others.append(replace(track, present=here[before] & here[after], states=states))
     lights: Mapping[str, Any] = {name: values[before] for name, values in found.lights.items()}
     return replace(found, dt=dt, others=others, last=last, lights=lights)
 
