@@ -53,7 +53,8 @@ def _thresholds(args: argparse.Namespace) -> Catalogue:
     if len(args.scenarios) > 1:
         raise UsageError(f"{path}: is a catalogue, which is checked alone", "run avrare check for each")
     for name in _OF_SCENARIOS:
-        if getattr(args, name) not in (None, False, []):
+        given = getattr(args, name)
+        if given is not None and given is not False and given != []:  # a seed may be 0
             option = "--" + name.replace("_", "-")
             hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
             raise UsageError(f"{option} is an option of scenarios, and {path} is a catalogue", hint)

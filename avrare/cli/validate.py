@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from avrare.analysis.rates.catalogue import is_catalogue, load_catalogue
-from avrare.base.errors import AvrareError, ExitCode, PluginError
+from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
@@ -51,9 +51,17 @@ def _first_steps(scenario: Scenario) -> Iterator[None]:
         raise PluginError(f"{text} ({frame.filename}:{frame.lineno} in {frame.name})") from error
 
 
+def _refuse_options(path: str, args: argparse.Namespace) -> None:
+    for option, given in (("--set", args.set), ("--estimator", args.estimator), ("--build", args.build)):
+        if given:
+            text = f"{option} is an option of scenarios, and {path} is a catalogue"
+            raise UsageError(text, f"leave it out, or give the catalogue's scenarios with {option}")
+
+
 def _check(path: str, args: argparse.Namespace) -> int:
     try:
         if is_catalogue(path):
+            _refuse_options(path, args)
             catalogue = load_catalogue(path)
             scenes, rules = len(catalogue.document.scenes), len(catalogue.rules)
             say(f"{path}: ok  {catalogue.document.name}, a catalogue of {scenes} scenes and {rules} rules")

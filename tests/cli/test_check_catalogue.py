@@ -91,6 +91,7 @@ def test_a_check_resumes_in_the_folder_that_it_began(catalogue, capsys):
     ("words", "text"),
     [
         (["--seed", "3"], "--seed is an option of scenarios"),
+        (["--seed", "0"], "--seed is an option of scenarios"),
         (["--set", "seed=3"], "--set is an option of scenarios"),
         (["--save"], "--save is an option of scenarios"),
         (["--require-baseline"], "--require-baseline is an option of scenarios"),
@@ -116,6 +117,12 @@ def test_a_catalogue_in_place_of_a_scenario_is_named(catalogue, capsys):
     error = capsys.readouterr().err
     assert "c.yaml: is a catalogue of scenes, and no scenario" in error
     assert "hint: avrare rate c.yaml" in error
+
+
+@pytest.mark.parametrize("words", [["--set", "steps=2"], ["--estimator", "mc"], ["--build"]])
+def test_a_catalogue_is_not_validated_as_what_it_is_not(catalogue, capsys, words):
+    assert main(["validate", catalogue(), *words]) == 4
+    assert f"{words[0]} is an option of scenarios, and c.yaml is a catalogue" in capsys.readouterr().err
 
 
 def test_a_catalogue_is_validated_with_its_scenes(catalogue, capsys):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from avrare.base.errors import AvrareError
 from avrare.rollout.loaded_scenario import load
 from avrare.rollout.replay import replay_tapes
 
@@ -19,7 +20,7 @@ simulator:
 perception: {{plugin: parametric}}
 tracker: {{plugin: imm}}
 controller:
-  {{plugin: mpc, lanes: {lanes}, y_goal: {goal}, v_goal: {speed}, acceleration_max: 6.0,
+  {{plugin: mpc, lanes: {lanes}, y_goal: {goal}, v_goal: {speed}, acceleration_max: {most},
    lateral_acceleration_max: 4.0, turn_rate_weight: 2000.0, turn_rate_change_weight: 150000.0,
    smooth_start: true, speed_min: 0.0, {more}}}
 specifications: {{on_road: {{stl: "always (ego_y > -4)"}}}}
@@ -27,10 +28,12 @@ specifications: {{on_road: {{stl: "always (ego_y > -4)"}}}}
 LANES = "lane_centres: [-1.75, 1.75, 5.25]"
 
 
-def drive(road, more, steps=80, y=-1.75, goal=None, speed=24.0, lanes="[0, 1]"):
+def drive(road, more, steps=80, y=-1.75, goal=None, speed=24.0, lanes="[0, 1]", most=6.0):
     """Return signals of the rollout without noise."""
     goal = y if goal is None else goal
-    text = SCENARIO.format(road=road, more=more, steps=steps, y=y, goal=goal, speed=speed, lanes=lanes)
+    text = SCENARIO.format(
+        road=road, more=more, steps=steps, y=y, goal=goal, speed=speed, lanes=lanes, most=most
+    )
     Path("alone.yaml").write_text(text, encoding="utf-8")
     problem = load("alone.yaml").problem("on_road")
     (rollout,) = replay_tapes(problem, np.zeros((1, problem.steps + 1, problem.noise_size)))
@@ -67,6 +70,18 @@ def test_the_ego_stops_where_its_only_lane_ends():
     assert signals["ego_x"][-1] > 135.0
     assert signals["ego_speed"][-1] < 0.5
     assert signals["ego_acceleration"].min() > -6.01
+
+
+def test_the_ego_stops_in_time_with_weaker_brakes():
+    signals = drive(ENDING, "lane_ends: true", steps=140, lanes="[0]", most=3.0)
+    assert reach_past(signals, 150.0) < 0.0
+    assert signals["ego_acceleration"].min() > -3.01
+
+
+@pytest.mark.parametrize("aware", ["false", "true"])
+def test_lanes_that_a_road_lacks_are_refused(aware):
+    with pytest.raises(AvrareError, match="lanes: there is no lane 5, the road has 3 lanes"):
+        drive(ENDING, f"lane_ends: {aware}", lanes="[0, 5]")
 
 
 def test_the_ego_waits_for_a_lane_to_begin():

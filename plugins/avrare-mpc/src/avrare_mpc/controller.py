@@ -17,7 +17,7 @@ from avrare.protocols import Bools, Floats
 from avrare_mpc.bends import BendSpeed, beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.lane_gaps import find_gaps
-from avrare_mpc.plan import Memory, Search, shift, start_of
+from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
 
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
 
@@ -42,13 +42,13 @@ class MpcController:
         self.horizon = config.horizon
         self._config = config
         self._scene = scene
-        road = scene.road
+        road, offsets = scene.road, lane_centres(config, scene)
         self._gaps = find_gaps(road, config.lanes if config.lane_ends else ())
         self._search = _backend(config, self._gaps.fill(scene))
         self._bend_speed = None
         if road.line is not None and config.bend_acceleration is not None:
-            offsets = [road.lane_centres[lane] for lane in config.lanes]
-            self._bend_speed = BendSpeed(road.line, offsets, config.bend_acceleration, config.bend_braking)
+            braking = min(config.bend_braking, config.acceleration_max)
+            self._bend_speed = BendSpeed(road.line, offsets, config.bend_acceleration, braking)
 
     def start(self, n: int) -> Memory:
         """Return the memory of ``n`` particles without a plan."""
@@ -114,7 +114,8 @@ class MpcController:
         if self._bend_speed is not None:
             limits.append(self._bend_speed.limit(ahead))
         if len(self._gaps.edges):
-            goal, braking = states[:, -1, 1], self._config.end_braking
+            goal = states[:, -1, 1]
+            braking = min(self._config.end_braking, self._config.acceleration_max)
             limits.append(self._gaps.speed_limit(ahead, goal, self._scene, braking))
         for limit in limits:
             needed = np.maximum((limit - ego.speed) / dt, -self._config.acceleration_max)
