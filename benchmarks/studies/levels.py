@@ -56,7 +56,8 @@ def read_level(scenario: str, rule: str, probability: float | None) -> tuple[Pro
         counts = next(one for one in found["estimates"] if one["specification"] == rule)
         return problem, counts["probability"]
     tail = truth.read_tails(ROOT / "docs" / "ground-truth" / f"{scenario}-{found['fingerprint']}.json")[rule]
-    level = tail.threshold(probability)
+    # Of the last value of a tail it is not known how many more rollouts share it.
+    level = tail.threshold(min(probability, (len(tail.robustness) - 1) / tail.rollouts))
     known, _ = tail.probability(level)
     (monitor,) = problem.monitors
     return Problem(problem.system, Level(monitor, level), problem.steps, chunk=problem.named_chunk), known

@@ -21,9 +21,10 @@ def test_a_level_is_violated_where_robustness_falls_to_it():
     assert 0 < shifted.violated.sum() < 60
 
 
-def test_a_level_of_the_lane_change_is_read_from_its_truth():
-    problem, probability = read_level("lane_change", "no_collision", 1e-4)
-    assert probability == pytest.approx(1e-4, rel=0.2)
+@pytest.mark.parametrize("wanted", [1e-3, 1e-4, 1e-5])
+def test_a_level_of_the_lane_change_is_read_from_its_truth(wanted):
+    problem, probability = read_level("lane_change", "no_collision", wanted)
+    assert probability == pytest.approx(wanted, rel=0.01)
     assert isinstance(problem.monitors[0], Level)
     assert problem.monitors[0].level < 0
     _, own = read_level("lane_change", "no_collision", None)
