@@ -130,6 +130,11 @@ def test_references_to_nothing_are_named_at_their_place(build, catalogs, old, ne
         ),
         ("/></ParameterD", "><Group a='1'/></ParameterDeclaration></ParameterD", "Group: is not read"),
         ('<Catalog name="acts">', '<Catalog name="cars">', r"there are two catalogs 'cars'"),
+        (
+            "</Catalog>",
+            '<Maneuver name="brake"/></Catalog>',
+            r"acts\.xosc:4:1: Maneuver: a second entry 'brake'",
+        ),
     ],
 )
 def test_what_is_not_understood_in_a_catalog_is_named_there(build, catalogs, old, new, message):

@@ -152,8 +152,9 @@ def test_vehicles_that_are_not_there(highd, options, message):
     [
         ({"vehicle": 1, "problem": 2}, "problem is of a planning problem"),
         ({"network": "a"}, "is of a `vehicle`"),
+        ({"vehicle": 1, "dt": 1e-9}, "greater than or equal to 0.001"),
     ],
 )
-def test_options_that_exclude_each_other(options, message):
+def test_options_that_are_refused(options, message):
     with pytest.raises(ValidationError, match=message):
         RecordedConfig(file="a.xml", **options)

@@ -65,7 +65,7 @@ class RecordedConfig(BaseModel):
         json_schema_extra={"file": True},
     )
     dt: float | None = Field(
-        default=None, gt=0.0, le=1.0, description="step [s]; default: that of the recording"
+        default=None, ge=0.001, le=1.0, description="step [s]; default: that of the recording"
     )
     without: tuple[int, ...] = Field(
         default=(), description="obstacles to leave out, such as the one that the ego stands for"

@@ -62,12 +62,15 @@ class Catalogs:
             UsageError: There is no such entry, or its parameters are not those that are assigned.
         """
         top = self._find(reference)
-        entries = {one.get("name") or "": one for one in top.child("Catalog").children}
+        every = top.child("Catalog").children
         name = self.parameters.text(reference, "entryName")
-        if name not in entries:
-            hint = did_you_mean(name, entries)
+        named = [one for one in every if one.get("name") == name]
+        if not named:
+            hint = did_you_mean(name, [one.get("name") or "" for one in every])
             raise reference.error(f"there is no entry {name!r} in {top.path}", hint)
-        found = entries[name]
+        if len(named) > 1:
+            raise named[1].error(f"a second entry {name!r}", "give it another name")
+        found = named[0]
         if found.tag not in kinds:
             raise reference.error(f"the entry {name!r} is a {found.tag}", f"known here: {', '.join(kinds)}")
         values = _values(found, reference)
