@@ -139,7 +139,7 @@ class PlaneDrives:
     @cached_property
     def _straight(self) -> tuple[Road, float] | None:
         if not self.lanelets:
-            raise UsageError(f"{self.path}: there are no lanelets", "give --lanes")
+            raise UsageError(f"{self.path}: there are no lanelets", "give a map as network, or --lanes")
         if self._has_right_of_way:  # which are read along the ego's way
             return None
         try:
