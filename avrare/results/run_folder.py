@@ -31,7 +31,7 @@ from avrare.results.reader import (
     RunFolder,
     read_run_folder,
 )
-from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
@@ -164,7 +164,7 @@ def _remove_without_chunks(folder: Path) -> None:
 def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any]:
     # the fingerprint comes last in a list of differences, as it explains least
     identities = {
-        one.name: {**one.resolved, "versions": one.versions, "fingerprint": fingerprint(one)}
+        one.name: {**comparable(one), "versions": one.versions, "fingerprint": fingerprint(one)}
         for one in scenarios
     }
     return {"scenarios": identities, "budget": budget and f"{budget.kind}={budget.amount!r}"}

@@ -23,7 +23,7 @@ def fingerprint(scenario: Scenario) -> str:
     Defaults count; seed and exposure do not. The number of workers and the executor are not part of a
     scenario, nor is the size of a chunk that it does not name.
     """
-    resolved = {key: value for key, value in scenario.resolved.items() if key not in ("seed", "exposure")}
+    resolved = {key: value for key, value in comparable(scenario).items() if key not in ("seed", "exposure")}
     if resolved["estimator"].get("memory", 0) is None:  # only a given one may change how work is divided
         del resolved["estimator"]["memory"]
     content = {"scenario": resolved, "versions": scenario.versions}
@@ -31,6 +31,30 @@ def fingerprint(scenario: Scenario) -> str:
         content["files"] = files
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()[:16]
+
+
+def comparable(scenario: Scenario) -> dict[str, Any]:
+    """Return the resolved scenario with the files that its options name, but without their folders.
+
+    So a scenario that is called from another folder is the same; ``digests`` tells what the files hold.
+    """
+    plain = scenario.resolved
+    for key, block in scenario.blocks.items():
+        kind, _, name = key.partition(".")
+        _leave_folders_out(block.config, plain[kind][name] if name else plain[kind])
+    for part, block in scenario.cheap.blocks.items() if scenario.cheap is not None else ():
+        if part in plain["cheap"]:
+            _leave_folders_out(block.config, plain["cheap"][part])
+    return plain
+
+
+def _leave_folders_out(config: BaseModel, options: dict[str, Any]) -> None:
+    for name, field in type(config).model_fields.items():
+        value, key = getattr(config, name), field.alias or name
+        if is_marked(field, FILE_OPTION) and is_file(value):
+            options[key] = Path(value).name
+        elif isinstance(value, BaseModel) and isinstance(options.get(key), dict):
+            _leave_folders_out(value, options[key])
 
 
 def digests(scenario: Scenario) -> dict[str, str]:

@@ -28,6 +28,8 @@ _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "s
 _NOT_OF_MEMBER = ("ensemble", "thresholds", "regression", "cross_check")
 _NOT_OF_TWIN = ("cheap", *_NOT_OF_MEMBER)
 _FEWEST_MEMBERS = 3
+_STORED, _RESULT = "scenario.yaml", "result.json"
+"""Names of the scenario in a run folder, and of what tells such a folder."""
 
 
 def load(
@@ -208,12 +210,14 @@ def _completed(row: Row, node: Node, folder: str) -> Node:
 
 
 def _with_files_beside(node: Node, model: type[BaseModel]) -> Node:
-    # Files that a scenario names lie beside it; else the path is one from the current folder.
+    # Files that a scenario names lie beside it; else the path is one from the current folder, as in a run
+    # folder, which may hold another file of that name.
     for name in marked_options(model, FILE_OPTION) & node.entries.keys():
         leaf = node.entries[name]
         if isinstance(leaf.value, str) and leaf.mark.line:
-            beside = os.path.join(os.path.dirname(leaf.mark.file), leaf.value)
-            if is_file(beside):
+            folder, file = os.path.split(leaf.mark.file)
+            beside, stored = os.path.join(folder, leaf.value), os.path.join(folder, _RESULT)
+            if is_file(beside) and not (file == _STORED and is_file(stored)):
                 node = replace(node, value={**node.entries, name: replace(leaf, value=beside)})
     return node
 

@@ -1,8 +1,15 @@
 """Files that a scenario names lie beside it; else their paths are from the current folder."""
 
+import shutil
+from pathlib import Path
+
 import pytest
 
-from avrare.base.errors import ScenarioError
+from avrare.analysis.check.baseline_files import save
+from avrare.analysis.check.targets import load_target
+from avrare.analysis.failures.failure import compute_fingerprints
+from avrare.base.errors import ScenarioError, UsageError
+from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
 
@@ -50,6 +57,47 @@ def test_a_file_of_an_extended_scenario_lies_beside_that(scenario):
     child = scenario.parent.parent / "b.yaml"
     child.write_text("name: child\nextends: scenes/a.yaml\n")
     assert learned(child) == str(scenario.parent / "learned.json")
+
+
+def test_a_scenario_is_the_same_from_wherever_it_is_called(scenario, monkeypatch):
+    (scenario.parent / "learned.json").write_text("{}")
+    there = fingerprint(load(scenario))
+    assert fingerprint(load("../scenes/a.yaml")) == there
+    monkeypatch.chdir(scenario.parent)
+    assert fingerprint(load("a.yaml")) == there
+    assert fingerprint(load("a.yaml", ["estimator.learned=../scenes/learned.json"])) == there
+    (scenario.parent / "learned.json").write_text("{ }")
+    assert fingerprint(load("a.yaml")) != there
+
+
+def test_failures_and_baselines_are_of_a_scenario_from_wherever_it_is_called(scenario):
+    lane_change = Path(__file__).parents[2] / "scenarios" / "lane_change.yaml"
+    shutil.copy(lane_change, scenario.parent)
+    scenario.write_text("name: lonely\nextends: lane_change.yaml\nperception: {model: own.npz}\n")
+    (scenario.parent / "own.npz").write_bytes(b"1")
+    first, second = load(scenario), load("../scenes/a.yaml")
+    assert first.perception.config.model != second.perception.config.model
+    parts = compute_fingerprints(first, "no_collision")
+    assert compute_fingerprints(second, "no_collision") == parts
+    folder = Path("baselines")
+    save(folder, first, [])
+    assert not load_target(second, folder, True, False).notes
+    (scenario.parent / "own.npz").write_bytes(b"2")
+    assert compute_fingerprints(second, "no_collision") != parts
+    with pytest.raises(UsageError, match=r"not comparable with .*: perception\.model: its file has changed"):
+        load_target(second, folder, True, False)
+
+
+def test_a_run_folder_names_files_from_the_current_folder(scenario):
+    elsewhere = scenario.parent.parent / "elsewhere"
+    (elsewhere / "learned.json").write_text("{}")
+    run = elsewhere / "run"
+    run.mkdir()
+    for name, text in (("scenario.yaml", SCENARIO), ("result.json", "{}"), ("learned.json", "{ }")):
+        (run / name).write_text(text)
+    assert learned(run / "scenario.yaml") == "learned.json"
+    (run / "result.json").unlink()
+    assert learned(run / "scenario.yaml") == str(run / "learned.json")
 
 
 def test_safe_mode_follows_no_link_beside_the_scenario(scenario):

@@ -12,7 +12,7 @@ from typing import Any
 from avrare.base.errors import AvrareError, ExitCode, Interrupted
 from avrare.estimation.checkpoint import FOLDER, Checkpoint, FileJournal
 from avrare.results.reader import RunFolder
-from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.schema import Scenario
 
 OpenJournal = Callable[[str], FileJournal | None]
@@ -51,7 +51,7 @@ def keep_outcomes(out: Path | None, command: str, task: Mapping[str, Any]) -> It
 def identify_scenario(definition: Scenario) -> dict[str, Any]:
     """Return the identity of a scenario for a task; what explains least comes last."""
     return {
-        **definition.resolved, "versions": definition.versions, "fingerprint": fingerprint(definition),
+        **comparable(definition), "versions": definition.versions, "fingerprint": fingerprint(definition),
     }  # fmt: skip
 
 

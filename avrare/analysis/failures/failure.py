@@ -21,7 +21,7 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import ReplayedRollout, replay_tape, tabulate_signals
-from avrare.scenario.fingerprint import digests
+from avrare.scenario.fingerprint import comparable, digests
 from avrare.scenario.schema import Scenario
 
 _PARTS = ("simulator", "perception", "tracker", "controller")
@@ -67,7 +67,7 @@ class Failure:
 
 def compute_fingerprints(scenario: Scenario, specification: str) -> dict[str, str]:
     """Return 8 hexadecimal digits for each part that a rollout of one specification depends on."""
-    resolved, files = scenario.resolved, digests(scenario)
+    resolved, files = comparable(scenario), digests(scenario)
     plain = {"steps": resolved["steps"], **{part: resolved.get(part) for part in _PARTS}}
     plain["specification"] = resolved["specifications"][specification]
     for name in (*_PARTS, "specification"):
