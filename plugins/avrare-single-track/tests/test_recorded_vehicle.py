@@ -10,6 +10,8 @@ from avrare.base.errors import UsageError
 from avrare.driving import Action
 from avrare.results.recordings.commonroad import open_commonroad
 from avrare.results.recordings.drives import open_drives
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 from drone_files import highd_rows, write_highd, write_ind
@@ -121,6 +123,28 @@ def test_ways_keep_their_users_where_others_are_left_out(tmp_path):
     for without, users in (((), {(), (1,)}), ((2,), {(), (0,)}), ((3,), {()})):
         sim = RecordedScene(RecordedConfig(file=path, vehicle=1, without=without))
         assert {one.users for one in sim.scene.road.crossings} == users
+
+
+def test_a_result_depends_on_the_files_that_complete_a_recording(highd, tmp_path):
+    (tmp_path / "s.yaml").write_text(
+        f"name: s\nsteps: 3\nsimulator: {{plugin: commonroad, file: {highd}, vehicle: 1}}\n"
+        'specifications: {clear: {stl: "always (gap > 2.0)"}}\n'
+    )
+    before = fingerprint(load(tmp_path / "s.yaml"))
+    for name in ("01_recordingMeta.csv", "01_tracksMeta.csv"):
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(text.replace("25", "20").replace("4.5", "4.6"))
+        assert fingerprint(load(tmp_path / "s.yaml")) != before
+        (tmp_path / name).write_text(text)
+    assert fingerprint(load(tmp_path / "s.yaml")) == before
+
+
+def test_a_scene_of_format_2024_has_its_map_and_its_problems_beside_it(tmp_path):
+    for name in ("ZAM_A-1", "ZAM_A-1_1_T-1", "ZAM_A-1_1_T-1-SC", "ZAM_B-1"):
+        (tmp_path / f"{name}.pb").touch()
+    used = RecordedConfig(file=tmp_path / "ZAM_A-1_1_T-1-SC.pb").used_files
+    assert [path.stem for path in used.values()] == ["ZAM_A-1", "ZAM_A-1_1_T-1"]
+    assert not RecordedConfig(file=tmp_path / "nowhere.pb").used_files
 
 
 @pytest.mark.parametrize("kind", KINDS)

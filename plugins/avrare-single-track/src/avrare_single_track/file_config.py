@@ -9,7 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from avrare.base.errors import did_you_mean
 from avrare.plugin import Drawable
+from avrare.scenario.fingerprint import is_file
 from avrare_single_track.config import EgoConfig, FollowingConfig, Options
+
+_TRACKS = "_tracks.csv"
+_KINDS = "tracksMeta", "recordingMeta"
 
 
 class HandedOverConfig(FollowingConfig[float]):
@@ -39,6 +43,21 @@ def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:
         where = ".".join(map(str, ("ego", *first["loc"])))
         raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
     return ego
+
+
+def _list_companions(file: Path) -> list[Path]:
+    # Files that complete a recording of highD or inD, or a scene in CommonRoad's format 2024.
+    found: list[Path] = []
+    if not is_file(file):
+        return found
+    if file.name.endswith(_TRACKS):
+        found = [file.with_name(file.name.replace(_TRACKS, f"_{kind}.csv")) for kind in _KINDS]
+    elif file.suffix.lower() == ".pb":
+        stem = file.stem.removesuffix("-SC")
+        found = [
+            one for one in sorted(file.parent.glob("*.pb")) if stem.startswith(one.stem.removesuffix("-SC"))
+        ]
+    return [one for one in found if one != file and is_file(one)]
 
 
 class RecordedConfig(BaseModel):
@@ -81,6 +100,11 @@ class RecordedConfig(BaseModel):
     drivers: HandedOverConfig | None = Field(
         default=None, description="recorded vehicles that react; default: all repeat what was recorded"
     )
+
+    @property
+    def used_files(self) -> dict[str, Path]:
+        """Files that lie beside the recording and complete it, which count in the fingerprint."""
+        return {f"file.{number}": path for number, path in enumerate(_list_companions(self.file))}
 
     @field_validator("ego")
     @classmethod
