@@ -1,6 +1,5 @@
 """Files that a scenario names lie beside it; else their paths are from the current folder."""
 
-import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ from avrare.base.errors import ScenarioError, UsageError
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
+from avrare.scenario.yaml import dump
 
 SCENARIO = """\
 name: lonely
@@ -72,8 +72,7 @@ def test_a_scenario_is_the_same_from_wherever_it_is_called(scenario, monkeypatch
 
 def test_failures_and_baselines_are_of_a_scenario_from_wherever_it_is_called(scenario):
     lane_change = Path(__file__).parents[2] / "scenarios" / "lane_change.yaml"
-    shutil.copy(lane_change, scenario.parent)
-    scenario.write_text("name: lonely\nextends: lane_change.yaml\nperception: {model: own.npz}\n")
+    scenario.write_text(dump(load(lane_change, ["perception.model=own.npz"]).resolved))
     (scenario.parent / "own.npz").write_bytes(b"1")
     first, second = load(scenario), load("../scenes/a.yaml")
     assert first.perception.config.model != second.perception.config.model
