@@ -21,7 +21,15 @@ from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.cli import check_catalogue
 from avrare.cli.options import display, load_scenarios, overrides
-from avrare.cli.output import UNFINISHED, print_warnings, refuse_overwrite, say, write_file, write_files
+from avrare.cli.output import (
+    UNFINISHED,
+    ensure_files,
+    print_warnings,
+    refuse_overwrite,
+    say,
+    write_file,
+    write_files,
+)
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint, resume_hint
 from avrare.report.documents.check_documents import junit, markdown
@@ -164,11 +172,7 @@ def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
 
 
 def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
-    for option, name in (("--junit", args.junit), ("--markdown", args.markdown)):
-        if name and Path(name).is_dir():
-            raise UsageError(f"{name}: is a folder, not a file", f"choose another {option}")
-        if name:
-            ensure_writable(Path(name).parent, option)
+    ensure_files({"--junit": args.junit, "--markdown": args.markdown})
     if out:
         ensure_writable(out, "--out" if args.resume is None else "--resume")
 

@@ -13,7 +13,7 @@ from avrare.analysis.rates.rates import CatalogueRates
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.cli import rate
-from avrare.cli.output import write_file
+from avrare.cli.output import ensure_files, write_file
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 
@@ -26,6 +26,7 @@ _OF_SCENARIOS = (
 def execute(args: argparse.Namespace) -> int:
     """Estimate the rates of the catalogue, report their verdicts, and return the exit code."""
     catalogue = _thresholds(args)
+    ensure_files({"--junit": args.junit, "--markdown": args.markdown})
     resumed = args.resume is not None and Path(args.resume).is_dir()
     rates = rate.estimate(
         argparse.Namespace(
@@ -34,7 +35,8 @@ def execute(args: argparse.Namespace) -> int:
             catalogue=catalogue.path,
             resume=args.resume if resumed else None,
             out=args.out if resumed else args.resume or args.out,
-        )
+        ),
+        "check",
     )
     outcome = _outcome(rates)
     for name, text in ((args.junit, junit), (args.markdown, markdown)):

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.atomic_files import ensure_writable, explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.visible_text import spell_controls
 from avrare.estimation.result import finite
@@ -25,6 +25,15 @@ def print_warnings(warnings: Iterable[tuple[str, str | None]]) -> None:
     """Print (message, hint) pairs on stderr, each pair once."""
     for message, hint in dict.fromkeys(warnings):
         say(f"warning: {message}" + (f"\nhint: {hint}" if hint else ""), error=True)
+
+
+def ensure_files(names: Mapping[str, str | None]) -> None:
+    """Raise a ``UsageError`` for files, by option, that could not be written when the run is over."""
+    for option, name in names.items():
+        if name and Path(name).is_dir():
+            raise UsageError(f"{name}: is a folder, not a file", f"choose another {option}")
+        if name:
+            ensure_writable(Path(name).parent, option)
 
 
 def write_file(path: Path | str, text: str, hint: str) -> None:

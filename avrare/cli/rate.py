@@ -37,8 +37,13 @@ def execute(args: argparse.Namespace) -> int:
     return int(estimate(args).exit_code)
 
 
-def estimate(args: argparse.Namespace) -> CatalogueRates:
-    """Run the pilot, divide the budget, run the scenes, and report; ``args`` as of ``avrare rate``."""
+def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
+    """Run the pilot, divide the budget, run the scenes, and report.
+
+    Args:
+        args: As of ``avrare rate``.
+        command: The command that goes on after an interruption.
+    """
     catalogue = load_catalogue(args.catalogue)
     budget = catalogue.budget(Budget.parse(args.budget))
     out = _out_folder(args, catalogue)
@@ -46,7 +51,7 @@ def estimate(args: argparse.Namespace) -> CatalogueRates:
         with Stopping() as stop:
             rates = _estimate(args, catalogue, budget, out, stop)
     except (Interrupted, KeyboardInterrupt) as error:
-        hint = f"resume with {_resume_command(args, out)}"
+        hint = f"resume with {_resume_command(command, args, out)}"
         raise Interrupted("interrupted, finished chunks are saved", hint) from error
     files = {"rate.json": json.dumps(rates.to_dict(), indent=2) + "\n", "report.html": render_rates(rates)}
     write_files(out, files)
@@ -59,10 +64,10 @@ def estimate(args: argparse.Namespace) -> CatalogueRates:
     return rates
 
 
-def _resume_command(args: argparse.Namespace, out: Path) -> str:
+def _resume_command(command: str, args: argparse.Namespace, out: Path) -> str:
     budget = ["--budget", str(args.budget)] if args.budget is not None else []
     safe = ["--safe"] if is_safe() else []
-    return shlex.join(["avrare", "rate", args.catalogue, "--resume", str(out), *budget, *safe])
+    return shlex.join(["avrare", command, args.catalogue, "--resume", str(out), *budget, *safe])
 
 
 def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:

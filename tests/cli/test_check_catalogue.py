@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from avrare.cli import rate
 from avrare.cli.main import main
 
 SCENARIO = """\
@@ -85,6 +86,24 @@ def test_a_check_resumes_in_the_folder_that_it_began(catalogue, capsys):
     first, second = capsys.readouterr().out.strip().split("\n}\n", 1)
     assert json.loads(first + "}") == json.loads(second)
     assert main(["check", path, "--resume", "out", "--out", "other"]) == 4
+
+
+@pytest.mark.parametrize("option", ["--junit", "--markdown"])
+def test_a_file_that_cannot_be_written_is_refused_before_the_run(catalogue, capsys, option):
+    Path("folder").mkdir()
+    assert main(["check", catalogue(), "--out", "out", option, "folder"]) == 4
+    assert "folder: is a folder, not a file" in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+def test_an_interrupted_check_tells_how_the_check_goes_on(catalogue, capsys, monkeypatch):
+    def interrupt(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rate, "_estimate", interrupt)
+    for command in ("check", "rate"):
+        assert main([command, catalogue(), "--out", "out"]) == 2
+        assert f"resume with avrare {command} c.yaml --resume out\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
