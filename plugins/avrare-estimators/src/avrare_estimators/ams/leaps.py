@@ -26,7 +26,7 @@ def _none() -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Leaps:
-    """What is kept of M independent rollouts: the levels are those of all, the rollouts come in batches.
+    """Kept part of M independent rollouts: the levels are those of all, the rollouts come in batches.
 
     A leap passes every level between the low one and the high one in the same step: that at which a rollout
     passes a level between them, such as its batch's own. Of batches of fewer than 50, whose own level may lie
