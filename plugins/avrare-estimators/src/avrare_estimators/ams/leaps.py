@@ -66,7 +66,7 @@ class Leaps:
 
     @cached_property
     def count(self) -> int:
-        """Those of them that came there in a single step from below the low level."""
+        """Rollouts above the high level that came there in a single step from below the low one."""
         low, high = self._levels
         return int(((self.before <= low) & (self.after > high)).sum())
 
