@@ -3,8 +3,8 @@
     python benchmarks/prune_proposal.py RUN/learned.json OUT.json [--keep 100] [--truth FILE.json RULE LEVEL]
 
 Any proposal gives unbiased estimates; the small components of a fit rest on few failures each. With a truth
-it prints the gain over Monte Carlo of both on the rollouts of the truth whose robustness is at most the level:
-1 over the mean of p/q, a quarter of the rows drawn from the target.
+it prints the gain over Monte Carlo of both on the rollouts of the truth whose robustness is at most the
+level: 1 over the mean of p/q, a quarter of the rows drawn from the target.
 """
 
 from __future__ import annotations
