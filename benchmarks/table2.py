@@ -13,12 +13,14 @@ truth's fingerprint; what is there is not run again. Writes docs/table2.md and i
 what there is.
 
 With another scene, `scenarios/lane_change.yaml` say, the methods are those of SCENE_METHODS, the rules those
-of its truth, and the page is docs/table2-NAME.md.
+of its truth, and the page is docs/table2-NAME.md. `--keep` packs its cells beside the page; a results folder
+that is not there begins with them.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import multiprocessing
 import time
@@ -28,7 +30,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies import pages, table2_figures, table2_page
+import numpy as np
+from studies import kept, pages, table2_figures, table2_page
 
 import avrare
 from avrare.estimation.result import Result
@@ -53,11 +56,12 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 SCENE_METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     **{name: METHODS[name] for name in ("Raw-MC", "STL-AMS", "MC 900", "AMS 500/50")},
     "CE gaussian": ("ce", {"rollouts": 250, "stages": 10, "elite": 0.1}),
-    "ESS": ("ess", {"chains": 50}),
+    "ESS": ("ess", {"chains": 50, "runs": 1}),
     "IS learned": ("is", {"rollouts": 9000, "proposal": "learned"}),
-    "MC 9000": ("mc", {"rollouts": 9000}),
 }
 """Methods for scenes whose errors last: there the densities of observations are not known."""
+COSTLY = ("IS learned",)
+"""Methods that come when all cells of the others are there."""
 PUBLISHED = "lane_change_published"
 DISCARDS = (2, 25, 125, 225)
 """K of the paper's Figure 4."""
@@ -94,7 +98,8 @@ def _kept(result: Result) -> dict[str, Any]:
     """Return what the tables and pictures need."""
     whole = result.to_dict()
     names = ("probability", "interval", "rollouts", "simulated_steps", "failures", "errors", "health")
-    return {name: whole[name] for name in names} | {"diagnostics": whole["diagnostics"]}
+    diagnostics = {name: value for name, value in whole["diagnostics"].items() if np.isscalar(value)}
+    return {name: whole[name] for name in names} | {"diagnostics": diagnostics}
 
 
 def settings_of(scenario: str) -> tuple[str, ...]:
@@ -106,9 +111,10 @@ def cells(scenario: str, truth: dict[str, Any]) -> Iterator[Cell]:
     """Yield all of them: repetitions in turn, so that an interrupted study is fair; then the figures'."""
     digest, published = truth["fingerprint"], truth["scenario"] == PUBLISHED
     rules = RULES if published else table2_page.rules_of(truth)
-    for number in range(REPEAT):
-        for rule in rules:
-            for method, (name, options) in (METHODS if published else SCENE_METHODS).items():
+    methods = METHODS if published else SCENE_METHODS
+    for costly, number, rule in itertools.product((False, True), range(REPEAT), rules):
+        for method, (name, options) in methods.items():
+            if (method in COSTLY) == costly:
                 yield Cell(scenario, digest, rule, method, name, tuple(options.items()), number)
     if not published:
         return
@@ -118,9 +124,11 @@ def cells(scenario: str, truth: dict[str, Any]) -> Iterator[Cell]:
             yield Cell(scenario, digest, rule, f"K{discard}", "ams", tuple(options.items()), 0)
 
 
-def run(task: tuple[Path, Cell]) -> str:
-    """Run a cell and store its outcome whole or not at all; a line about it."""
-    folder, cell = task
+def run(task: tuple[Path, Cell, float]) -> str:
+    """Run a cell unless the time is over; store its outcome whole or not at all; a line about it."""
+    folder, cell, end = task
+    if time.monotonic() > end:
+        return f"{cell.file}  left for another time"
     outcome = cell.outcome()
     part = folder / f".{cell.file}"
     part.write_text(json.dumps(outcome), encoding="utf-8")
@@ -136,6 +144,8 @@ def main() -> None:
     parser.add_argument("--only", default="", metavar="PATTERN", help="cells whose file name contains this")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--report-only", action="store_true")
+    parser.add_argument("--minutes", type=float, default=1e9, help="begin no cell after so many")
+    parser.add_argument("--keep", action="store_true", help="pack the scene's cells beside its page")
     parser.add_argument("--truth-command", action="store_true", help="print how the truth is made, and leave")
     args = parser.parse_args()
     if args.truth_command:
@@ -144,19 +154,23 @@ def main() -> None:
         return
     loaded = load(args.scenario, settings_of(args.scenario))
     truth = table2_page.ground_truth(ROOT / "docs" / "ground-truth", loaded)
-    args.results.mkdir(parents=True, exist_ok=True)
+    archive = ROOT / "docs" / f"table2-{truth['scenario']}.zip"
+    kept.unpack(archive, args.results)
     todo = [
         cell
         for cell in cells(args.scenario, truth)
         if args.only in cell.file and not (args.results / cell.file).exists()
     ]
     if todo and not args.report_only:
-        tasks = [(args.results, cell) for cell in todo]
+        end = time.monotonic() + 60.0 * args.minutes
+        tasks = [(args.results, cell, end) for cell in todo]
         with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
             for done, line in enumerate(pool.imap_unordered(run, tasks), 1):
                 print(f"{done}/{len(tasks)}  {line}", flush=True)
     study = table2_page.read(args.results, truth)
     if study.scenario != PUBLISHED:
+        if args.keep:
+            kept.pack(archive, args.results, f"{study.digest[:8]}-*.json")
         text = table2_page.page_of_scene(study, tuple(SCENE_METHODS))
         pages.put(ROOT / "docs" / f"table2-{study.scenario}.md", text, args.results)
     elif pages.put(ROOT / "docs" / "table2.md", table2_page.page(study), args.results):

@@ -14,9 +14,9 @@ def unpack(archive: Path, results: Path) -> None:
     results.mkdir(parents=True, exist_ok=True)
 
 
-def pack(archive: Path, results: Path) -> None:
-    """Keep the results; the same lines give the same bits."""
+def pack(archive: Path, results: Path, pattern: str = "*.jsonl") -> None:
+    """Keep the results whose file names match; the same lines give the same bits."""
     archive.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as whole:
-        for file in sorted(results.glob("*.jsonl")):
+        for file in sorted(results.glob(pattern)):
             whole.writestr(zipfile.ZipInfo(file.name), file.read_bytes(), zipfile.ZIP_DEFLATED, 9)
