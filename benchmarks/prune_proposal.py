@@ -1,6 +1,6 @@
 """Learned proposal cut down to its largest components, small enough to be kept beside a scenario.
 
-    python benchmarks/prune_proposal.py RUN/learned.json OUT.json [--keep 100] [--truth FILE.json RULE LEVEL]
+    python -m benchmarks.prune_proposal RUN/learned.json OUT.json [--keep 100] [--truth FILE.json RULE LEVEL]
 
 Any proposal gives unbiased estimates; the small components of a fit rest on few failures each. With a truth
 it prints the gain over Monte Carlo of both on the rollouts of the truth whose robustness is at most the
@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import truth
 
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare_estimators.importance.proposal_file import ProposalFile
 from avrare_estimators.importance.tape_mixture import TapeMixture
+from benchmarks.studies import truth
 
 DEFENSIVE = 0.25
 

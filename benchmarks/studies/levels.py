@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,17 @@ class Level:
         return state, replace(verdict, robustness=robustness, violated=violated, score=-robustness)
 
 
+def truth_file(scenario: str) -> Path:
+    """Return the truth in ``docs/ground-truth`` of a file in ``scenarios/``."""
+    folder = ROOT / "docs" / "ground-truth"
+    found = table2_page.ground_truth(folder, load(_path(scenario)))
+    return folder / f"{scenario}-{found['fingerprint']}.json"
+
+
+def _path(scenario: str) -> str:
+    return str(ROOT / "scenarios" / f"{scenario}.yaml")
+
+
 def read_level(scenario: str, rule: str, probability: float | None) -> tuple[Problem, float]:
     """Return a rule at the level that it falls to with about this probability, and the known one.
 
@@ -49,13 +61,13 @@ def read_level(scenario: str, rule: str, probability: float | None) -> tuple[Pro
         rule: Name of a specification.
         probability: Probability of the level; None: the rule itself.
     """
-    loaded = load(str(ROOT / "scenarios" / f"{scenario}.yaml"))
-    found = table2_page.ground_truth(ROOT / "docs" / "ground-truth", loaded)
-    problem = LoadedScenario(loaded).problem(rule)
+    file = truth_file(scenario)
+    found = json.loads(file.read_text(encoding="utf-8"))
+    problem = LoadedScenario(load(_path(scenario))).problem(rule)
     if probability is None:
         counts = next(one for one in found["estimates"] if one["specification"] == rule)
         return problem, counts["probability"]
-    tail = truth.read_tails(ROOT / "docs" / "ground-truth" / f"{scenario}-{found['fingerprint']}.json")[rule]
+    tail = truth.read_tails(file)[rule]
     # Of the last value of a tail it is not known how many more rollouts share it.
     level = tail.threshold(min(probability, (len(tail.robustness) - 1) / tail.rollouts))
     known, _ = tail.probability(level)
