@@ -71,9 +71,9 @@ def wanted(seeds: int, budgets: Sequence[int], quick: bool, only: str) -> Iterat
 
 
 def make(keys: Iterator[cells.Key], folder: Path, workers: int, minutes: float, limit: float) -> None:
-    """Make the cells that are missing, in so many workers of each environment at most."""
+    """Make the cells that are missing or had less time, in so many workers of each environment at most."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    known = {cell.key for cell in cells.read(folder)}
+    known = {cell.key for cell in cells.read(folder) if cell.time_limit >= limit}
     missing = [key for key in keys if key not in known]
     absent = {TOOLS[key[0]].environment for key in missing if not interpreter(TOOLS[key[0]].environment)}
     if absent:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -42,6 +44,17 @@ class Cell:
     evaluations: float
     seconds: float
     reason: str
+
+    @staticmethod
+    def out_of_time(seconds: float) -> str:
+        """Return the reason of a cell that was given up after so many CPU seconds."""
+        return f"no answer within {seconds:.0f} CPU seconds"
+
+    @property
+    def time_limit(self) -> float:
+        """CPU seconds after which it was given up; infinite where that is not why it has no answer."""
+        found = re.fullmatch(r"no answer within (\d+) CPU seconds", self.reason)
+        return float(found[1]) if found else math.inf
 
     @property
     def key(self) -> Key:

@@ -59,7 +59,7 @@ class Runner:
             self.versions[environment] = fields["version"]
             return cells.Cell(**{**fields, "warnings": tuple(fields["warnings"])})
         _stop(self.workers.pop(environment))
-        reason = "its process ended" if line == "" else f"no answer within {self.limit:.0f} CPU seconds"
+        reason = "its process ended" if line == "" else cells.Cell.out_of_time(self.limit)
         version = self.versions.get(environment, "")
         return cells.Cell(
             **task, version=version, estimate=None, low=None, high=None, warnings=(), evaluations=0.0,
