@@ -111,6 +111,15 @@ def test_the_budget_covers_complete_stages():
         avrare.estimate(problem, "ce", budget="seconds=5")
 
 
+def test_the_sample_that_counts_takes_what_learning_leaves_of_a_budget():
+    problem = reference_problem("a_beta_-2").problem()
+    result = avrare.estimate(problem, "ce", budget="rollouts=11000", check=0.0)
+    stages = len(result.diagnostics["stages"][0])
+    assert stages < 10
+    assert result.diagnostics["rows"] == [1000 * (11 - stages)]
+    assert result.rollouts == 11_000
+
+
 def test_diagnostics_are_json():
     entry = json.loads(estimate(reference_problem("a_beta_-2").problem()).to_json())
     assert {"stages", "second_look", "mean_weight", "effective_failures"} <= set(entry["diagnostics"])

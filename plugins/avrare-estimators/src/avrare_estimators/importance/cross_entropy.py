@@ -77,7 +77,8 @@ class CrossEntropy(WeightedSampler):
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
         """Return the state before the first rollout, and what to show."""
         state = SamplingState(plan, self._rollouts(plan), self.family.start())
-        least, most = (self.config.runs * state.rollouts * stages for stages in (2, self.config.stages + 1))
+        most = self.config.runs * state.rollouts * (self.config.stages + 1)
+        least = 2 * self.config.runs * state.rollouts if plan.budget is None else most
         forecast = CostForecast("rollouts", least, most / (1.0 - self.config.check))
         return self._begin_run(replace(state, tally=Info(forecast=forecast))), Info(forecast=forecast)
 
@@ -107,7 +108,9 @@ class CrossEntropy(WeightedSampler):
         return self._learn(replace(state, source=self.family.start()))
 
     def _sample_rows(self, state: SamplingState) -> int:
-        return state.rollouts
+        # What a budget holds for stages that learning did not need is for the sample that counts.
+        unused = self.config.stages - len(state.stages) if state.plan.budget is not None else 0
+        return state.rollouts * (1 + unused)
 
     def _learn(self, state: SamplingState) -> SamplingState:
         # 1. Draw a sample to learn from; the first is plain Monte Carlo.
