@@ -23,10 +23,10 @@ from benchmarks.calibration import cells, report
 from benchmarks.calibration.environments import interpreter
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.runner import Runner
+from benchmarks.calibration.scope import BUDGETS, SEEDS
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
 from benchmarks.studies import kept
 
-BUDGETS = (1_000, 10_000, 100_000)
 QUICK_BUDGETS, QUICK_MINUTES, QUICK_SECONDS = (10_000,), 30.0, 10.0
 RESULTS = Path(__file__).parents[1] / "results" / "calibration"
 
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one budget, the first setting, 30 minutes")
     parser.add_argument("--only", default="", help='regular expression on "tool problem": "ams.*walk"')
-    parser.add_argument("--seeds", type=int, default=20, help="answers of each cell")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="answers of each cell")
     parser.add_argument("--budgets", default="", help="such as 1000,10000")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, help="end after so many, whatever is missing")

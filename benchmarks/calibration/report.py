@@ -9,19 +9,22 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from benchmarks.calibration import cells, figures
+import numpy as np
+
+from benchmarks.calibration import cells, figures, scope
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import Row, best, compared, rows_of, trusted
-from benchmarks.calibration.tools import TOOLS
-from benchmarks.calibration.words import FINDINGS, HEAD, NOTES, REASONS
+from benchmarks.calibration.tools import RECOMMENDED, TOOLS
+from benchmarks.calibration.words import ABSENT, FINDINGS, HEAD, NOTES, REASONS
 from benchmarks.studies import pages
 
 DOCS = Path(__file__).parents[2] / "docs"
 KEPT = DOCS / "calibration" / "cells.zip"
+_USUAL = 10_000
 _RARE = [name for name in TOOLS if name.startswith("avrare") and name != "avrare mc"]
 _COLUMNS = (
     "tool", "version", "setting", "problem", "probability", "budget", "answers", "answered", "mean",
-    "mean_error", "evaluations", "cost", "covers", "confidently_wrong", "warned", "seconds",
+    "mean_error", "evaluations", "cost", "covers", "width", "confidently_wrong", "warned", "seconds",
 )  # fmt: skip
 
 
@@ -41,9 +44,11 @@ def write(results: Path) -> None:
 
 
 def main_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of the recommended settings at the budget that most of them have."""
-    budget = Counter(row.budget for row in rows).most_common(1)[0][0]
-    return [row for row in rows if row.setting == "recommended" and row.budget == budget]
+    """Return the rows of the recommended settings at the budget of most of them, 10,000 if it is one."""
+    recommended = [row for row in rows if row.setting == RECOMMENDED]
+    counts = Counter(row.budget for row in recommended)
+    budget = max(counts, key=lambda one: (counts[one], one == _USUAL), default=_USUAL)
+    return [row for row in recommended if row.budget == budget]
 
 
 def table(rows: Iterable[Row]) -> str:
@@ -53,8 +58,8 @@ def table(rows: Iterable[Row]) -> str:
     writer.writerow(_COLUMNS)
     for row in rows:
         numbers = (
-            row.answered, row.mean, row.mean_error, row.evaluations, row.cost, row.covers, row.wrong_share,
-            row.warned, row.seconds,
+            row.answered, row.mean, row.mean_error, row.evaluations, row.cost, row.covers, row.width,
+            row.wrong_share, row.warned, row.seconds,
         )  # fmt: skip
         version = next((cell.version for cell in row.cells if cell.version), "")
         writer.writerow([
@@ -67,23 +72,34 @@ def table(rows: Iterable[Row]) -> str:
 def page(rows: Sequence[Row]) -> str:
     """Return the page."""
     shown = main_rows(rows)
-    budget = shown[0].budget
-    seeds = [len(row.cells) for row in shown]
-    counts = {
-        "problems": len({row.problem.name for row in rows}), "cells": sum(len(row.cells) for row in rows),
-        "budget": f"{budget:,}", "least": min(seeds), "most": max(seeds),
+    peers = compared(shown)
+    facts = {
+        "problems": len({row.problem.name for row in rows}),
+        "cells_text": scope.cells_text(rows, shown), "missing_text": scope.missing_text(rows, shown),
+        "dimension_text": "\n".join(scope.dimension_lines(shown)), "truth_text": scope.truth_text(),
+        "warned_text": scope.warned_text(shown),
+        **scope.resolution(scope.typical_seeds(shown)),
     }  # fmt: skip
     return "\n".join([
-        HEAD.format(**counts), *_tool_table(rows), "", NOTES, *_first_table(compared(shown)), "", FINDINGS,
-        *_setting_table(), "", *_unable_lines(), "", "## Problems", "", *_problem_table(), "",
+        HEAD.format(**facts), *_tool_table(rows), "", NOTES.format(**facts), *_first_table(peers), "",
+        "### Where each is first", "", *scope.wins_lines(_winners(peers)), "",
+        "### Where there was no answer", "", *scope.silent_lines(shown), "",
+        FINDINGS, *_setting_table(), "", *_unable_lines(), "",
+        "## Problems", "", ABSENT, *_problem_table(), "",
     ])  # fmt: skip
+
+
+def _winners(peers: Sequence[Row]) -> list[tuple[str, str]]:
+    """Return the pairs of problem and tool that is first on it."""
+    found = [(name, best([row for row in peers if row.problem is one])) for name, one in problems().items()]
+    return [(name, winner.tool) for name, winner in found if winner]
 
 
 def _tool_table(rows: Sequence[Row]) -> list[str]:
     lines = [
-        "| tool | setting | budget | problems | answers | stated an interval | covers | confidently wrong "
-        "| warned | trusted on | first on | evaluations | CPU s |",
-        f"|{'---|' * 13}",
+        "| tool | setting | budget | problems | answers | stated an interval | covers | width "
+        "| confidently wrong | warned | trusted on | first on | evaluations | CPU s |",
+        f"|{'---|' * 14}",
     ]
     groups: dict[tuple[str, str, int], list[Row]] = {}
     for row in rows:
@@ -96,10 +112,10 @@ def _tool_table(rows: Sequence[Row]) -> list[str]:
         first = sum(best([one for one in peers if one.problem is row.problem]) is row for row in own)
         entries = (
             tool, setting, f"{budget:,}", str(len(own)), str(total), _percent(stated, total),
-            _percent(covered, stated), _percent(sum(row.wrong for row in own), total),
+            _percent(covered, stated), _width(own), _percent(sum(row.wrong for row in own), total),
             _percent(sum(row.warned * len(row.cells) for row in own), total),
             str(sum(map(trusted, own))), str(first),
-            _number(sum(row.evaluations for row in own if row.evaluations > 0) / len(own)),
+            _number(float(np.mean([row.evaluations for row in own if row.evaluations > 0] or [math.nan]))),
             f"{sum(row.seconds for row in own) / len(own):.1f}",
         )  # fmt: skip
         lines.append(f"| {' | '.join(entries)} |")
@@ -113,6 +129,7 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
         f"|{'---|' * 10}",
     ]
     letters = dict(zip(REASONS, "abcdefghijklmnopqrstuvwxyz", strict=False))
+    used: dict[str, str] = {}
     for problem in problems().values():
         own = [row for row in rows if row.problem is problem]
         winner = best(own)
@@ -122,7 +139,10 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
         lost = winner is not None and winner is not ours
         behind = f"{ours.cost / winner.cost:.1f}" if ours and winner and lost else ""
         learnt = [row for row in own if row.tool in _RARE and len(row.answers) > 1]
-        reason = "" if not (winner and lost) else letters[winner.tool] if learnt else "not run"
+        reason = ""
+        if winner and lost:
+            reason = letters.get(winner.tool, "**reason missing**") if learnt else "not run"
+            used[winner.tool] = reason
         p = problem.probability
         entries = (
             problem.name, f"{p:.2g}", str(problem.dimension), winner.tool if winner else "none",
@@ -130,7 +150,8 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
             _number(ours.cost) if ours else "", behind, reason, _number((1.0 - p) / p),
         )  # fmt: skip
         lines.append(f"| {' | '.join(entries)} |")
-    return [*lines, "", *(f"- **{letter}**, {tool}: {REASONS[tool]}" for tool, letter in letters.items())]
+    told = [f"- **{letters[tool]}**, {tool}: {REASONS[tool]}" for tool in REASONS if tool in used]
+    return [*lines, "", *told]
 
 
 def _setting_table() -> list[str]:
@@ -164,6 +185,15 @@ def _problem_table() -> list[str]:
 
 def _percent(part: float, of: float) -> str:
     return f"{100.0 * part / of:.1f}" if of else ""
+
+
+def _width(rows: Sequence[Row]) -> str:
+    """Return the median width of the intervals of some rows."""
+    widths = [width for row in rows for width in row.widths]
+    if not widths:
+        return ""
+    median = float(np.median(widths))
+    return f"{median:.1f}" if median < 100.0 else "100 and more"
 
 
 def _number(value: float) -> str:

@@ -18,7 +18,7 @@ from benchmarks.calibration.problems.problem import Problem
 FACTOR = 3.0
 """An interval that misses the truth by more than this factor is far off."""
 LEAST_TOOLS = 5
-"""Tools on a problem, at a budget, to compare them."""
+"""Tools asked twice or more, on a problem at a budget, to compare them."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,16 @@ class Row:
         return self.share(sum(c.low <= truth <= c.high for c in self.stated), len(self.stated))  # type: ignore[operator]
 
     @property
+    def widths(self) -> list[float]:
+        """Upper over lower end of each interval; infinite where it begins at 0."""
+        return [cell.high / cell.low if cell.low else math.inf for cell in self.stated]  # type: ignore[operator]
+
+    @property
+    def width(self) -> float:
+        """Median width of the intervals."""
+        return float(np.median(self.widths)) if self.stated else math.nan
+
+    @property
     def warned(self) -> float:
         """Share of the cells with a warning."""
         return self.share(sum(bool(cell.warnings) for cell in self.cells), len(self.cells))
@@ -147,8 +157,8 @@ def best(rows: Sequence[Row]) -> Row | None:
 
 
 def compared(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of problems that were asked of enough tools to speak of a first one."""
-    asked = Counter(name for name, _ in {(row.problem.name, row.tool) for row in rows})
+    """Return the rows of problems that were asked often enough of enough tools to speak of a first one."""
+    asked = Counter(name for name, _ in {(row.problem.name, row.tool) for row in rows if len(row.cells) > 1})
     return [row for row in rows if asked[row.problem.name] >= LEAST_TOOLS]
 
 

@@ -9,12 +9,13 @@ each tool on its authors' examples, at one seed. Here tools meet the same {probl
 answers, from p = 1e-2 to 1e-9 and 2 to 1,000 dimensions, at many seeds, and the black box itself counts
 what they ask of it. We publish our own among them.
 
-**These are {cells:,} answers, a small part of the full run**: {least} to {most} seeds of a tool on a problem, at
-a budget of {budget} evaluations and in the setting *recommended*, on a part of the problems for most tools.
-So few seeds tell a tool that is far off from one that is not, and no more: a coverage of 95 % cannot
-be told from one of 80 % on a single problem, a share of 0 confidently wrong answers in 15 may be 18 %, and the
-order of two tools whose costs differ by less than a factor of four is open. What was not run is blank: nothing yet of pyTAMS, and of `ce`, `smc` and `auto`, other budgets and the setting *tuned*; most problems have met
-Monte Carlo only. The driving problems have truths of 1 to 14 % error, which the error of the means includes and coverage does not.
+{cells_text}
+
+So many answers tell a tool that is far off from one that is not. With {seeds} of a tool on a problem, intervals that
+all hold may still cover only {least} of the time, none confidently wrong may be {wrong} of all, and costs that differ by
+less than a factor of {factor} may be equal. {truth_text}
+
+{missing_text}
 
     python -m benchmarks.calibration.environments     # the tools, each in an environment of its own
     python -m benchmarks.calibration --quick          # 30 minutes on two cores
@@ -32,7 +33,9 @@ beside it every answer.
 - *Cost*: relative mean squared error times evaluations. Monte Carlo's is (1 - p) / p; a tool with a tenth
   of it needs a tenth of the evaluations. They are counted: a tool that leaves half of its budget pays half.
 - *Trusted*: states an interval in 90 % of its answers, which cover in 80 % or more, none confidently wrong,
-  and the mean is within three standard errors of the truth. *First*: the least cost of those trusted.
+  and the mean is within three standard errors of the truth. *First*: the least cost of those trusted, of all tools
+  and settings at that budget, on problems that five tools or more were asked twice.
+- *Width*: upper over lower end of the interval, the median. A wide interval covers easily and says little.
 
 ## The tools
 
@@ -42,29 +45,31 @@ NOTES = """All shares are in percent; of few answers they are rough. Intervals, 
 
 ![coverage](calibration/coverage.png)
 
-Blue: a problem; red: all intervals of a tool; dotted: what they say. In brackets: problems with an interval.
-The tools did not meet the same problems, so the red bars must not be compared: `openturns line` answered on `late` and `flat` alone, which are made
-to hide a region, and has not met a problem with one region, for which it is made; `uqpy subset` has one answer on each of six problems.
+Blue: a problem; red: all intervals of a tool; dotted: what they say. In brackets: problems with an interval. Tools that had
+an answer on few problems have met an easier or harder part of them: compare bars only where the brackets agree.
 
 ![confidently wrong](calibration/wrong.png)
 
-Green: asked, and never confidently wrong; a dash: asked, but no interval stated; blank: not run, or not expressible.
+Green: asked, and never confidently wrong; a dash: asked, but no interval stated; blank: not asked, or not expressible.
 
 ![cost](calibration/cost.png)
 
 Each mark is a tool on a problem where its answers may be trusted; one below the dotted line is cheaper than Monte
-Carlo. Marks of two or three answers scatter by a factor of four and more.
+Carlo. With {seeds} a mark scatters by a factor of {factor}.
+
+Some methods are made for few dimensions, one region or a smooth function. They were asked everywhere all the same, as a user
+may not know which a problem is:
+
+{dimension_text}
+
+{warned_text} A warned answer may be first, as its cost is what it is; but it is of less use, and avrare's warnings
+often come with a wide interval: see the column *width*.
 
 ## Who is first
 
 *Behind*: how many times the cost of the first the best of avrare has; the letter is the reason, below.
-With so few answers, a factor below four is within the noise. Only problems that were asked of five tools or more are here.
 *Not run*: none of avrare's methods for rare events has two answers there yet, so avrare is not judged; *none*: no
 method of avrare that was run may be trusted there.
-
-A warned answer may be first, as its cost is what it is; but it is of less use. At this budget avrare warns of most of
-the answers of `is`, `ess` and `ams` (few roots, an unchecked proposal): it is too small for their own checks, which is a
-finding. The other tools have no warnings.
 
 """
 
@@ -98,14 +103,20 @@ FINDINGS = """## Settings
 *recommended* is a tool's own defaults, with the one size that a user must choose set by the budget. An algorithm
 with levels does not know how many it will need: it is given a fifth of the budget for each, so it may take
 more or less than the budget; the cost counts what it took. *tuned* is what its documentation advises for hard
-problems; no cell of it has been run yet.
+problems.
 
-What we did to others' tools, for their authors to check: OpenTURNS stops Monte Carlo, directional, line and importance
+What we did to others' tools, for their authors to check: a worker may take 6 GiB of memory. OpenTURNS stops Monte Carlo, directional, line and importance
 sampling at a coefficient of variation of 10 %, its default, of which it judges after two blocks (lines, directions) already. FORM starts
-at the mean, as in its examples; where the gradient is zero there (`largest_of_10`, `sphere_d20`) it stops with an error, and *form-is* and *line* have no
+at the mean, as in its examples; where the gradient is zero there it stops with an error, and *form-is* and *line* have no
 answer. pyTAMS runs its worker in a thread, not a process, so that the black box counts; where one of its ten runs stalls, all trajectories
-at one score, it ends with an error, so there is no answer. (Tried once at a budget of 1,000, 16 trajectories a run: on `walk_3.8`
-and `count_T40_m12` it stalled, after 45 and 7 CPU seconds.) VerifAI's sampler is called without its server; it is made to find counterexamples, and
+at one score, it ends with an error, so there is no answer. VerifAI's sampler is called without its server; it is made to find counterexamples, and
 its interval is of their share among its samples. SENTIL simulates by itself, so its own count is taken.
 
+"""
+
+ABSENT = """The driving problems are NumPy alone, so that any tool can ask them. `perching` is the aircraft of the glider plugin, without its
+feedback. The lane change of [scenarios/lane_change.yaml](lane-change.md) (2,609 collisions in 1,000,000 rollouts) is not among them: its tracker and its
+compiled controller need avrare's own environment, a rollout takes 6 ms, and the full run of this page would take about 90 hours
+of a core for it alone. `lane_change_2m` and `lane_change_0m` stand for it here; avrare's own answers are in
+[rare events](rare-events.md), where no other tool was asked.
 """

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import resource
 import sys
 import time
 from dataclasses import asdict
@@ -17,6 +18,9 @@ from benchmarks.calibration.answer import Counted, NoAnswerError
 from benchmarks.calibration.cells import Cell
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.tools import TOOLS
+
+MEMORY = 6 * 2**30
+"""Bytes that a worker may take: one that takes all of the machine's would end the workers beside it."""
 
 
 def run(task: dict[str, Any]) -> Cell:
@@ -30,6 +34,8 @@ def run(task: dict[str, Any]) -> Cell:
         answer = adapter.estimate(tool.method, counted, task["budget"], task["seed"], options)
     except NoAnswerError as error:
         reason = str(error)
+    except MemoryError:
+        reason = f"it needs more than {MEMORY / 2**30:.0f} GiB of memory"
     low, high = answer.interval if answer and answer.interval else (None, None)
     return Cell(
         **task, version=adapter.tool_version(), estimate=answer.probability if answer else None, low=low,
@@ -40,6 +46,7 @@ def run(task: dict[str, Any]) -> Cell:
 
 def main() -> None:
     """Answer until the input ends."""
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)

@@ -2,15 +2,19 @@
 
 import importlib.util
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from avrare.testing.problems import reference_problem
-from benchmarks.calibration import cells, runner
+from avrare_glider.config import GliderConfig, NoiseConfig
+from avrare_glider.simulator import GliderSimulator
+from benchmarks.calibration import cells, report, runner, scope
 from benchmarks.calibration.answer import Counted, NoAnswerError, of_deviation, of_runs
 from benchmarks.calibration.environments import interpreter
 from benchmarks.calibration.problems import problems
+from benchmarks.calibration.problems.driving import systems
 from benchmarks.calibration.problems.problem import rolled
 from benchmarks.calibration.report import KEPT, page, table
 from benchmarks.calibration.summary import Row, best, rows_of
@@ -45,6 +49,20 @@ def test_probabilities_and_robustness_are_those_of_the_reference(name):
         whole = tapes[:, None, :]
     fails = reference.problem().robustness(whole) <= 0.0
     np.testing.assert_array_equal(problem.robustness(tapes) <= 0.0, fails)
+
+
+def test_the_perching_glider_flies_as_that_of_its_plugin():
+    simulator = GliderSimulator(GliderConfig(noise=NoiseConfig(actuator=0.12), feedback=None))
+    tapes = 3.0 * np.random.default_rng(4).standard_normal((200, 66))
+    world = simulator.reset(np.zeros((200, 1)))
+    nearest = np.full(200, np.inf)
+    for t in range(66):
+        world = simulator.step(world, None, tapes[:, t : t + 1])
+        signals = simulator.signals(world)
+        nearest = np.minimum(nearest, np.abs(signals["x"]) + np.abs(signals["z"]))
+    system = systems()["perching_rare"][1]
+    np.testing.assert_allclose(rolled(system, tapes), 0.05 - nearest, atol=1e-12)
+    assert 0 < (nearest > 0.05).sum() < 200
 
 
 @pytest.mark.parametrize("name", [one.name for one in problems().values() if one.probability > 1e-3])
@@ -161,21 +179,83 @@ def test_page_and_table_have_every_row():
     assert len(table(rows).splitlines()) == 1 + len(tools)
 
 
+def test_what_is_missing_follows_from_the_cells():
+    p = problems()["walk_2.5"].probability
+    rows = rows_of(cell(p, p / 2, 2 * p, (), 0, tool) for tool in ("avrare mc", "pytams tams"))
+    steps = sum(one.system is not None for one in problems().values())
+    text = scope.missing_text(rows, rows)
+    assert f"`pytams tams` {steps - 1} of {steps}" in text
+    assert "*recommended* at 1,000" not in text
+    assert "*recommended* at 100,000" in text
+    assert "No tool warned" in scope.warned_text(rows)
+    warned = rows_of([cell(p, p / 2, 2 * p, ("few_roots",))])
+    assert "`avrare mc` of 100% (`few_roots` 100%)" in scope.warned_text(warned)
+
+
+def test_few_answers_resolve_little():
+    assert scope.resolution(1)["least"] == "5%"
+    assert scope.resolution(20)["least"] == "86%"
+    assert float(scope.resolution(20)["factor"]) == pytest.approx(2.46, abs=0.05)
+
+
+def test_reasons_for_no_answer_are_grouped_without_their_numbers():
+    lost = [
+        replace(cell(None, None, None, (), seed), reason=f"gave up after {seed} calls | at point [{seed}]")
+        for seed in range(3)
+    ]
+    assert "| avrare mc | gave up after N calls / | 1 | walk_2.5 |" in scope.silent_lines(rows_of(lost))
+
+
+def test_a_win_without_a_reason_is_seen(monkeypatch):
+    p = problems()["walk_2.5"].probability
+
+    def rows(spread):
+        return rows_of(
+            cell((1.0 + spread[tool.startswith("avrare")] * (seed - 1)) * p, p / 2, 2 * p, (), seed, tool)
+            for seed in range(3) for tool in [*list(TOOLS)[:4], "textbook gams"]
+        )  # fmt: skip
+
+    assert "reason missing" not in page(rows((0.1, 0.3)))
+    monkeypatch.setattr(report, "REASONS", {})
+    assert "**reason missing**" in page(rows((0.1, 0.3)))
+    assert "reason missing" not in page(rows((0.3, 0.1)))
+
+
+def test_an_interval_from_zero_is_infinitely_wide():
+    p = problems()["walk_2.5"].probability
+    (row,) = rows_of([cell(p, p / 2, 2 * p), cell(0.0, 0.0, p, (), 1), cell(0.0, 0.0, p, (), 2)])
+    assert row.width == np.inf
+    assert "| 100 and more |" in page([row])
+
+
+def agree(one, other):
+    """Return whether two answers differ by no more than their errors explain."""
+    small, large = sorted((one, other), key=lambda answer: answer.estimate)
+    reach = np.hypot(small.high - small.estimate, large.estimate - large.low)
+    return large.estimate - small.estimate <= reach
+
+
+def test_agreement_is_within_the_errors():
+    assert agree(cell(1.0, 0.9, 1.1), cell(1.1, 1.0, 1.2))
+    assert not agree(cell(1.0, 0.9, 1.1), cell(1.2, 1.1, 1.3))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", range(3))
 def test_kept_cells_are_made_again(tmp_path, turn):
     kept.unpack(KEPT, tmp_path / "kept")
-    cheap = sorted(
-        one.key for one in cells.read(tmp_path / "kept") if one.estimate and one.low and one.seconds < 2.0
+    cheap = [
+        one for one in cells.read(tmp_path / "kept")
+        if one.estimate and one.low and one.seconds < 2.0 and interpreter(TOOLS[one.tool].environment)
+    ]  # fmt: skip
+    tool = random.Random(turn).choice(sorted({one.tool for one in cheap}))
+    old = random.Random(turn).choice(
+        sorted((one for one in cheap if one.tool == tool), key=lambda one: one.key)
     )
-    key = random.Random(turn).choice(cheap)
-    if interpreter(TOOLS[key[0]].environment) is None:
-        pytest.skip(f"the environment of {key[0]} is not made")
     maker = runner.Runner(tmp_path, 600.0)
-    again = maker.cell(key)
+    again = maker.cell(old.key)
     for worker in maker.workers.values():
         worker.kill()
-    old = next(one for one in cells.read(tmp_path / "kept") if one.key == key)
     assert again.estimate is not None
-    # The same seed, so the same bits with the same versions; else two answers whose intervals overlap.
-    assert again.estimate == old.estimate or (again.low <= old.high and old.low <= again.high)
+    # The same seed gives the same bits with the same versions; with others two answers that agree.
+    assert again.estimate == old.estimate or agree(again, old)

@@ -1,4 +1,4 @@
-"""Small driving problems in NumPy, whose probabilities are known by brute force (``truths.json``)."""
+"""Small driving and flying problems in NumPy; brute force gives their probabilities (``truths.json``)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.calibration.problems.perching import Perching
 from benchmarks.calibration.problems.problem import Always, Floats, Problem, stepwise
 
 TRUTHS = Path(__file__).with_name("truths.json")
@@ -154,6 +155,8 @@ def systems() -> dict[str, tuple[str, Any]]:
         "pedestrian_rare": ("driving, steps, detections", Pedestrian(-1.5)),
         "glider_200cm": ("driving, steps", Glider(2.0)),
         "glider_235cm": ("driving, steps", Glider(2.35)),
+        "perching": ("driving, steps, eventually", Perching(0.15)),
+        "perching_rare": ("driving, steps, eventually", Perching(0.12)),
     }
 
 

@@ -66,7 +66,7 @@ def _avrare() -> tuple[Tool, ...]:
         Tool("avrare mc", _HERE, _AVRARE, "Clopper-Pearson", {RECOMMENDED: {}}, "`rollouts` B"),
         Tool("avrare ams", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: tuned}, size, needs_steps),
         Tool("avrare ess", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"kernel": "shrink"}}, size),
-        Tool("avrare is", _HERE, _AVRARE, own, {RECOMMENDED: {}}, "`rollouts` B"),
+        Tool("avrare is", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"check": 0.3}}, "`rollouts` B"),
         Tool("avrare ce", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size),
         Tool("avrare smc", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size, needs_steps),
         Tool("avrare auto", _HERE, _AVRARE, own, {RECOMMENDED: {}}, "`rollouts` B"),

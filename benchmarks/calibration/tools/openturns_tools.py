@@ -48,6 +48,8 @@ def estimate(method: str, counted: Counted, budget: int, seed: int, options: dic
         result = algorithm.getResult()
         p, length = float(result.getProbabilityEstimate()), float(result.getConfidenceLength(0.95))
     except Exception as error:
+        if "bad_alloc" in str(error):
+            raise MemoryError from error
         raise stopped[0] if stopped else NoAnswerError(" ".join(str(error).split())[:200]) from error
     if not math.isfinite(p):
         raise NoAnswerError("its probability is not a number")
