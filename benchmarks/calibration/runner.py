@@ -13,11 +13,11 @@ from typing import Any
 
 from benchmarks.calibration import cells
 from benchmarks.calibration.environments import interpreter
-from benchmarks.calibration.tools import TOOLS
+from benchmarks.calibration.tools import TOOLS, Tool
 
 ROOT = Path(__file__).parents[2]
 _START = 60.0
-"""Seconds that a new worker may take to import its tool."""
+"""CPU seconds that a new worker may take to import its tool."""
 _CROWDED = 20.0
 """Wall seconds for each CPU second after which an answer is given up all the same."""
 
@@ -49,11 +49,10 @@ class Runner:
     def cell(self, key: cells.Key) -> cells.Cell:
         """Return the cell of a key; a worker that dies or takes too long has no answer."""
         environment = TOOLS[key[0]].environment
-        fresh = environment not in self.workers
-        worker = self.workers.get(environment) or self._start(environment)
+        worker = self.workers.get(environment) or self._start(TOOLS[key[0]])
         task = dict(zip(("tool", "setting", "problem", "budget", "seed"), key, strict=True))
         began = time.monotonic()
-        line = _ask(worker, json.dumps(task), self.limit + (_START if fresh else 0.0))
+        line = _ask(worker, json.dumps(task), self.limit)
         if line:
             fields: dict[str, Any] = json.loads(line)
             self.versions[environment] = fields["version"]
@@ -66,27 +65,35 @@ class Runner:
             seconds=round(time.monotonic() - began, 1), reason=reason,
         )  # fmt: skip
 
-    def _start(self, environment: str) -> subprocess.Popen[str]:
+    def _start(self, tool: Tool) -> subprocess.Popen[str]:
         # Only the environment of the benchmark itself sees avrare's paths.
+        environment = tool.environment
         inherited = os.environ.get("PYTHONPATH", "") if environment == "here" else ""
         paths = os.pathsep.join(filter(None, (str(ROOT), inherited)))
         worker = subprocess.Popen(
-            [str(interpreter(environment)), "-m", "benchmarks.calibration.worker"],
+            [str(interpreter(environment)), "-m", "benchmarks.calibration.worker", tool.module],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
             env={**os.environ, "PYTHONPATH": paths},
         )  # fmt: skip
         self.workers[environment] = worker
+        if not _wait(worker, _START):
+            worker.kill()  # its first task has no answer
         return worker
 
 
 def _ask(worker: subprocess.Popen[str], task: str, limit: float) -> str | None:
     """Return the worker's line, "" where it died, None where the time is over."""
     assert worker.stdin
-    assert worker.stdout
     try:
         print(task, file=worker.stdin, flush=True)
     except BrokenPipeError:
         return ""
+    return _wait(worker, limit)
+
+
+def _wait(worker: subprocess.Popen[str], limit: float) -> str | None:
+    """Return the worker's next line, "" where it died, None where the time is over."""
+    assert worker.stdout
     spent, end = _cpu(worker.pid), time.monotonic() + _CROWDED * limit
     with selectors.DefaultSelector() as selector:
         selector.register(worker.stdout, selectors.EVENT_READ)

@@ -1,6 +1,9 @@
 """Worker: answers tasks from its standard input with lines of JSON; it runs in the environment of a tool.
 
-A task is a line of JSON with the fields of a ``Cell`` that make its key. The tool's own output goes nowhere.
+    python -m benchmarks.calibration.worker ADAPTER
+
+It writes an empty line when the adapter is imported. A task is a line of JSON with the fields of a ``Cell``
+that make its key. The tool's own output goes nowhere.
 """
 
 from __future__ import annotations
@@ -50,6 +53,8 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
+    importlib.import_module(sys.argv[1])
+    print(file=answers, flush=True)
     for line in sys.stdin:
         print(json.dumps(asdict(run(json.loads(line)))), file=answers, flush=True)
 
