@@ -65,12 +65,12 @@ def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
     if not isinstance(found, Prediction):
         return None
     known = np.isfinite(found.x[..., 0])
-    errors = [
-        found.x[..., 0] - others.x, found.y[..., 0] - others.y,
-        found.x[..., 1] - found.x[..., 0], found.y[..., 1] - found.y[..., 0],
-    ]  # fmt: skip
-    with np.errstate(invalid="ignore"):
-        kept = [np.where(known, error, 0.0) for error in errors]
+    with np.errstate(invalid="ignore"):  # what is not tracked is infinitely far away
+        errors = [
+            found.x[..., 0] - others.x, found.y[..., 0] - others.y,
+            found.x[..., 1] - found.x[..., 0], found.y[..., 1] - found.y[..., 0],
+        ]  # fmt: skip
+    kept = [np.where(known, error, 0.0) for error in errors]
     return np.concatenate([known.astype(np.float64), *kept], axis=1)
 
 

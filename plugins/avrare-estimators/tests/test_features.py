@@ -8,8 +8,10 @@ import pytest
 
 import avrare
 from avrare.base import batch
+from avrare.driving import Prediction, Vehicles, World
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
+from avrare.stack.features import track_features
 
 ROWS, STEPS = 5, 3
 LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"
@@ -45,6 +47,21 @@ def test_a_driving_stack_offers_signals_positions_errors_and_plan(problem, outco
         assert any(np.array_equal(column, other) for other in found.T)
     part = system.features(batch.take(state, np.array([3, 1])))
     assert np.array_equal(part, found[[3, 1]])
+
+
+def test_a_vehicle_without_a_track_has_no_error_and_no_warning():
+    def vehicles(shape):
+        return Vehicles(*np.ones((5, *shape)))
+
+    class Blind:
+        def predict(self, track, steps):
+            nowhere = np.full((ROWS, 2, steps + 1), np.inf)
+            nowhere[:, 0] = 3.0
+            return Prediction(nowhere, nowhere)
+
+    world = World(np.zeros(ROWS, np.int64), vehicles((ROWS,)), vehicles((ROWS, 2)), np.zeros(ROWS))
+    found = track_features(Blind(), None, world)
+    assert found.tolist() == [[1, 0, 2, 0, 2, 0, 0, 0, 0, 0]] * ROWS
 
 
 def test_declared_features_take_the_place_of_the_general_ones(problem, outcome, monkeypatch):
