@@ -15,7 +15,7 @@ from benchmarks.calibration import cells, figures, scope
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import Row, best, compared, rows_of, trusted
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
-from benchmarks.calibration.words import ABSENT, FINDINGS, HEAD, NOTES, REASONS
+from benchmarks.calibration.words import ABSENT, FINDINGS, HEAD, NOTES, OWN, REASONS
 from benchmarks.studies import pages
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -79,12 +79,13 @@ def page(rows: Sequence[Row]) -> str:
         "dimension_text": "\n".join(scope.dimension_lines(shown)), "truth_text": scope.truth_text(),
         "warned_text": scope.warned_text(shown),
         **scope.resolution(scope.typical_seeds(shown)),
+        **scope.order(scope.typical_seeds([row for row in peers if len(row.cells) > 1] or shown)),
     }  # fmt: skip
     return "\n".join([
         HEAD.format(**facts), *_tool_table(rows), "", NOTES.format(**facts), *_first_table(peers), "",
         "### Where each is first", "", *scope.wins_lines(_winners(peers)), "",
         "### Where there was no answer", "", *scope.silent_lines(shown), "",
-        FINDINGS, *_setting_table(), "", *_unable_lines(), "",
+        OWN, FINDINGS, *_setting_table(), "", *_unable_lines(), "",
         "## Problems", "", ABSENT, *_problem_table(), "",
     ])  # fmt: skip
 

@@ -40,15 +40,19 @@ def resolution(seeds: int) -> dict[str, str]:
 
     Returns:
         ``least``: true coverage that may hide behind intervals that all hold; ``wrong``: share of wrong
-        answers behind none; ``factor``: ratio of two costs that chance explains, for errors that are normal.
+        answers behind none.
     """
     least = 0.05 ** (1.0 / seeds)
-    factor = float(stats.f.ppf(0.975, seeds, seeds))
-    return {
-        "seeds": f"{seeds} answer{'s' if seeds > 1 else ''}", "least": f"{least:.0%}",
-        "wrong": f"{1.0 - least:.0%}",
-        "factor": f"{factor:.1f}",
-    }  # fmt: skip
+    return {"seeds": _answers(seeds), "least": f"{least:.0%}", "wrong": f"{1.0 - least:.0%}"}
+
+
+def order(seeds: int) -> dict[str, str]:
+    """Return the ratio of two costs that chance explains, at 95 %, for errors that are normal."""
+    return {"first_seeds": _answers(seeds), "factor": f"{float(stats.f.ppf(0.975, seeds, seeds)):.1f}"}
+
+
+def _answers(count: int) -> str:
+    return f"{count} answer{'s' if count > 1 else ''}"
 
 
 def cells_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:

@@ -195,7 +195,7 @@ def test_what_is_missing_follows_from_the_cells():
 def test_few_answers_resolve_little():
     assert scope.resolution(1)["least"] == "5%"
     assert scope.resolution(20)["least"] == "86%"
-    assert float(scope.resolution(20)["factor"]) == pytest.approx(2.46, abs=0.05)
+    assert float(scope.order(20)["factor"]) == pytest.approx(2.46, abs=0.05)
 
 
 def test_reasons_for_no_answer_are_grouped_without_their_numbers():
