@@ -116,7 +116,7 @@ def _tool_table(rows: Sequence[Row]) -> list[str]:
             _percent(covered, stated), _width(own), _percent(sum(row.wrong for row in own), total),
             _percent(sum(row.warned * len(row.cells) for row in own), total),
             str(sum(map(trusted, own))), str(first),
-            _number(float(np.mean([row.evaluations for row in own if row.evaluations > 0] or [math.nan]))),
+            _number(float(np.mean([row.evaluations for row in own if row.answers] or [math.nan]))),
             f"{sum(row.seconds for row in own) / len(own):.1f}",
         )  # fmt: skip
         lines.append(f"| {' | '.join(entries)} |")

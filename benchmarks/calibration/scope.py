@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import statistics
 from collections import Counter
@@ -136,7 +137,10 @@ def silent_lines(shown: Sequence[Row]) -> list[str]:
             found.setdefault((row.tool, reason), []).append(row.problem.name)
     if not found:
         return ["Every tool had an answer wherever it was asked."]
-    lines = ["| tool | no answer, as | problems | such as |", "|---|---|---|---|"]
+    limits = [cell.time_limit for row in shown for cell in row.cells if math.isfinite(cell.time_limit)]
+    given = f" Time was up after {min(limits):.0f} to {max(limits):.0f} CPU seconds." if limits else ""
+    lines = [f"N stands for a number that differs.{given}", ""]
+    lines += ["| tool | no answer, as | problems | such as |", "|---|---|---|---|"]
     for (tool, reason), names in found.items():
         lines.append(f"| {tool} | {reason} | {len(names)} | {', '.join(names[:_NAMED])} |")
     return lines

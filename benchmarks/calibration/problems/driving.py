@@ -156,7 +156,6 @@ def systems() -> dict[str, tuple[str, Any]]:
         "glider_200cm": ("driving, steps", Glider(2.0)),
         "glider_235cm": ("driving, steps", Glider(2.35)),
         "perching": ("driving, steps, eventually", Perching(0.15)),
-        "perching_rare": ("driving, steps, eventually", Perching(0.12)),
     }
 
 
