@@ -6,8 +6,9 @@
 A case is an id of ``avrare.testing``, a problem of ``studies/untuned_problems.py``, one of ``OWN`` below, or
 SCENARIO:SPECIFICATION of a scenario with a truth in docs/ground-truth (`lane_change:no_collision`), or
 SCENARIO:SPECIFICATION@P at the robustness that so small a share of its rollouts falls to
-(`lane_change:no_collision@1e-4`). Cost is in steps over those of a rollout, and counts pilot, stages and
-check.
+(`lane_change:no_collision@1e-4`), or, without a truth, SCENARIO:SPECIFICATION=P with a probability known
+otherwise. SCENARIO is a name in scenarios/ or the path of a YAML file; `benchmarks/ground_truth.py` makes its
+truth. Cost is in steps over those of a rollout, and counts pilot, stages and check.
 With ``--out`` a study that was stopped goes on where it was.
 CW: no warning, and the interval misses the truth by more than a factor 3.
 """
@@ -33,7 +34,7 @@ import avrare
 from avrare import Problem, stl
 from avrare.protocols import Floats
 from avrare.testing.problems import reference_problem, reference_problems
-from benchmarks.studies.levels import read_level
+from benchmarks.studies.levels import read_case
 from benchmarks.studies.untuned_problems import untuned_names, untuned_problem
 
 GOALS = {"d_rw_L3.8": 60, "d_rw_L4.8": 150, "e_ou_L4.0": 80, "e_ou_L5.0": 600}
@@ -120,9 +121,7 @@ OWN: dict[str, Callable[[], tuple[Problem, float]]] = {
 def find_case(name: str) -> tuple[Problem, float]:
     """Return the problem of a case and its exact probability."""
     if ":" in name:
-        scenario, _, rule = name.partition(":")
-        rule, _, probability = rule.partition("@")
-        return read_level(scenario, rule, float(probability) if probability else None)
+        return read_case(name)
     if name in OWN:
         return OWN[name]()
     if name in untuned_names():

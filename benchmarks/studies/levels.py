@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,21 +44,35 @@ class Level:
 
 
 def truth_file(scenario: str) -> Path:
-    """Return the truth in ``docs/ground-truth`` of a file in ``scenarios/``."""
-    folder = ROOT / "docs" / "ground-truth"
-    found = table2_page.ground_truth(folder, load(_path(scenario)))
-    return folder / f"{scenario}-{found['fingerprint']}.json"
+    """Return the truth in ``docs/ground-truth`` of a scenario: a name in ``scenarios/``, or a path."""
+    folder, loaded = ROOT / "docs" / "ground-truth", load(_path(scenario))
+    return folder / f"{loaded.name}-{table2_page.ground_truth(folder, loaded)['fingerprint']}.json"
 
 
 def _path(scenario: str) -> str:
-    return str(ROOT / "scenarios" / f"{scenario}.yaml")
+    return scenario if scenario.endswith(".yaml") else str(ROOT / "scenarios" / f"{scenario}.yaml")
+
+
+def read_case(name: str, settings: Sequence[str] = ()) -> tuple[Problem, float]:
+    """Return the problem of SCENARIO:SPECIFICATION, with @P or =P behind, and its known probability.
+
+    SCENARIO is a name in ``scenarios/`` or the path of a YAML file. With @P the level that a share P of the
+    truth's rollouts falls to; =P says what the probability is, where there is no truth, or where ``settings``
+    (KEY=VALUE) change the scenario.
+    """
+    scenario, _, rule = name.partition(":")
+    if "=" in rule:
+        rule, _, known = rule.partition("=")
+        return LoadedScenario(load(_path(scenario), list(settings))).problem(rule), float(known)
+    rule, _, probability = rule.partition("@")
+    return read_level(scenario, rule, float(probability) if probability else None)
 
 
 def read_level(scenario: str, rule: str, probability: float | None) -> tuple[Problem, float]:
     """Return a rule at the level that it falls to with about this probability, and the known one.
 
     Args:
-        scenario: Name of a file in ``scenarios/`` with a truth in ``docs/ground-truth``.
+        scenario: Name of a file in ``scenarios/`` with a truth in ``docs/ground-truth``, or a path of one.
         rule: Name of a specification.
         probability: Probability of the level; None: the rule itself.
     """
