@@ -10,6 +10,7 @@ SCENARIO:SPECIFICATION@P at the robustness that so small a share of its rollouts
 otherwise. SCENARIO is a name in scenarios/ or the path of a YAML file; `benchmarks/ground_truth.py` makes its
 truth. Cost is in steps over those of a rollout, and counts pilot, stages and check.
 With ``--out`` a study that was stopped goes on where it was.
+"stated" is cost times the square of the relative error that a result states itself, where it states one.
 CW: no warning, and the interval misses the truth by more than a factor 3.
 """
 
@@ -141,11 +142,17 @@ def estimate(name: str, seed: int, estimator: str, options: dict[str, Any]) -> d
     tried = sum(one["rollouts"] for one in result.diagnostics.get("choice", {"tried": []})["tried"])
     return {
         "case": name, "seed": seed, "estimator": estimator, "options": options, "truth": truth,
-        "chosen": result.estimator, "probability": result.probability, "interval": list(result.interval),
+        "chosen": " ".join([result.estimator, *_score(result)]),
+        "probability": result.probability, "interval": list(result.interval),
         "relative_error": result.relative_error, "rollouts": cost, "health": list(result.health),
         "pilot": sum(result.diagnostics.get(f"{name}_rollouts", 0) for name in ("pilot", "learning")) + tried,
         "seconds": time.process_time() - began,
     }  # fmt: skip
+
+
+def _score(result: avrare.Result) -> list[str]:
+    """Return the score that splitting used, where it could have learned one."""
+    return [f"({result.diagnostics['score']['used']})"] if "score" in result.diagnostics else []
 
 
 def summarise(name: str, found: Sequence[dict[str, Any]], goal: float | None) -> str:
@@ -158,11 +165,13 @@ def summarise(name: str, found: Sequence[dict[str, Any]], goal: float | None) ->
     covers, far = (low <= 1.0) & (high >= 1.0), (low > 3.0) | (high < 1.0 / 3.0)
     error = values.std(ddof=1) / p / math.sqrt(len(values)) if len(values) > 1 else math.nan
     gained = float(((values / p - 1.0) ** 2).mean() * cost.mean())
+    stated = np.array([one["relative_error"] or math.nan for one in found]) ** 2
     names = Counter(warning for one in found for warning in one["health"])
     chosen = Counter(one["chosen"] for one in found)
     entries = [
         name, f"{p:.3g}", str(len(found)), _words(chosen), f"{values.mean() / p:.3f} ± {error:.3f}",
-        f"{gained:.1f}", str(GOALS.get(name, "")), f"{(1.0 - p) / p:,.0f}", _share(covers), _share(~quiet),
+        f"{gained:.1f}", f"{np.nanmean(stated) * cost.mean():.1f}", str(GOALS.get(name, "")),
+        f"{(1.0 - p) / p:,.0f}", _share(covers), _share(~quiet),
         _share(covers[quiet]), _share(far & quiet), f"{np.median(high / np.maximum(low, 1e-12)):.2f}",
         f"{cost.mean():,.0f}", f"{cost.mean() * p / (goal**-2 + 2.0):.2f}" if goal else "",
         f"{np.mean([one['pilot'] for one in found]):,.0f}",
@@ -185,7 +194,7 @@ def main() -> None:
     parser.add_argument("--cases", default=",".join([*GOALS, *OWN]))
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--estimator", default="is", help="is or auto")
+    parser.add_argument("--estimator", default="is", help="is, auto, smc or ams")
     parser.add_argument("--set", action="append", default=[], metavar="OPTION=VALUE")
     parser.add_argument(
         "--out", type=Path, help="file of lines to which results go; those in it are not made again"
@@ -194,9 +203,9 @@ def main() -> None:
     options = {key: ast.literal_eval(value) for key, value in (one.split("=", 1) for one in given.set)}
     groups = {"untuned": untuned_names(), "exact": tuple(one.id for one in reference_problems())}
     heads = (
-        "case", "p", "results", "chosen", "mean / p", "relMSE x cost", "goal", "Monte Carlo's", "covers",
-        "warned", "covers unwarned", "CW", "ends' ratio", "rollouts", "over mc's", "of them to learn",
-        "seconds", "warnings",
+        "case", "p", "results", "chosen", "mean / p", "relMSE x cost", "stated", "goal", "Monte Carlo's",
+        "covers", "warned", "covers unwarned", "CW", "ends' ratio", "rollouts", "over mc's",
+        "of them to learn", "seconds", "warnings",
     )  # fmt: skip
     print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     warnings.simplefilter("ignore", avrare.HealthWarning)

@@ -5,7 +5,7 @@ import pytest
 
 from avrare.protocols import Verdict
 from avrare.rollout.request import Carry
-from avrare_estimators.ams.state import Population
+from avrare_estimators.ams.population import Population
 
 
 def carry(x, score):

@@ -94,6 +94,21 @@ class AmsConfig(_GrowingConfig):
         description="score by the robustness of the noise-free continuation, every so many steps, in place "
         "of the problem's score; its steps are counted apart, as look_ahead_steps",
     )  # fmt: skip
+    score: Literal["problem", "learned"] = Field(
+        default="problem",
+        description="learned: score by the committor that a network learns in a run which does not count, "
+        "where rollouts held out promise a gain over the problem's own score",
+    )
+    pilot: int = Field(
+        default=1000,
+        ge=LEAST_PILOT,
+        description="particles of the run to learn the score from; score: learned",
+    )
+    learned: str | None = Field(
+        default=None,
+        description="file of a learned score (learned.json of a run folder): score by it, without learning",
+        json_schema_extra={"file": True},
+    )
     early_stop: bool = Field(
         default=False,
         description="end a rollout once its verdict cannot change; robustness is that of the samples so far",
@@ -111,7 +126,18 @@ class AmsConfig(_GrowingConfig):
         for name in ("early_stop", "look_ahead"):
             if getattr(self, name) and self.variant == "published":
                 raise ValueError(f"{name} is no option of the published variant: leave it out")
+            if getattr(self, name) and self.scores_by_committor:
+                raise ValueError(f"{name} does not go with a learned score: leave one of them out")
+        if self.scores_by_committor and self.variant == "published":
+            raise ValueError("a learned score is no option of the published variant: leave it out")
+        if self.pilot != type(self).model_fields["pilot"].default and self.score != LEARNED:
+            raise ValueError("pilot belongs to `score: learned`")
         return self
+
+    @property
+    def scores_by_committor(self) -> bool:
+        """A learned score is asked for, or given."""
+        return self.score == LEARNED or self.learned is not None
 
     @model_validator(mode="after")
     def _discard_fewer_than_all(self) -> AmsConfig:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import Demand
@@ -17,13 +18,17 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ams.forecast import forecast_cost
 from avrare_estimators.ams.leaps import Leaps
+from avrare_estimators.ams.learned_score import LEARNING_RUN, MOST_PATHS, ScoreLearning, choose_times
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
 from avrare_estimators.ams.look_ahead import LookAheadProblem
-from avrare_estimators.ams.state import AmsState, Branches, run_bytes
+from avrare_estimators.ams.population import Branches
+from avrare_estimators.ams.state import AmsState, run_bytes
 from avrare_estimators.ams.summary import summarise
-from avrare_estimators.config import AmsConfig
-from avrare_estimators.cost import affordable_runs
+from avrare_estimators.config import LEARNED, LEAST_PILOT, AmsConfig
+from avrare_estimators.cost import affordable_runs, paid_runs
+from avrare_estimators.feature_count import FEATURES, count_features
 from avrare_estimators.looks import LEAST_RUNS, MOST_GROWTH, Looks, Pilot
+from avrare_estimators.smc.learned_file import LearnedFile
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
@@ -31,6 +36,8 @@ _NOMINAL = 1e-4
 """Probability at which a run costs that much."""
 _LEAST_PARTICLES = 50
 """Particles below which the error of a single run is not known."""
+_LEARNING_PARTS = 6
+"""The run to learn a score from takes at most one part in so many of a budget."""
 _PILOT_RUN = 2**31
 """Address of the pilot's noise, far from the runs that count."""
 
@@ -52,20 +59,35 @@ class Splitting:
         self.config = config
         self._published = config.variant == "published"
         self.stops_early = config.early_stop
+        self._file = LearnedFile.read(config.learned) if config.learned is not None else None
+        self._features: int | None = None
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem with the score of the variant, or that looks ahead."""
+        self._features = count_features(problem) if self.config.scores_by_committor else None
         if self.config.look_ahead is not None:
             return LookAheadProblem(problem, self.config.look_ahead)
         return problem.rescored("prefix") if self._published else problem
 
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """Return the state before the first rollout, and what to show."""
-        if self.config.grow and plan.steps and self._most_runs(plan, pilots=1) >= LEAST_RUNS:
-            state = AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN)
+        self._most_runs(plan)  # refuses a budget that does not pay
+        if self._file is not None:
+            state = self._begin(plan, ScoreLearning.given(self._file, plan, self._features))
+        elif self.config.score == LEARNED and plan.steps:
+            particles = self._pilot_particles(plan)
+            learning = ScoreLearning.begin(plan, particles)
+            state = AmsState.begin(plan, 1, particles, first_run=LEARNING_RUN, learning=learning)
         else:
-            state = self._begin_counting(plan)
+            state = self._begin(plan)
         return state, Info(forecast=self._forecast(state))
+
+    def _begin(self, plan: Plan, learning: ScoreLearning | None = None) -> AmsState:
+        """Begin the pilot that sizes the runs, or the runs that count where there is none."""
+        spent = learning.spent if learning is not None else None
+        if self.config.grow and plan.steps and self._most_runs(plan, 1, spent=spent) >= LEAST_RUNS:
+            return AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN, learning=learning)
+        return self._begin_counting(plan, learning=learning)
 
     def scaled(self, rollouts: float, probability: float) -> Splitting | None:
         """Return one run of as many particles as the rollouts pay for (``ScalesToCost``).
@@ -88,7 +110,7 @@ class Splitting:
         stage = np.full(len(pending.slots), state.stage)
         request = Request(
             run + state.first_run, stage, particle, pending.start, keep_carries=True, every=state.every,
-            stop_early=self.config.early_stop,
+            stop_early=self.config.early_stop, observe=state.learning.observed if state.learning else (),
         )  # fmt: skip
         if not state.stage:
             return replace(request, most_bytes=self._bytes_per_slot(state))
@@ -97,6 +119,8 @@ class Splitting:
 
     def tell(self, state: AmsState, rollouts: Rollouts) -> tuple[AmsState, Info]:
         """Store the rollouts, then do one stage of all active runs (stl-ams, Algorithm 2)."""
+        if state.learning is not None:
+            rollouts = state.learning.told(rollouts, state.pending, state.population)
         state.population.store(state.pending.slots, state.pending.start, rollouts)
         if self._published:  # its failures are robustness <= 0
             state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
@@ -120,7 +144,11 @@ class Splitting:
         return [summarise(self.name, self.config, state)]
 
     def _continue(self, state: AmsState) -> AmsState:
-        """Begin the runs that count after the pilot, or further ones where they are wanted."""
+        """Begin what comes after a learning run, the runs that count after the pilot, or further ones."""
+        if state.learns:
+            assert state.learning is not None
+            learning = state.learning.ended(state.plan, float(state.weight[0]), state.population, state.tally)
+            return replace(self._begin(state.plan, learning), tally=state.tally, saved=state.saved)
         if state.looks is None:
             return self._after_pilot(state)
         more = state.looks.missing(
@@ -131,16 +159,19 @@ class Splitting:
     def _after_pilot(self, state: AmsState) -> AmsState:
         found, plan = summarise(self.name, self.config, state), state.plan
         roots = found.diagnostics["roots"][0] if found.probability else 0
-        tally = state.tally
-        pilot = Pilot(tally.rollouts, roots, found.relative_error**2, cost=tally.steps)
+        before = state.learning.spent if state.learning is not None else Info()
+        rollouts, steps = (getattr(state.tally, n) - getattr(before, n) for n in ("rollouts", "steps"))
+        pilot = Pilot(rollouts, roots, found.relative_error**2, cost=steps)
         # With a budget, larger runs are fewer.
         growth = pilot.wanted_growth
-        while growth > 1 and not self._affords(plan, growth):
+        while growth > 1 and not self._affords(plan, growth, before):
             growth -= 1
-        counting = self._begin_counting(plan, replace(pilot, growth=growth))
+        counting = self._begin_counting(plan, replace(pilot, growth=growth), state.learning)
         return replace(counting, tally=state.tally, saved=state.saved)
 
     def _forecast(self, state: AmsState) -> CostForecast | None:
+        if state.learns:  # the run to learn from tells little of the others
+            return None
         slope = (_STEPS_OF_RUN - 1.0) / math.log(_NOMINAL)
         if state.looks is not None:
             return forecast_cost(state, state.looks, 1, slope)
@@ -149,20 +180,25 @@ class Splitting:
         looks = Looks.until(self.config.relative_error, self.config.runs, most)
         return forecast_cost(state, looks, growth, slope)
 
-    def _affords(self, plan: Plan, growth: int) -> bool:
-        fits = run_bytes(plan, self.config.particles * growth) <= self._room()
-        return fits and self._most_runs(plan, pilots=1, growth=growth) >= LEAST_RUNS
+    def _affords(self, plan: Plan, growth: int, spent: Info | None = None) -> bool:
+        fits = self._run_bytes(plan, self.config.particles * growth) <= self._room()
+        return fits and self._most_runs(plan, 1, growth, spent) >= LEAST_RUNS
 
-    def _begin_counting(self, plan: Plan, pilot: Pilot | None = None) -> AmsState:
+    def _begin_counting(
+        self, plan: Plan, pilot: Pilot | None = None, learning: ScoreLearning | None = None
+    ) -> AmsState:
         growth = pilot.growth if pilot else 1
-        most = self._most_runs(plan, pilots=int(pilot is not None), growth=growth)
+        spent = learning.spent if learning is not None else None
+        most = self._most_runs(plan, int(pilot is not None), growth, spent)
         first, goal = self.config.runs, self.config.relative_error
         if pilot and goal:
             first = pilot.first_look(goal, first, most)
         looks = Looks.until(goal, first, most)
         particles = self.config.particles * growth
         runs = min(looks.runs[0], self._batch(plan, particles))
-        return AmsState.begin(plan, runs, particles, growth=growth, looks=looks, pilot=pilot)
+        return AmsState.begin(
+            plan, runs, particles, growth=growth, looks=looks, pilot=pilot, learning=learning
+        )
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the runs that advance together, and of as many carries as fit beside them.
@@ -171,19 +207,54 @@ class Splitting:
         """
         runs, particles = self.config.most, self.config.particles
         runs = min(runs if plan.budget is None else self._most_runs(plan), self._batch(plan, particles))
-        tables = runs * run_bytes(plan, particles)
+        tables = max(runs * self._run_bytes(plan, particles), self._table_bytes(plan))
         carries = 2 * runs * particles * carry * (plan.steps + 1)
         return Demand(tables + max(0, min(carries, self._room() - tables)), self.config.memory, "particles")
 
     def _batch(self, plan: Plan, particles: int) -> int:
         """Return the number of runs that may advance together: their tables take half of the memory."""
-        return max(1, self._room() // (2 * run_bytes(plan, particles)))
+        return max(1, self._room() // (2 * self._run_bytes(plan, particles)))
+
+    def _run_bytes(self, plan: Plan, particles: int) -> int:
+        return run_bytes(plan, particles) + particles * self._feature_bytes(plan)
+
+    def _feature_bytes(self, plan: Plan) -> int:
+        """Return the bytes of the features of a rollout, which come and are joined."""
+        if not self.config.scores_by_committor:
+            return 0
+        return 16 * (self._features or FEATURES) * len(choose_times(plan.steps))
+
+    def _table_bytes(self, plan: Plan) -> int:
+        """Return the bytes of a learning run with the rollouts that it keeps."""
+        if self.config.score != LEARNED or self._file is not None:
+            return 0
+        return self.config.pilot * (MOST_PATHS * self._feature_bytes(plan) // 4 + run_bytes(plan, 1))
 
     def _room(self) -> int:
         return allowance(self.config.memory)
 
-    def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1) -> int:
-        """Return the largest number of runs, where some of the budget went into ``pilots`` of growth 1."""
+    def _pilot_particles(self, plan: Plan) -> int:
+        """Return the particles of the learning run: a sixth of a budget pays for it."""
+        if plan.budget is None:
+            return self.config.pilot
+        paid = paid_runs(plan, _ROLLOUTS_OF_RUN * _LEARNING_PARTS, _STEPS_OF_RUN * _LEARNING_PARTS)
+        if paid < LEAST_PILOT:
+            raise UsageError(
+                f"a budget of {plan.budget.kind}={plan.budget.amount:g} does not pay for learning a score "
+                f"from {LEAST_PILOT} particles",
+                f"raise it {LEAST_PILOT / max(paid, 1):.1f} times or leave out `score: learned`",
+            )
+        return min(self.config.pilot, paid)
+
+    def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1, spent: Info | None = None) -> int:
+        """Return the largest number of runs, where some of the budget is gone.
+
+        Args:
+            plan: The task.
+            pilots: Pilots of growth 1 that it paid for.
+            growth: Growth of the runs.
+            spent: What learning has cost.
+        """
         particles, most = self.config.particles, self.config.most
         paid = affordable_runs(
             plan, most, "splitting", _ROLLOUTS_OF_RUN * particles, _STEPS_OF_RUN * particles,
@@ -191,7 +262,11 @@ class Splitting:
         )  # fmt: skip
         if plan.budget is None:
             return most
-        paid = (paid - pilots) // growth
+        if spent is not None:
+            unit = _STEPS_OF_RUN * plan.steps if plan.budget.kind == "steps" else _ROLLOUTS_OF_RUN
+            used = spent.steps if plan.budget.kind == "steps" else spent.rollouts
+            pilots += math.ceil(used / (unit * particles))
+        paid = max(1, (paid - pilots) // growth)
         return paid if self.config.relative_error is None else min(paid, most)
 
     def _advance_level(self, state: AmsState) -> tuple[AmsState, int]:
@@ -199,22 +274,31 @@ class Splitting:
         shape = (state.runs, state.particles)
         violated, error = population.violated.reshape(shape), population.error.reshape(shape)
         # 1. The level is the K-th lowest score (the published code discards one more).
-        discard = self.config.discard * state.growth + self._published
+        discard = self._discard(state)
         level = next_level(population.final.reshape(shape), violated, discard)
         # 2. A run ends at a level of failures, without a parent to branch from, or below the floor.
         eligible = ~level.discarded & ~error
         state.active[:] &= ~level.reached & eligible.any(axis=1) & (state.weight >= self.config.floor)
         if state.plan.steps == 0:  # nothing to branch from: this is Monte Carlo
             state.active[:] = False
+        if (table := state.table) and table.full:
+            state.active[:] = False
         # 3. Discard all at or below the level; discarded failures and errors count with the present weight.
         discarded = level.discarded & state.active[:, None]
         self._retire(state, discarded & violated)
+        if table:
+            table.retire(discarded.ravel(), float(state.weight[0]), state.population)
         state.error_weight[:] += state.weight * (discarded & error).mean(axis=1)
         # 4. Multiply the weight by the share that survives (stl-ams, Eq. 12, with the true number discarded).
         self._reweight(state, discarded.sum(axis=1), level.score)
         # 5. Replace each discarded particle by a branch of a survivor.
         survivors = int((~level.discarded)[state.active].sum())
         return replace(state, pending=self._branch(state, discarded, eligible, level.score)), survivors
+
+    def _discard(self, state: AmsState) -> int:
+        if state.learns:
+            return state.particles // 10
+        return self.config.discard * state.growth + self._published
 
     def _retire(self, state: AmsState, failures: Bools) -> None:
         state.retired[:] += state.weight * failures.mean(axis=1)
@@ -244,6 +328,8 @@ class Splitting:
         state.population.inherit(
             branches.slots, branches.parents, branches.start, stage, own[order], state.every
         )
+        if table := state.table:
+            table.inherit(branches)
         return branches
 
     def _info(self, state: AmsState, survivors: int) -> Info:
@@ -259,5 +345,5 @@ class Splitting:
 
     def _bytes_per_slot(self, state: AmsState) -> int:
         # Carries are there twice: as they come in, and in the history.
-        tables = state.runs * run_bytes(state.plan, state.particles)
+        tables = state.runs * self._run_bytes(state.plan, state.particles)
         return max(1, (self._room() - tables) // (2 * len(state.pending.slots)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.ams.state import AmsState, EndedRuns, TapeAddresses
+from avrare_estimators.ams.population import TapeAddresses
+from avrare_estimators.ams.state import AmsState, EndedRuns
 from avrare_estimators.config import AmsConfig
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.in_turn import take_in_turn
@@ -29,7 +31,8 @@ _STATIC = (
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """Return the result of runs that have all ended."""
     plan, tally, ended = state.plan, state.tally, state.finished()
-    looks, pilot = state.looks or Looks((ended.runs,)), state.pilot
+    looks, pilot, learning = state.looks or Looks((ended.runs,)), state.pilot, state.learning
+    before = sum(part.rollouts for part in (pilot, learning and learning.spent) if part)
     violated, values = ended.violated, ended.probabilities
     probability = float(values.mean())
     roots = [len(np.unique(row)) for row in ended.root]
@@ -65,7 +68,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={
             "full_rollouts": violated.size,
-            "branched_rollouts": tally.rollouts - violated.size - (pilot.rollouts if pilot else 0),
+            "branched_rollouts": tally.rollouts - violated.size - before,
             "stages": [len(levels) for levels in ended.levels],
             "levels": [[level for level, _ in levels] for levels in ended.levels],
             "discarded": discarded,
@@ -74,9 +77,19 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
             "genealogical_variance": variance.tolist(),
         }
         | ({"saved_steps": state.saved} if config.early_stop else {})
-        | (pilot.diagnostics(state.particles, "particles") if pilot else {})
+        | _told_before(state)
         | looks.diagnostics(math.sqrt(relative)),
+        artifacts=learning.artifacts(plan) if learning else {},
     )
+
+
+def _told_before(state: AmsState) -> dict[str, Any]:
+    """Return what a result tells of the learned score and of the pilot."""
+    found = [state.learning.diagnostics(state.plan)] if state.learning else []
+    found += [state.pilot.diagnostics(state.particles, "particles")] if state.pilot else []
+    notes = [part.pop("note") for part in found if "note" in part]
+    joined = {key: value for part in found for key, value in part.items()}
+    return joined | ({"note": "; ".join(notes)} if notes else {})
 
 
 def relative_variance(values: Floats, variance: Floats, particles: int) -> float:

@@ -14,8 +14,8 @@ from avrare.estimation.result import Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare.stack.features import system_features
 from avrare_estimators.config import LEAST_PILOT, SmcConfig
+from avrare_estimators.feature_count import FEATURES, count_features
 from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.dictionary import dictionary_bytes
 from avrare_estimators.importance.sampling import PartialSample, wave_bytes
@@ -34,8 +34,8 @@ _COUNTING_STAGE = 2**16
 """Address of the noise of what counts, beyond all stages of learning."""
 _ROW = 250
 """Bytes of a particle at the peak, but for its carry."""
-_CARRY, _FEATURES = 4096, 32
-"""Bytes of a particle's carry, and number of features, where they are not known."""
+_CARRY = 4096
+"""Bytes of a particle's carry where they are not known."""
 
 
 def build(config: SmcConfig, scene: object | None = None) -> SequentialMonteCarlo:
@@ -94,7 +94,7 @@ class SequentialMonteCarlo:
         """Return the problem unchanged; its noise names are for the report, and failures are replayed."""
         self.problem = problem
         self.names = NoiseNames.of(problem)
-        self.features = _count_features(problem)
+        self.features = count_features(problem)
         return problem
 
     def init(self, plan: Plan) -> tuple[SmcState, Info]:
@@ -152,7 +152,7 @@ class SequentialMonteCarlo:
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
         config, self.carry = self.config, carry or _CARRY
         rows = config.pilot * (2 + config.stages) // 2
-        row = 8 * (self.features or _FEATURES) * config.times + 150
+        row = 8 * (self.features or FEATURES) * config.times + 150
         learning = 0 if self.file is not None else rows * row
         if self.file is None and config.proposal == "learned":
             learning += dictionary_bytes(plan.steps)
@@ -280,15 +280,6 @@ def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
     parts = [problem.robustness(noise[k : k + size]) for k in range(0, len(noise), size)]
     found = np.concatenate([*parts, np.zeros(0)])
     return np.where(np.isnan(found), robustness, found)
-
-
-def _count_features(problem: Problem) -> int | None:
-    """Return the number of features of a state; None where it cannot be told without error."""
-    try:
-        state = problem.system.initial(np.zeros((1, problem.noise_size)))
-        return int(system_features(problem.system, state).shape[1]) + 3
-    except Exception:  # it is told where it matters: at the first rollout
-        return None
 
 
 def _cost(plan: Plan) -> int:

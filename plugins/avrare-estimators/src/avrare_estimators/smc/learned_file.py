@@ -42,9 +42,9 @@ class Learned:
         text = json.dumps(self._content(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def to_dict(self, names: NoiseNames) -> dict[str, Any]:
+    def to_dict(self, names: NoiseNames | None) -> dict[str, Any]:
         """Return JSON data, with the names of the noise for people."""
-        known = described(self.mixture, names) if self.mixture is not None else {}
+        known = described(self.mixture, names) if self.mixture is not None and names is not None else {}
         return {**known, **self._content(), "digest": self.digest}
 
     def _content(self) -> dict[str, Any]:

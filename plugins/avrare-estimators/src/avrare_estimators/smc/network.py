@@ -19,7 +19,7 @@ from avrare.rollout.request import Integers
 
 _WIDTH = 32
 _BATCH, _RATE, _DECAY = 256, 4e-3, 1e-4
-_LEAST_STEPS, _MOST_STEPS, _EPOCHS = 300, 1500, 20
+_LEAST_STEPS, MOST_STEPS, _EPOCHS = 300, 1500, 20
 _CHECK = 100
 """Steps between two looks at the rows held out."""
 _LIMIT = 6.0
@@ -61,8 +61,8 @@ class Network:
     layers: Layers
     offset: Floats
 
-    def log_odds(self, step: int, features: Floats) -> Floats:
-        """Return the log odds (n, L) of features (n, F) at the step number ``step``."""
+    def log_odds(self, step: int | Integers, features: Floats) -> Floats:
+        """Return the log odds (n, L) of features (n, F) at the step number ``step``, or one each."""
         values = self.inputs(np.full(len(features), step), features)
         first, b1, second, b2, third, b3 = self.layers
         values = np.tanh(np.einsum("ni,io->no", values, first) + b1)
@@ -116,7 +116,7 @@ def sigmoid(values: Floats) -> Floats:
     return np.asarray(0.5 + 0.5 * np.tanh(0.5 * values))
 
 
-def fit(examples: Examples, seed: tuple[int, ...]) -> Network:
+def fit(examples: Examples, seed: tuple[int, ...], most_steps: int = MOST_STEPS) -> Network:
     """Return the network with the least loss on the rows held out; the same bits for the same ``seed``."""
     rng = np.random.default_rng(seed)
     chance = _chance(examples)
@@ -127,7 +127,7 @@ def fit(examples: Examples, seed: tuple[int, ...]) -> Network:
     layers, moments = list(network.layers), [np.zeros_like(layer) for _ in (0, 1) for layer in network.layers]
     best, least = network, _loss(network, test)
     epoch = len(trained) * examples.features.shape[1] / _BATCH
-    steps = int(np.clip(_EPOCHS * epoch, _LEAST_STEPS, _MOST_STEPS))
+    steps = int(np.clip(_EPOCHS * epoch, _LEAST_STEPS, most_steps))
     for turn in range(1, steps + 1):
         batch = sampler.draw(_BATCH, rng)
         rate = _RATE * 0.5 * (1.0 + np.cos(np.pi * turn / steps))

@@ -15,7 +15,7 @@ import numpy as np
 
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.smc.network import Examples, Network, fit
+from avrare_estimators.smc.network import MOST_STEPS, Examples, Network, fit
 from avrare_estimators.weights import effective_size
 
 FLOOR = 0.2
@@ -26,8 +26,8 @@ _MOST_LEVELS = 6
 _LADDER = 10.0 ** (-np.arange(1, 25) / 2.0)
 _LEAST_NATS = 0.1
 """Gain of a step's potential, in nats, below which particles are not resampled there."""
-_HELD_OUT = 5
-"""One rollout in so many is held out of training."""
+HELD_OUT = 5
+"""One rollout in so many, by its first ancestor, is held out of training."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,10 @@ class Potentials:
         value = FLOOR + (1.0 - FLOOR) * (found / self.chances).mean(axis=1)
         return value, found[:, -1]
 
+    def log_odds(self, step: int | Integers, features: Floats) -> Floats:
+        """Return the log odds (n,) of reaching the deepest level at scheduled step number ``step``."""
+        return self.network.log_odds(step, features)[:, -1]
+
     def to_dict(self) -> dict[str, Any]:
         """Return JSON data."""
         levels = [None if np.isinf(level) else level for level in self.levels.tolist()]
@@ -124,8 +128,17 @@ class Potentials:
         return found
 
 
-def learn(stages: Sequence[Paths], schedule: Integers, seed: tuple[int, ...]) -> Potentials | None:
-    """Return potentials learnt from the stages so far; None where no level has rollouts enough."""
+def learn(
+    stages: Sequence[Paths], schedule: Integers, seed: tuple[int, ...], most_steps: int = MOST_STEPS
+) -> Potentials | None:
+    """Return potentials learnt from the stages so far; None where no level has rollouts enough.
+
+    Args:
+        stages: Rollouts of each.
+        schedule: (K,) steps of their features.
+        seed: Seed of the training.
+        most_steps: Most steps of the training.
+    """
     paths = Paths.join(stages)
     if not paths.weights.any():  # every rollout broke down
         return None
@@ -133,10 +146,10 @@ def learn(stages: Sequence[Paths], schedule: Integers, seed: tuple[int, ...]) ->
     if not len(levels):
         return None
     reached = np.where(np.isinf(levels), paths.violated[:, None], _depth(paths)[:, None] >= levels)
-    examples = Examples(paths.features, reached, paths.weights, paths.root % _HELD_OUT == 0)
+    examples = Examples(paths.features, reached, paths.weights, paths.root % HELD_OUT == 0)
     if not all(reached[part].any(axis=0).all() for part in (examples.held_out, ~examples.held_out)):
         return None
-    network = fit(examples, seed)
+    network = fit(examples, seed, most_steps)
     found = Potentials(network, schedule, np.zeros(len(schedule)), levels, chances)
     gains = np.array([_gain(found, examples, k) for k in range(len(schedule))])
     return Potentials(network, schedule, np.round(gains, 4), levels, chances)
