@@ -91,7 +91,7 @@ OPTIONS: dict[str, Options] = {
         **_RUN,
         "--until relative_error=X|threshold=X": "run mc, is, smc, ams or ess until the relative error is at "
         "most X, or mc until the interval excludes X",
-        "--learned FILE": "run is or smc with what is in FILE, the learned.json of another run, and no pilot",
+        "--learned FILE": "run is, smc or ams with FILE, the learned.json of another run, and no pilot",
         "--cross-check": "check each estimate by a smaller one of another family (as `cross_check: true`)",
         "--out DIR": "results folder (default: a new one under runs/)",
         "--resume DIR": "resume the interrupted run in this folder",
