@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.calibration import cells, figures, scope
 from benchmarks.calibration.problems import problems
-from benchmarks.calibration.summary import Row, best, compared, rows_of, trusted
+from benchmarks.calibration.summary import LEAST_ANSWERS, Row, best, compared, rows_of, trusted
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
 from benchmarks.calibration.words import ABSENT, FINDINGS, HEAD, NOTES, OWN, REASONS
 from benchmarks.studies import pages
@@ -73,13 +73,14 @@ def page(rows: Sequence[Row]) -> str:
     """Return the page."""
     shown = main_rows(rows)
     peers = compared(shown)
+    judged = [row for row in peers if len(row.cells) >= LEAST_ANSWERS] or shown
     facts = {
         "problems": len({row.problem.name for row in rows}),
         "cells_text": scope.cells_text(rows, shown), "missing_text": scope.missing_text(rows, shown),
         "dimension_text": "\n".join(scope.dimension_lines(shown)), "truth_text": scope.truth_text(),
         "warned_text": scope.warned_text(shown),
         **scope.resolution(scope.typical_seeds(shown)),
-        **scope.order(scope.typical_seeds([row for row in peers if len(row.cells) > 1] or shown)),
+        **scope.order(scope.typical_seeds(judged)),
     }  # fmt: skip
     return "\n".join([
         HEAD.format(**facts), *_tool_table(rows), "", NOTES.format(**facts), *_first_table(peers), "",
@@ -139,7 +140,7 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
             continue
         lost = winner is not None and winner is not ours
         behind = f"{ours.cost / winner.cost:.1f}" if ours and winner and lost else ""
-        learnt = [row for row in own if row.tool in _RARE and len(row.answers) > 1]
+        learnt = [row for row in own if row.tool in _RARE and len(row.answers) >= LEAST_ANSWERS]
         reason = ""
         if winner and lost:
             reason = letters.get(winner.tool, "**reason missing**") if learnt else "not run"

@@ -18,7 +18,9 @@ from benchmarks.calibration.problems.problem import Problem
 FACTOR = 3.0
 """An interval that misses the truth by more than this factor is far off."""
 LEAST_TOOLS = 5
-"""Tools asked twice or more, on a problem at a budget, to compare them."""
+"""Tools of others that a problem was asked of often enough, at a budget, to speak of a first one."""
+LEAST_ANSWERS = 3
+"""Answers by which a tool may be judged: the error of two may be small by chance."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,9 @@ def best(rows: Sequence[Row]) -> Row | None:
 
 def compared(rows: Sequence[Row]) -> list[Row]:
     """Return the rows of problems that were asked often enough of enough tools to speak of a first one."""
-    asked = Counter(name for name, _ in {(row.problem.name, row.tool) for row in rows if len(row.cells) > 1})
+    # Tools of other authors: ours, asked more often, would be first for want of competitors.
+    others = [row for row in rows if len(row.cells) >= LEAST_ANSWERS and not row.tool.startswith("avrare")]
+    asked = Counter(name for name, _ in {(row.problem.name, row.tool) for row in others})
     return [row for row in rows if asked[row.problem.name] >= LEAST_TOOLS]
 
 
@@ -168,7 +172,7 @@ def trusted(row: Row) -> bool:
     With few seeds these are judged leniently: 3 standard errors, 80 % of the intervals, 90 % answered.
     """
     return (
-        len(row.answers) >= 2
+        len(row.answers) >= LEAST_ANSWERS
         and row.answered >= 0.9
         and row.covers >= 0.8
         and row.wrong == 0

@@ -31,9 +31,9 @@ beside it every answer.
 - *Covers*: share of the stated intervals that hold the truth.
 - *Cost*: relative mean squared error times evaluations. Monte Carlo's is (1 - p) / p; a tool with a tenth
   of it needs a tenth of the evaluations. They are counted: a tool that leaves half of its budget pays half.
-- *Trusted*: states an interval in 90 % of its answers, which cover in 80 % or more, none confidently wrong,
+- *Trusted*: has three answers or more, states an interval in 90 % of its answers, which cover in 80 % or more, none confidently wrong,
   and the mean is within three standard errors of the truth. *First*: the least cost of those trusted, of all tools
-  and settings at that budget, on problems that five tools or more were asked twice.
+  and settings at that budget, on problems that five tools of other authors were asked three times.
 - *Width*: upper over lower end of the interval, the median. A wide interval covers easily and says little.
 
 ## The tools
@@ -53,7 +53,7 @@ Red: of so many answers so many; green: asked, and never confidently wrong; a da
 
 ![cost](calibration/cost.png)
 
-Each mark is a tool on a problem where its answers, two or more, may be trusted; one below the dotted line is cheaper than
+Each mark is a tool on a problem where its answers, three or more, may be trusted; one below the dotted line is cheaper than
 Monte Carlo.
 
 Some methods are made for few dimensions, one region or a smooth function. They were asked everywhere all the same, as a user
@@ -66,9 +66,9 @@ often come with a wide interval: see the column *width*.
 
 ## Who is first
 
-Problems that five tools or more were asked twice. A tool has mostly {first_seeds} there, with which costs that differ by less than
+Problems that five tools of other authors were asked three times. A tool has mostly {first_seeds} there, with which costs that differ by less than
 a factor of {factor} may be equal. *Behind*: how many times the cost of the first the best of avrare has; the letter is the reason, below.
-*Not run*: none of avrare's methods for rare events has two answers there yet, so avrare is not judged; *none*: no
+*Not run*: none of avrare's methods for rare events has three answers there yet, so avrare is not judged; *none*: no
 method of avrare that was run may be trusted there.
 
 """

@@ -169,13 +169,13 @@ def test_cells_survive_a_torn_line(tmp_path):
 
 def test_page_and_table_have_every_row():
     p = problems()["walk_2.5"].probability
-    tools = list(TOOLS)[:5]
+    tools = [*list(TOOLS)[:2], *list(TOOLS)[-5:]]
     rows = rows_of(
         cell((0.9 + 0.1 * seed) * p, p / 2, 2 * p, (), seed, tool) for seed in range(3) for tool in tools
     )
     first = "| walk_2.5 | 0.011 | 100 | avrare ams |"
     assert first in page(rows)
-    assert first not in page(rows[:4])
+    assert first not in page(rows[:-1])
     assert len(table(rows).splitlines()) == 1 + len(tools)
 
 
@@ -212,7 +212,7 @@ def test_a_win_without_a_reason_is_seen(monkeypatch):
     def rows(spread):
         return rows_of(
             cell((1.0 + spread[tool.startswith("avrare")] * (seed - 1)) * p, p / 2, 2 * p, (), seed, tool)
-            for seed in range(3) for tool in [*list(TOOLS)[:4], "textbook gams"]
+            for seed in range(3) for tool in ["avrare ess", "avrare mc", *list(TOOLS)[-5:]]
         )  # fmt: skip
 
     assert "reason missing" not in page(rows((0.1, 0.3)))
