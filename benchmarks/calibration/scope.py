@@ -92,7 +92,13 @@ def missing_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:
     text = f"Nothing yet of {', '.join(absent)}. " if absent else ""
     if gaps:
         text += f"Problems that a tool was not asked yet, of those that it can express: {', '.join(gaps)}. "
-    return text or "Nothing is missing."
+    met = {row.tool for row in shown}
+    if silent := sorted(met - {row.tool for row in shown if row.answers}):
+        names = " and ".join(f"`{name}`" for name in silent)
+        text += (
+            f"No answer at all of {names}, for the reasons [below](#where-there-was-no-answer): not judged. "
+        )
+    return text.rstrip() or "Nothing is missing."
 
 
 def truth_text() -> str:
