@@ -34,6 +34,7 @@ from scipy.stats import chi2, norm
 import avrare
 from avrare import Problem, stl
 from avrare.protocols import Floats
+from avrare.testing.faulty_systems import Scrambled
 from avrare.testing.problems import reference_problem, reference_problems
 from benchmarks.studies.levels import read_case
 from benchmarks.studies.untuned_problems import untuned_names, untuned_problem
@@ -86,26 +87,8 @@ def _peak(level: float) -> float:
     return float(-np.expm1(_STEPS * np.log1p(-2.0 * norm.sf(level))))
 
 
-class Scrambled:
-    """System whose failures nothing leads to: the last digits of the sum of all noise decide at the end."""
-
-    noise_size = 1
-
-    def initial(self, noise: Floats) -> Floats:
-        """Begin with a sum and a count."""
-        return np.stack([noise[:, 0], np.zeros(len(noise))], axis=1)
-
-    def step(self, state: Floats, noise: Floats) -> Floats:
-        """Add the noise."""
-        return state + np.stack([noise[:, 0], np.ones(len(noise))], axis=1)
-
-    def signals(self, state: Floats) -> dict[str, Floats]:
-        """Return ``x``, uniform in (0, 1) at the last step and 2 before."""
-        return {"x": np.where(state[:, 1] < _STEPS, 2.0, np.mod(1e4 * state[:, 0], 1.0))}
-
-
 def _scrambled(probability: float) -> tuple[Problem, float]:
-    return Problem(Scrambled(), stl(f"always (x > {probability})"), _STEPS), probability
+    return Problem(Scrambled(_STEPS), stl(f"always (x > {probability})"), _STEPS), probability
 
 
 OWN: dict[str, Callable[[], tuple[Problem, float]]] = {

@@ -15,7 +15,6 @@ leaves to Monte Carlo cost only what was tried in vain.
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 import warnings
@@ -133,14 +132,8 @@ def work(results: Path, seeds: int, only: str, minutes: float) -> None:
 
 def main() -> None:
     """Run what is missing, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=60.0, help="begin no result after these")
-    parser.add_argument("--seeds", type=int, default=20, help="results of a cell")
-    parser.add_argument("--only", default="", help="cells whose name holds this, as no_collision-1e-03-0.2")
-    parser.add_argument("--results", type=Path, default=ROOT / "benchmarks" / "results" / "rare_levels")
-    parser.add_argument("--report-only", action="store_true")
-    parser.add_argument("--keep", action="store_true", help=f"write the results into {KEPT.name}")
-    args = parser.parse_args()
+    results = ROOT / "benchmarks" / "results" / "rare_levels"
+    args = kept.parser(__doc__, KEPT, results, "no_collision-1e-03-0.2").parse_args()
     kept.unpack(KEPT, args.results)
     warnings.simplefilter("ignore", avrare.HealthWarning)
     if not args.report_only:

@@ -12,7 +12,6 @@ by the known probability (``studies/from_truth.py``).
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 import warnings
@@ -109,14 +108,8 @@ def work(results: Path, seeds: int, only: str, minutes: float) -> None:
 
 def main() -> None:
     """Run what is missing, and write table and figure."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=60.0, help="begin no result after these")
-    parser.add_argument("--seeds", type=int, default=20, help="results of a cell")
-    parser.add_argument("--only", default="", help="cells whose name holds this, as glider")
-    parser.add_argument("--results", type=Path, default=ROOT / "benchmarks" / "results" / "rare_stacks")
-    parser.add_argument("--report-only", action="store_true")
-    parser.add_argument("--keep", action="store_true", help=f"write the results into {KEPT.name}")
-    args = parser.parse_args()
+    results = ROOT / "benchmarks" / "results" / "rare_stacks"
+    args = kept.parser(__doc__, KEPT, results, "glider").parse_args()
     kept.unpack(KEPT, args.results)
     warnings.simplefilter("ignore", avrare.HealthWarning)
     if not args.report_only:

@@ -117,14 +117,7 @@ def run_cell(task: tuple[str, Path, int]) -> str:
 
 def read(file: Path) -> list[Outcome]:
     """Read the outcomes of a cell; a torn last line is left out."""
-    found = []
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
-        try:
-            fields = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        found.append(Outcome(**{**fields, "warnings": tuple(fields["warnings"])}))
-    return found
+    return [Outcome(**{**fields, "warnings": tuple(fields["warnings"])}) for fields in kept.lines(file)]
 
 
 @dataclass(frozen=True)

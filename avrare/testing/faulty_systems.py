@@ -117,6 +117,31 @@ class Fragile(Walk):
         return {"x": np.where(bad & (self.how == "nan"), np.nan, x), "bad": bad}
 
 
+class Scrambled:
+    """System whose failures nothing leads to: the last digits of the sum of all noise decide at the end.
+
+    Args:
+        steps: Of a rollout.
+    """
+
+    noise_size = 1
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+
+    def initial(self, noise: Floats) -> Floats:
+        """Begin with a sum and a count."""
+        return np.stack([noise[:, 0], np.zeros(len(noise))], axis=1)
+
+    def step(self, state: Floats, noise: Floats) -> Floats:
+        """Add the noise."""
+        return state + np.stack([noise[:, 0], np.ones(len(noise))], axis=1)
+
+    def signals(self, state: Floats) -> dict[str, Floats]:
+        """Return ``x``, uniform in (0, 1) at the last step and 2 before."""
+        return {"x": np.where(state[:, 1] < self.steps, 2.0, np.mod(1e4 * state[:, 0], 1.0))}
+
+
 def constant(signals: dict[str, Any], t: int) -> Floats:
     """Score without information: the same for all rows."""
     return np.zeros(len(signals["x"]))

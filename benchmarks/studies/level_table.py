@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
+from benchmarks.studies import kept
 
 _HEADS = (
     "rule", "p", "asked", "how", "results", "chosen", "mean / p", "cover", "warned", "CW", "reached",
@@ -54,12 +55,12 @@ class Outcome:
 
     @property
     def covers(self) -> bool:
-        """Whether the interval covers the truth."""
+        """True where the interval holds the truth."""
         return self.low <= self.truth <= self.high
 
     @property
     def misleads(self) -> bool:
-        """Whether it is confidently wrong."""
+        """True where it is confidently wrong."""
         far = self.low > FACTOR * self.truth or self.high * FACTOR < self.truth
         return far and not self.health
 
@@ -71,13 +72,7 @@ class Outcome:
 
 def read(file: Path) -> list[Outcome]:
     """Read the outcomes of a cell, in the order of their seeds; a torn line is left out."""
-    found = []
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
-        try:
-            fields = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        found.append(Outcome(**{**fields, "health": tuple(fields["health"])}))
+    found = (Outcome(**{**fields, "health": tuple(fields["health"])}) for fields in kept.lines(file))
     return sorted(found, key=lambda one: one.seed)
 
 

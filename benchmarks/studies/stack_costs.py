@@ -1,4 +1,4 @@
-"""What estimates cost for a relative error of 20 %: a table, and a figure."""
+"""Costs of estimates for a relative error of 20 %: a table, and a figure."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Costs:
 
     @property
     def best(self) -> float:
-        """What to compare with: by scatter, if there are enough results, else as stated."""
+        """Cost to compare with: by scatter, if there are enough results, else as stated."""
         costs = list(self.cost.values())
         return float(costs[-1].mean()) if costs else math.inf
 

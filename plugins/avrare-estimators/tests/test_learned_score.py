@@ -91,24 +91,9 @@ def test_a_learned_file_saves_the_learning_run(tmp_path, kept):
         estimate(learned=str(path))
 
 
-class Scrambled:
-    """The last digits of the sum of all noise decide at the end: nothing leads to it."""
-
-    noise_size = 1
-
-    def initial(self, noise):
-        return np.stack([noise[:, 0], np.zeros(len(noise))], axis=1)
-
-    def step(self, state, noise):
-        return state + np.stack([noise[:, 0], np.ones(len(noise))], axis=1)
-
-    def signals(self, state):
-        return {"x": np.where(state[:, 1] < 8, 2.0, np.mod(1e4 * state[:, 0], 1.0))}
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_features_that_say_nothing_leave_the_score_of_the_problem(seed):
-    task = avrare.Problem(Scrambled(), avrare.stl("always (x > 0.1)"), 8)
+    task = avrare.Problem(faulty_systems.Scrambled(8), avrare.stl("always (x > 0.1)"), 8)
     result = estimate(task, seed, pilot=1000)
     own = estimate(task, seed, score="problem", pilot=1000)
     assert used(result) == "problem"

@@ -30,23 +30,8 @@ def problem(limit=1.6, steps=20, **options):
     return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), steps, **options)
 
 
-class Scrambled:
-    """The last digits of the sum of all noise decide at the end: nothing leads to it."""
-
-    noise_size = 1
-
-    def initial(self, noise):
-        return np.stack([noise[:, 0], np.zeros(len(noise))], axis=1)
-
-    def step(self, state, noise):
-        return state + np.stack([noise[:, 0], np.ones(len(noise))], axis=1)
-
-    def signals(self, state):
-        return {"x": np.where(state[:, 1] < 8, 2.0, np.mod(1e4 * state[:, 0], 1.0))}
-
-
 def scrambled(probability):
-    return avrare.Problem(Scrambled(), avrare.stl(f"always (x > {probability})"), 8)
+    return avrare.Problem(faulty_systems.Scrambled(8), avrare.stl(f"always (x > {probability})"), 8)
 
 
 def estimate(task=None, seed=0, **options):
