@@ -73,7 +73,7 @@ def page(rows: Sequence[Row]) -> str:
     """Return the page."""
     shown = main_rows(rows)
     peers = compared(shown)
-    judged = [row for row in peers if len(row.cells) >= LEAST_ANSWERS] or shown
+    judged = [row for row in peers if _judged(row)] or shown
     facts = {
         "problems": len({row.problem.name for row in rows}),
         "cells_text": scope.cells_text(rows, shown), "missing_text": scope.missing_text(rows, shown),
@@ -84,11 +84,16 @@ def page(rows: Sequence[Row]) -> str:
     }  # fmt: skip
     return "\n".join([
         HEAD.format(**facts), *_tool_table(rows), "", NOTES.format(**facts), *_first_table(peers), "",
-        "### Where each is first", "", *scope.wins_lines(_winners(peers)), "",
+        "### Where each is first", "", *scope.wins_lines(_winners(peers), peers), "",
         "### Where there was no answer", "", *scope.silent_lines(shown), "",
         OWN, FINDINGS, *_setting_table(), "", *_unable_lines(), "",
         "## Problems", "", ABSENT, *_problem_table(), "",
     ])  # fmt: skip
+
+
+def _judged(row: Row) -> bool:
+    """Return whether a tool was asked often enough to be judged."""
+    return len(row.cells) >= LEAST_ANSWERS
 
 
 def _winners(peers: Sequence[Row]) -> list[tuple[str, str]]:
@@ -116,7 +121,8 @@ def _tool_table(rows: Sequence[Row]) -> list[str]:
             tool, setting, f"{budget:,}", str(len(own)), str(total), _percent(stated, total),
             _percent(covered, stated), _width(own), _percent(sum(row.wrong for row in own), total),
             _percent(sum(row.warned * len(row.cells) for row in own), total),
-            str(sum(map(trusted, own))), str(first),
+            str(sum(map(trusted, own))) if any(map(_judged, own)) else "",
+            str(first) if any(_judged(row) and row in peers for row in own) else "",
             _number(float(np.mean([row.evaluations for row in own if row.answers] or [math.nan]))),
             f"{sum(row.seconds for row in own) / len(own):.1f}",
         )  # fmt: skip

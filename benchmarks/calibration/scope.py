@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from scipy import stats
 
 from benchmarks.calibration.problems import problems
-from benchmarks.calibration.summary import Row
+from benchmarks.calibration.summary import LEAST_ANSWERS, Row, far_off
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
 
 BUDGETS, SEEDS = (1_000, 10_000, 100_000), 20
@@ -111,28 +111,44 @@ def truth_text() -> str:
 
 
 def warned_text(shown: Sequence[Row]) -> str:
-    """Return how often each tool warns, and of what."""
+    """Return how often each tool warns, of what, and how many of these answers are far off."""
     lines = []
     for tool in dict.fromkeys(row.tool for row in shown):
-        own = [cell for row in shown if row.tool == tool for cell in row.cells]
+        rows = [row for row in shown if row.tool == tool]
+        own = [cell for row in rows for cell in row.cells]
         warned = [cell for cell in own if cell.warnings]
+        off = sum(
+            bool(cell.warnings) and far_off(cell, row.problem.probability)
+            for row in rows
+            for cell in row.cells
+        )
         kinds = Counter(name for cell in warned for name in cell.warnings).most_common(3)
         if warned:
             named = ", ".join(f"`{name}` {count / len(own):.0%}" for name, count in kinds)
-            lines.append(f"`{tool}` of {len(warned) / len(own):.0%} ({named})")
+            lines.append(
+                f"`{tool}` of {len(warned) / len(own):.0%} ({named}; far off {off} of {len(warned)})"
+            )
     if not lines:
         return "No tool warned of an answer."
     return f"Warned of: {'; '.join(lines)}. The others never warned."
 
 
-def wins_lines(winners: Iterable[tuple[str, str]]) -> list[str]:
-    """Return, for each tool, the problems on which it is first; of pairs of problem and tool."""
+def wins_lines(winners: Iterable[tuple[str, str]], peers: Sequence[Row]) -> list[str]:
+    """Return, for each tool, the problems on which it is first.
+
+    Args:
+        winners: Pairs of problem and tool.
+        peers: Rows that were compared; a tool with too few answers in each could not be first.
+    """
     found: dict[str, list[str]] = {}
     for problem, tool in winners:
         found.setdefault(tool, []).append(problem)
-    without = [name for name in TOOLS if name not in found]
+    judged = {row.tool for row in peers if len(row.cells) >= LEAST_ANSWERS}
+    without = [name for name in TOOLS if name in judged and name not in found]
+    unjudged = [name for name in TOOLS if name not in judged]
     lines = [f"- {tool}: {', '.join(found[tool])}." for tool in TOOLS if tool in found]
-    return [*lines, *([f"- First nowhere: {', '.join(without)}."] if without else [])]
+    lines += [f"- First nowhere: {', '.join(without)}."] if without else []
+    return lines + ([f"- Not judged, for want of answers: {', '.join(unjudged)}."] if unjudged else [])
 
 
 def silent_lines(shown: Sequence[Row]) -> list[str]:

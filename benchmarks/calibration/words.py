@@ -4,15 +4,14 @@
 
 HEAD = """# How often are rare-event tools wrong?
 
-A tool that estimates a small probability should say how sure it is, and be right about that. Papers show
-each tool on its authors' examples, at one seed. Here tools meet the same {problems} problems with known
-answers, from p = 1e-2 to 1e-9 and 2 to 1,000 dimensions, and the black box itself counts
-what they ask of it. We publish our own among them.
+A tool that estimates a small probability should say how sure it is, and be right about that. A paper shows its tool
+on examples of its authors' choice. Here tools meet the same {problems} problems with known answers, from p = 1e-2 to 1e-9
+and 2 to 1,000 dimensions, and the black box itself counts what they ask of it. We publish our own among them.
 
 {cells_text}
 
-So many answers tell a tool that is far off from one that is not. With {seeds} of a tool on a problem, intervals that
-all hold may still cover only {least} of the time, and none confidently wrong may be {wrong} of all. {truth_text}
+So many answers tell a tool that is far off from one that is not. With {seeds} of a tool on a problem, true coverage may be as low as
+{least} although all intervals hold, and the true share of confidently wrong answers as high as {wrong} although there was none. {truth_text}
 
 {missing_text}
 
@@ -26,13 +25,13 @@ beside it every answer.
 ## The words
 
 - *Confidently wrong*: no warning, and the 95 % interval misses the truth by more than a factor of three.
-  Tools that never warn have no way out of it; so an estimate of 0, or one for which a tool states no
-  coefficient of variation, counts as *no interval*, not as wrong.
+  Tools that never warn have no way out of it. So where one estimates 0, or states no coefficient of variation, that counts as
+  *no interval*, not as wrong, unless its interval is made for 0 (Clopper-Pearson); and answers that are warned of and as far off are counted below.
 - *Covers*: share of the stated intervals that hold the truth.
 - *Cost*: relative mean squared error times evaluations. Monte Carlo's is (1 - p) / p; a tool with a tenth
   of it needs a tenth of the evaluations. They are counted: a tool that leaves half of its budget pays half.
 - *Trusted*: has three answers or more, states an interval in 90 % of its answers, which cover in 80 % or more, none confidently wrong,
-  and the mean is within three standard errors of the truth. *First*: the least cost of those trusted, of all tools
+  and the mean is within three standard errors, and 2 %, of the truth. *First*: the least cost of those trusted, of all tools
   and settings at that budget, on problems that five tools of other authors were asked three times.
 - *Width*: upper over lower end of the interval, the median. A wide interval covers easily and says little.
 
@@ -40,16 +39,19 @@ beside it every answer.
 
 """
 
-NOTES = """All shares are in percent; of few answers they are rough. Intervals, sizes and settings are [below](#settings).
+NOTES = """All shares are in percent; of few answers they are rough. *Trusted on* and *first on* are blank where nothing is judged, for want of three
+answers of the tool, or of five tools of others, on any problem. Intervals, sizes and settings are [below](#settings). Not every interval is the tool's own: those of UQpy, pyTAMS, the textbook and SENTIL are
+made by us from what the tool states. `verifai cross-entropy` is made to find counterexamples and claims no failure probability: its row shows what
+happens to who takes its share of counterexamples for one.
 
 ![coverage](calibration/coverage.png)
 
-Blue: a problem; red: all intervals of a tool, with what so few say of it; dotted: nominal. In brackets: problems with an interval. Tools that had
+Blue: a problem; red: all intervals of a tool, with a 95 % interval of the share itself; dotted: nominal. In brackets: problems with an interval. Tools that had
 an answer on few problems have met an easier or harder part of them: compare bars only where the brackets agree.
 
 ![confidently wrong](calibration/wrong.png)
 
-Red: of so many answers so many; green: asked, and never confidently wrong; a dash: asked, but no interval stated; blank: not asked, or not expressible.
+Orange to red: confidently wrong, as 1/3, in one of three answers; green: asked, and never confidently wrong; a dash: asked, but no interval stated; blank: not asked, or not expressible.
 
 ![cost](calibration/cost.png)
 
@@ -61,13 +63,13 @@ may not know which a problem is:
 
 {dimension_text}
 
-{warned_text} A warned answer may be first, as its cost is what it is; but it is of less use, and avrare's warnings
-often come with a wide interval: see the column *width*.
+{warned_text} *Far off*: answers warned of that would otherwise be confidently wrong. Only avrare warns, so only avrare can profit. A warned
+answer may be first, as its cost is what it is; but it is of less use, and avrare's warnings often come with a wide interval: see the column *width*.
 
 ## Who is first
 
 Problems that five tools of other authors were asked three times. A tool has mostly {first_seeds} there, with which costs that differ by less than
-a factor of {factor} may be equal. *Behind*: how many times the cost of the first the best of avrare has; the letter is the reason, below.
+a factor of {factor} may be equal; and the least of many such costs is mostly less than that tool's true one. *Behind*: cost of the best of avrare over that of the first; the letter is the reason, below.
 *Not run*: none of avrare's methods for rare events has three answers there yet, so avrare is not judged; *none*: no
 method of avrare that was run may be trusted there.
 
@@ -79,7 +81,7 @@ REASONS = {
     "that point where the score is smooth, as a first component of the proposal of `is`.",
     "openturns cross-entropy": "One Gaussian fits the failures (on `sphere_d20` it is their very shape), and all evaluations of the last level count. `is` "
     "keeps a quarter of its sample on the target and 15 % for its cross-check: the price of noticing a missed "
-    "region. Elsewhere this tool is confidently wrong, see the matrix.",
+    "region. On other problems this tool is at times confidently wrong, see the matrix.",
     "openturns nais": "In few dimensions a kernel density fits any shape of the failures, and all evaluations count. "
     "`is` holds back a quarter and a check, as above.",
     "openturns directional": "In few dimensions a root search along a direction measures a probability, not a hit, "
@@ -102,18 +104,20 @@ REASONS = {
 
 FINDINGS = """## Settings
 
-*recommended* is a tool's own defaults, with the one size that a user must choose set by the budget. An algorithm
+*recommended* is a tool's own defaults, with the one size that a user must choose set by the budget, as the table below says. An algorithm
 with levels does not know how many it will need: it is given a fifth of the budget for each, so it may take
-more or less than the budget; the cost counts what it took. *tuned* is what its documentation advises for hard
-problems.
+more or less than the budget; the cost counts what it took. *tuned* is one other
+setting, for harder problems; nobody has searched for the best one of any tool.
 
-What we did to others' tools, for their authors to check: a worker may take 6 GiB of memory. OpenTURNS stops Monte Carlo, directional, line and importance
+What we did to others' tools, for their authors to check: a worker may take 6 GiB of memory, and an answer the CPU time given above. pyTAMS and VerifAI are asked for one
+row at a time, so they meet that limit first: such a missing answer says nothing of their method. OpenTURNS' sampling runs in blocks of 100 rows, directional and line in
+blocks of one; `nais` and `line` are of its experimental module. It stops Monte Carlo, directional, line and importance
 sampling at a coefficient of variation of 10 %, its default, of which it judges after two blocks (lines, directions) already. FORM starts
 at the mean, as in its examples; where the gradient is zero there it stops with an error, and *form-is* and *line* have no
 answer. pyTAMS runs its worker in a thread, not a process, so that the black box counts; where one of its ten runs stalls, all trajectories
 at one score, it ends with an error, so there is no answer. VerifAI's sampler is called without its server; it is made to find counterexamples, and
-its interval is of their share among its samples, which is not the failure probability: its rows show what happens to
-who takes the one for the other. SENTIL simulates by itself, so its own count is taken.
+its interval is of their share among its samples, which is not the failure probability. SENTIL simulates by itself, so its own count is taken; at these
+sizes it is more than the budget on most problems, and the cost counts it.
 
 """
 
@@ -139,7 +143,8 @@ OWN = """## What it showed of avrare
   intervals that are not warned of span a factor of two, for up to three times the cost. But a check follows the same score and misses the
   regions that the score hides: of 40 answers each, 45 % covered on `units`, 72 % on `flat` and `flat_d20` and 80 % on `misleading` (none of the
   160 was confidently wrong), where the ten answers each of the default all covered. So it is an option and not the default. Needed: a check that does not
-  share the score. These figures and those of `ce` are of other seeds than the cells' (100 and on); the same with theirs:
+  share the score. These figures and those of `ce` are of other seeds than the cells' (100 and on); this makes as many of theirs
+  (`--seeds 40` for the four problems):
 
       python -m benchmarks.calibration --only "avrare (is|ce) " --budgets 10000 --seeds 10 --no-report
 
@@ -147,6 +152,6 @@ OWN = """## What it showed of avrare
   falls back to Monte Carlo, says 0 and the exact upper limit. `ce` and `ess` have answers there, and `auto` takes `ess`.
   Needed: a Gaussian fit of the elite among the proposals.
 - **Few roots**: at 10,000 evaluations `ess` and `ams` pay a pilot and several runs, each with too few first particles for p
-  below 1e-3. Their intervals mostly hold; the warning says that nothing vouches for it.
+  below 1e-3. Their intervals mostly hold; the warning says that nothing vouches for them.
 
 """

@@ -189,7 +189,23 @@ def test_what_is_missing_follows_from_the_cells():
     assert "*recommended* at 100,000" in text
     assert "No tool warned" in scope.warned_text(rows)
     warned = rows_of([cell(p, p / 2, 2 * p, ("few_roots",))])
-    assert "`avrare mc` of 100% (`few_roots` 100%)" in scope.warned_text(warned)
+    assert "`avrare mc` of 100% (`few_roots` 100%; far off 0 of 1)" in scope.warned_text(warned)
+    off = rows_of([cell(p, 4 * p, 5 * p, ("few_roots",)), cell(p, p / 2, 2 * p, ("few_roots",), 1)])
+    assert "far off 1 of 2" in scope.warned_text(off)
+
+
+def test_a_tool_with_too_few_answers_is_not_judged():
+    p = problems()["walk_2.5"].probability
+    others = list(TOOLS)[-5:]
+    rows = rows_of(cell(p, p / 2, 2 * p, (), seed, tool) for seed in range(3) for tool in others)
+    rows += rows_of([cell(p, p / 2, 2 * p, (), 0, "avrare mc")])
+    told = scope.wins_lines([("walk_2.5", others[0])], rows)
+    assert told[0] == f"- {others[0]}: walk_2.5."
+    assert told[1] == f"- First nowhere: {', '.join(others[1:])}."
+    assert "avrare mc" in told[2]
+    assert others[1] not in told[2]
+    (line,) = [one for one in page(rows).splitlines() if one.startswith("| avrare mc | recommended")]
+    assert line.split(" | ")[10:12] == ["", ""]
 
 
 def test_few_answers_resolve_little():

@@ -108,7 +108,7 @@ def _others() -> tuple[Tool, ...]:
         ),
         Tool(
             "sentil splitting", "sentil", f"{room}sentil_tools", runs, plain,
-            "ten runs of B / 500 particles; it counts its own simulations", needs_expressions,
+            "ten runs of B / 500 particles, at least 10; it counts its own simulations", needs_expressions,
         ),
         Tool(
             "verifai cross-entropy", "verifai", f"{room}verifai_tools",
