@@ -24,6 +24,8 @@ _CHECK = 100
 """Steps between two looks at the rows held out."""
 _LIMIT = 6.0
 """Largest standardised feature."""
+_BLOCK = 2**12
+"""Rows that are evaluated at once."""
 _DIGITS = 5
 Layers = tuple[Floats, ...]
 
@@ -63,11 +65,15 @@ class Network:
 
     def log_odds(self, step: int | Integers, features: Floats) -> Floats:
         """Return the log odds (n, L) of features (n, F) at the step number ``step``, or one each."""
-        values = self.inputs(np.full(len(features), step), features)
+        steps, found = np.broadcast_to(step, len(features)), np.empty((len(features), len(self.offset)))
         first, b1, second, b2, third, b3 = self.layers
-        values = np.tanh(np.einsum("ni,io->no", values, first) + b1)
-        values = np.tanh(np.einsum("ni,io->no", values, second) + b2)
-        return np.asarray(np.einsum("ni,io->no", values, third) + b3 + self.offset)
+        for begin in range(0, len(features), _BLOCK):
+            part = slice(begin, begin + _BLOCK)
+            values = self.inputs(steps[part], features[part])
+            values = np.tanh(np.einsum("ni,io->no", values, first) + b1)
+            values = np.tanh(np.einsum("ni,io->no", values, second) + b2)
+            found[part] = np.einsum("ni,io->no", values, third) + b3 + self.offset
+        return found
 
     def probabilities(self, step: int, features: Floats) -> Floats:
         """Return the probabilities (n, L) of reaching each level."""
@@ -145,21 +151,27 @@ def _chance(examples: Examples) -> Floats:
 
 
 def _untrained(examples: Examples, offset: Floats, rng: np.random.Generator) -> Network:
-    features = np.where(np.isfinite(examples.features), examples.features, np.nan)
-    seen = np.isfinite(features)
-    count = np.maximum(seen.sum(axis=0), 1)
-    filled = np.where(seen, features, 0.0)
-    centre = filled.sum(axis=0) / count
-    spread = np.sqrt((np.where(seen, features - centre, 0.0) ** 2).sum(axis=0) / count)
+    # Step by step: the features of all steps are the largest table there is.
+    steps, size = examples.features.shape[1:]
+    moments = [_moments(examples.features[:, k]) for k in range(steps)]
+    centre, spread = (np.array(part) for part in zip(*moments, strict=True))
     # What hardly varies at a step must not be blown up there.
     spread = np.maximum(spread, 0.05 * spread.max(axis=0) + 1e-9)
-    inputs = features.shape[2] + _times(features.shape[1]).shape[1]
+    inputs = size + _times(steps).shape[1]
     sizes = ((inputs, _WIDTH), (_WIDTH, _WIDTH), (_WIDTH, len(offset)))
     layers = [part for a, b in sizes for part in (rng.normal(0.0, a**-0.5, (a, b)), np.zeros(b))]
     layers[4] *= 0.1
     rounded = (np.round(part, 9) for part in (centre, spread, offset))
     centre, spread, offset = rounded
     return Network(centre, np.maximum(spread, 1e-9), tuple(layers), offset)
+
+
+def _moments(features: Floats) -> tuple[Floats, Floats]:
+    """Return the means (F,) and standard deviations (F,) of the finite values of features (n, F)."""
+    seen = np.isfinite(features)
+    count = np.maximum(seen.sum(axis=0), 1)
+    centre = np.where(seen, features, 0.0).sum(axis=0) / count
+    return centre, np.sqrt((np.where(seen, features - centre, 0.0) ** 2).sum(axis=0) / count)
 
 
 def _times(count: int) -> Floats:

@@ -51,6 +51,8 @@ class Paths:
     @staticmethod
     def join(stages: Sequence[Paths]) -> Paths:
         """Pool stages; each counts with its number of roots."""
+        if len(stages) == 1:
+            return stages[0]
         counts = np.array([len(np.unique(stage.root)) for stage in stages])
         shares = counts / counts.sum()
         total = sum(len(stage.score) for stage in stages)
@@ -123,7 +125,7 @@ class Potentials:
         steps, count = found.schedule, len(found.levels)
         if not len(steps) == len(found.gains) == len(found.network.centre) or (np.diff(steps) <= 0).any():
             raise ValueError("the steps of the potentials do not ascend, or are not those of the network")
-        if not count == len(found.chances) == len(found.network.offset) or (found.chances <= 0.0).any():
+        if not 0 < count == len(found.chances) == len(found.network.offset) or (found.chances <= 0.0).any():
             raise ValueError("the levels of the potentials are not those of the network")
         return found
 
