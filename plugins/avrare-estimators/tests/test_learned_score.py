@@ -1,6 +1,7 @@
 """Splitting by a learned score: the same failures, unbiased, with the same bits, and only where it gains."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from avrare.testing.problems import ornstein_uhlenbeck, walk
 from avrare_estimators.ams import learned_score
 from avrare_estimators.ams.gain import promise_gain
 from avrare_estimators.ams.learned_score import ScoreLearning, committor_scores
+from avrare_estimators.ams.splitting import Splitting
 from avrare_estimators.smc.network import sigmoid
 from avrare_estimators.smc.potentials import Paths
 
@@ -91,6 +93,13 @@ def test_a_learned_file_saves_the_learning_run(tmp_path, kept):
         estimate(learned=str(path))
 
 
+class Wide(faulty_systems.Walk):
+    """A walk with many features."""
+
+    def features(self, state):
+        return state["x"][:, None] * np.arange(1.0, 41.0)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_features_that_say_nothing_leave_the_score_of_the_problem(seed):
     task = avrare.Problem(faulty_systems.Scrambled(8), avrare.stl("always (x > 0.1)"), 8)
@@ -122,6 +131,7 @@ def test_failures_out_of_reach_leave_the_score_of_the_problem():
         ({"learned": "nowhere.json"}, "no such file"),
         ({"budget": "seconds=3"}, "cannot be stopped by the clock"),
         ({"budget": "steps=20000"}, "does not pay for learning a score"),
+        ({"budget": "rollouts=12000", "particles": 1100}, "and for a run of 1100"),
         ({"memory": 0.1}, "more than the option memory"),
     ],
 )
@@ -136,6 +146,53 @@ def test_a_budget_is_kept_and_used(kept, kind, amount):
     spent = result.simulated_steps if kind == "steps" else result.rollouts
     assert 0.3 * amount < spent <= amount
     assert used(result) == "learned"
+
+
+def test_the_factor_by_which_a_budget_is_to_be_raised_suffices():
+    options = {"particles": 1100, "discard": 100, "runs": 1}
+    with pytest.raises(UsageError) as refused:
+        estimate(budget="rollouts=12000", **options)
+    factor = float(refused.value.hint.split()[2])
+    assert 1.0 < factor < 1.2
+    amount = 12_000 * factor
+    assert estimate(budget=f"rollouts={amount:g}", **options).rollouts < amount
+
+
+@pytest.mark.slow
+def test_the_memory_asked_for_suffices(kept, monkeypatch):
+    """Hold the features of all rollouts, and what reads them, in the memory that was announced."""
+    announced, demand = [], Splitting.demand
+
+    def watched(self, plan, carry):
+        announced.append(demand(self, plan, carry))
+        return announced[-1]
+
+    monkeypatch.setattr(Splitting, "demand", watched)
+    monkeypatch.setattr(learned_score, "_TRAINING", 300)
+    task = avrare.Problem(Wide(), avrare.stl("always (x < 1.9)"), 50)
+    tracemalloc.start()
+    assert used(estimate(task, particles=100, discard=10, pilot=600)) == "learned"
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < announced[0].bytes
+
+
+def test_the_forecast_adds_what_learning_has_cost():
+    def followed(score, **options):
+        seen = []
+        result = estimate(runs=11, grow=True, score=score, progress=seen.append, **options)
+        return result, [info for info in seen if info.forecast]
+
+    own, without = followed("problem", pilot=1000)
+    result, seen = followed("learned")
+    assert used(result) == "problem"
+    learnt = result.simulated_steps - own.simulated_steps
+    assert learnt > 0
+    assert len(seen) > len(without) > 100
+    # All but what is told before the first rollouts, from the end on: learning tells something, too.
+    for one, other in zip(seen[:1:-1], without[:0:-1], strict=True):
+        assert one.forecast.least == pytest.approx(other.forecast.least + learnt)
+        assert one.forecast.most == pytest.approx(other.forecast.most + learnt)
 
 
 def test_without_steps_nothing_is_learnt():

@@ -202,6 +202,7 @@ def committor_scores(potentials: Potentials, rollouts: Rollouts, start: Integers
         rows, times = np.nonzero(later)
         odds = potentials.log_odds(times, rollouts.features[rows, times])
         scores[rows, potentials.schedule[times]] = odds
-    scores = np.maximum(np.maximum.accumulate(scores, axis=1), before[:, None])
+    np.maximum.accumulate(scores, axis=1, out=scores)
+    np.maximum(scores, before[:, None], out=scores)
     scores[rollouts.violated[:, 0], -1] = np.inf
     return scores

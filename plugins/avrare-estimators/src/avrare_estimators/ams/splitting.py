@@ -225,26 +225,32 @@ class Splitting:
         return 16 * (self._features or FEATURES) * len(choose_times(plan.steps))
 
     def _table_bytes(self, plan: Plan) -> int:
-        """Return the bytes of a learning run with the rollouts that it keeps."""
+        """Return the bytes of a learning run with the rollouts that it keeps.
+
+        Features are kept in a quarter of the bytes that they take under way: twice as they are joined, and
+        those held out in full.
+        """
         if self.config.score != LEARNED or self._file is not None:
             return 0
-        return self.config.pilot * (MOST_PATHS * self._feature_bytes(plan) // 4 + run_bytes(plan, 1))
+        return self.config.pilot * (MOST_PATHS * self._feature_bytes(plan) * 5 // 8 + run_bytes(plan, 1))
 
     def _room(self) -> int:
         return allowance(self.config.memory)
 
     def _pilot_particles(self, plan: Plan) -> int:
-        """Return the particles of the learning run: a sixth of a budget pays for it."""
+        """Return the particles of the learning run: a sixth of a budget pays for it, the rest for a run."""
         if plan.budget is None:
             return self.config.pilot
-        paid = paid_runs(plan, _ROLLOUTS_OF_RUN * _LEARNING_PARTS, _STEPS_OF_RUN * _LEARNING_PARTS)
-        if paid < LEAST_PILOT:
+        paid, parts = paid_runs(plan, _ROLLOUTS_OF_RUN, _STEPS_OF_RUN), _LEARNING_PARTS
+        least = max(parts * LEAST_PILOT, math.ceil(self.config.particles * parts / (parts - 1)))
+        if paid < least:
             raise UsageError(
                 f"a budget of {plan.budget.kind}={plan.budget.amount:g} does not pay for learning a score "
-                f"from {LEAST_PILOT} particles",
-                f"raise it {LEAST_PILOT / max(paid, 1):.1f} times or leave out `score: learned`",
+                f"from {LEAST_PILOT} particles and for a run of {self.config.particles}",
+                f"raise it {math.ceil(10.0 * least / max(paid, 1)) / 10.0:g} times or leave out "
+                "`score: learned`",
             )
-        return min(self.config.pilot, paid)
+        return min(self.config.pilot, paid // parts)
 
     def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1, spent: Info | None = None) -> int:
         """Return the largest number of runs, where some of the budget is gone.
