@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import selectors
@@ -49,10 +50,11 @@ class Runner:
     def cell(self, key: cells.Key) -> cells.Cell:
         """Return the cell of a key; a worker that dies or takes too long has no answer."""
         environment = TOOLS[key[0]].environment
-        worker = self.workers.get(environment) or self._start(TOOLS[key[0]])
         task = dict(zip(("tool", "setting", "problem", "budget", "seed"), key, strict=True))
         began = time.monotonic()
-        line = _ask(worker, json.dumps(task), self.limit)
+        line = "ready\n" if environment in self.workers else self._start(TOOLS[key[0]])
+        if line:
+            line = _ask(self.workers[environment], json.dumps(task), self.limit)
         if line:
             fields: dict[str, Any] = json.loads(line)
             self.versions[environment] = fields["version"]
@@ -65,7 +67,8 @@ class Runner:
             seconds=round(time.monotonic() - began, 1), reason=reason,
         )  # fmt: skip
 
-    def _start(self, tool: Tool) -> subprocess.Popen[str]:
+    def _start(self, tool: Tool) -> str | None:
+        """Start a worker; return its first line, "" where it died, None where it is not ready in time."""
         # Only the environment of the benchmark itself sees avrare's paths.
         environment = tool.environment
         inherited = os.environ.get("PYTHONPATH", "") if environment == "here" else ""
@@ -76,9 +79,7 @@ class Runner:
             env={**os.environ, "PYTHONPATH": paths},
         )  # fmt: skip
         self.workers[environment] = worker
-        if not _wait(worker, _START):
-            worker.kill()  # its first task has no answer
-        return worker
+        return _wait(worker, _START)
 
 
 def _ask(worker: subprocess.Popen[str], task: str, limit: float) -> str | None:
@@ -117,4 +118,5 @@ def _stop(worker: subprocess.Popen[str]) -> None:
     worker.wait()
     for stream in (worker.stdin, worker.stdout):
         if stream:
-            stream.close()
+            with contextlib.suppress(BrokenPipeError):  # what a dead worker has not read
+                stream.close()

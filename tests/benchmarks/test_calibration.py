@@ -2,6 +2,8 @@
 
 import importlib.util
 import random
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -158,6 +160,14 @@ def test_a_worker_that_does_not_answer_is_a_cell_with_a_reason(tmp_path, monkeyp
     assert found.estimate is None
     assert found.reason == "no answer within 0 CPU seconds"
     assert not maker.workers
+
+
+def test_a_dead_worker_ends_no_run():
+    pipe = subprocess.PIPE
+    worker = subprocess.Popen([sys.executable, "-c", "pass"], stdin=pipe, stdout=pipe, text=True)
+    worker.wait()
+    assert runner._ask(worker, "{}", 1.0) == ""
+    runner._stop(worker)
 
 
 def test_cells_survive_a_torn_line(tmp_path):
