@@ -10,7 +10,8 @@ SCENARIO:SPECIFICATION@P at the robustness that so small a share of its rollouts
 otherwise. SCENARIO is a name in scenarios/ or the path of a YAML file; `benchmarks/ground_truth.py` makes its
 truth. Cost is in steps over those of a rollout, and counts pilot, stages and check.
 With ``--out`` a study that was stopped goes on where it was.
-"stated" is cost times the square of the relative error that a result states itself, where it states one.
+"stated" is cost times the square of the relative error that results state themselves; nan where one states
+none.
 CW: no warning, and the interval misses the truth by more than a factor 3.
 """
 
@@ -153,7 +154,7 @@ def summarise(name: str, found: Sequence[dict[str, Any]], goal: float | None) ->
     chosen = Counter(one["chosen"] for one in found)
     entries = [
         name, f"{p:.3g}", str(len(found)), _words(chosen), f"{values.mean() / p:.3f} ± {error:.3f}",
-        f"{gained:.1f}", f"{np.nanmean(stated) * cost.mean():.1f}", str(GOALS.get(name, "")),
+        f"{gained:.1f}", f"{stated.mean() * cost.mean():.1f}", str(GOALS.get(name, "")),
         f"{(1.0 - p) / p:,.0f}", _share(covers), _share(~quiet),
         _share(covers[quiet]), _share(far & quiet), f"{np.median(high / np.maximum(low, 1e-12)):.2f}",
         f"{cost.mean():,.0f}", f"{cost.mean() * p / (goal**-2 + 2.0):.2f}" if goal else "",

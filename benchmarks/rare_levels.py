@@ -66,7 +66,7 @@ class Cell:
         return f"{self.rule}-{level}-{self.error:g}-{self.how}"
 
     def seed(self, number: int) -> int:
-        """Its own, so that cells are independent."""
+        """Return the seed of a result: of this cell alone, so that cells are independent."""
         return 1000 * zlib.crc32(self.name.encode()) + number
 
 

@@ -112,7 +112,7 @@ def _tool_table(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         groups.setdefault((row.tool, row.setting, row.budget), []).append(row)
     for (tool, setting, budget), own in groups.items():
-        peers = compared([row for row in rows if row.budget == budget])
+        peers = compared([row for row in rows if (row.setting, row.budget) == (setting, budget)])
         total = sum(len(row.cells) for row in own)
         stated = sum(len(row.stated) for row in own)
         covered = sum(row.covers * len(row.stated) for row in own if row.stated)

@@ -117,17 +117,12 @@ def warned_text(shown: Sequence[Row]) -> str:
         rows = [row for row in shown if row.tool == tool]
         own = [cell for row in rows for cell in row.cells]
         warned = [cell for cell in own if cell.warnings]
-        off = sum(
-            bool(cell.warnings) and far_off(cell, row.problem.probability)
-            for row in rows
-            for cell in row.cells
-        )
+        off = sum(far_off(one, row.problem.probability) for row in rows for one in row.cells if one.warnings)
         kinds = Counter(name for cell in warned for name in cell.warnings).most_common(3)
         if warned:
             named = ", ".join(f"`{name}` {count / len(own):.0%}" for name, count in kinds)
-            lines.append(
-                f"`{tool}` of {len(warned) / len(own):.0%} ({named}; far off {off} of {len(warned)})"
-            )
+            share = f"{len(warned) / len(own):.0%}"
+            lines.append(f"`{tool}` of {share} ({named}; far off {off} of {len(warned)})")
     if not lines:
         return "No tool warned of an answer."
     return f"Warned of: {'; '.join(lines)}. The others never warned."

@@ -32,7 +32,7 @@ beside it every answer.
   of it needs a tenth of the evaluations. They are counted: a tool that leaves half of its budget pays half.
 - *Trusted*: has three answers or more, states an interval in 90 % of its answers, which cover in 80 % or more, none confidently wrong,
   and the mean is within three standard errors, and 2 %, of the truth. *First*: the least cost of those trusted, of all tools
-  and settings at that budget, on problems that five tools of other authors were asked three times.
+  at that setting and budget, on problems that five tools of other authors were asked three times.
 - *Width*: upper over lower end of the interval, the median. A wide interval covers easily and says little.
 
 ## The tools

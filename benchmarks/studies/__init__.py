@@ -1,1 +1,1 @@
-"""The parts of benchmarks/estimators.py."""
+"""Parts that the programs in benchmarks/ share."""

@@ -87,7 +87,7 @@ def row(rule: str, error: float, how: str, found: list[Outcome], wanted: int) ->
     values = np.array([one.probability for one in found]) / truth
     spread = f" ± {values.std(ddof=1) / math.sqrt(size):.3f}" if size > 1 else ""
     cost = float(np.mean([one.rollouts for one in found]))
-    finite = [one for one in found if math.isfinite(one.over_monte_carlo)]
+    ratio = float(np.mean([one.over_monte_carlo for one in found]))
     scatter = float(((values - 1.0) ** 2).mean()) * cost * truth / (1.0 - truth)
     gains = [one.gain for one in found if one.gain is not None]
     chosen = Counter(one.chosen for one in found)
@@ -98,7 +98,7 @@ def row(rule: str, error: float, how: str, found: list[Outcome], wanted: int) ->
         str(sum(bool(one.health) for one in found)), str(sum(one.misleads for one in found)),
         f"{np.median([one.relative_error for one in found]):.1%}".replace("%", " %"),
         f"{np.mean([one.learning for one in found]):,.0f}", f"{cost:,.0f}",
-        f"{np.mean([one.over_monte_carlo for one in finite]):.2f}" if finite else "",
+        f"{ratio:.2f}" if math.isfinite(ratio) else "none",  # an estimate of 0 states no error
         f"{scatter:.2f}" if size >= LEAST else "", f"{np.mean(gains):.1f}" if gains else "",
     )  # fmt: skip
     return f"| {' | '.join(entries)} |"

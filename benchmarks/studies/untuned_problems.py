@@ -44,6 +44,7 @@ def flat(x: Floats, level: float) -> Floats:
 
 
 def misleading(x: Floats, level: float) -> Floats:
+    """Fall until 0.7 of the level, and rise from there to 1 at the level."""
     share = x / level
     return np.where(
         share < 0.7, 0.3 - 0.4 * np.abs(share), -0.4 + 1.4 * (share - 0.7) / 0.3 - 1e-12 * (share < 1)

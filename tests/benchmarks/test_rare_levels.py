@@ -58,6 +58,8 @@ def test_a_row_compares_with_monte_carlo_at_the_error_that_was_reached():
     told = level_table.row("no_collision", 0.1, "auto", [ONE, off], 20)
     assert "| 2 of 20 | `is` 2 | 1.100 ± 0.000 | 1 | 0 | 1 |" in told
     assert "| 0.50 |" in told
+    zero = replace(ONE, seed=2, probability=0.0, relative_error=float("nan"))
+    assert "| none |" in level_table.row("no_collision", 0.1, "auto", [ONE, zero], 20)
     assert len(asdict(ONE)) == 12
 
 
