@@ -44,7 +44,7 @@ class Stack:
         name: For people.
         case: Of ``benchmarks.rare_events``.
         seeds: Most results of splitting; those of `auto` are as many as are asked for.
-        ams: Options of splitting; 10 runs by default. (To a relative error, it may take all 320.)
+        ams: Options of splitting; 10 runs by default, as a goal in relative error may take 320.
         settings: Changes of the scenario, KEY=VALUE.
     """
 

@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from string import ascii_lowercase
 
 import numpy as np
 
@@ -136,8 +137,7 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
         "| problem | p | d | first | its cost | best of avrare | its cost | behind | why | Monte Carlo's |",
         f"|{'---|' * 10}",
     ]
-    letters = dict(zip(REASONS, "abcdefghijklmnopqrstuvwxyz", strict=False))
-    used: dict[str, str] = {}
+    letters: dict[str, str] = {}
     for problem in problems().values():
         own = [row for row in rows if row.problem is problem]
         winner = best(own)
@@ -149,8 +149,12 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
         learnt = [row for row in own if row.tool in _RARE and len(row.answers) >= LEAST_ANSWERS]
         reason = ""
         if winner and lost:
-            reason = letters.get(winner.tool, "**reason missing**") if learnt else "not run"
-            used[winner.tool] = reason
+            if not learnt:
+                reason = "not run"
+            elif winner.tool not in REASONS:
+                reason = "**reason missing**"
+            else:
+                reason = letters.setdefault(winner.tool, ascii_lowercase[len(letters)])
         p = problem.probability
         entries = (
             problem.name, f"{p:.2g}", str(problem.dimension), winner.tool if winner else "none",
@@ -158,7 +162,7 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
             _number(ours.cost) if ours else "", behind, reason, _number((1.0 - p) / p),
         )  # fmt: skip
         lines.append(f"| {' | '.join(entries)} |")
-    told = [f"- **{letters[tool]}**, {tool}: {REASONS[tool]}" for tool in REASONS if tool in used]
+    told = [f"- **{letter}**, {tool}: {REASONS[tool]}" for tool, letter in letters.items()]
     return [*lines, "", *told]
 
 

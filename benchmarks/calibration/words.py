@@ -83,7 +83,7 @@ REASONS = {
     "keeps a quarter of its sample on the target and 15 % for its cross-check: the price of noticing a missed "
     "region. On other problems this tool is at times confidently wrong, see the matrix.",
     "openturns nais": "In few dimensions a kernel density fits any shape of the failures, and all evaluations count. "
-    "`is` holds back a quarter and a check, as above.",
+    "`is` keeps a quarter of its sample on the target and 15 % for its cross-check.",
     "openturns directional": "In few dimensions a root search along a direction measures a probability, not a hit, "
     "and meets a region that the score does not lead to (`flat`). avrare has no method that uses the geometry of the space of "
     "noise; needed: such a one for d <= 10. On `conjunction_2.5` and `four_branch_7` ten other seeds (100 to 109) of `is` had costs "
@@ -96,7 +96,7 @@ REASONS = {
     "textbook gams": "It is the algorithm of `ams`, without the pilot that chooses the size of the runs; the two "
     "differ by that, and by chance.",
     "sentil splitting": "A kind of splitting as well; the two were not compared in detail.",
-    "uqpy subset": "As for OpenTURNS' subset sampling.",
+    "uqpy subset": "Its chains count at every level, where `ess` pays a pilot that does not count.",
     "pytams tams": "The algorithm of `ams` with one discard at each level.",
     "verifai cross-entropy": "A share of counterexamples that happens to be near the probability.",
 }
