@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
-from scipy import stats
 
+from avrare.estimation.intervals import clopper_pearson
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import Row, trusted
 
@@ -57,7 +57,7 @@ def _coverage(rows: Sequence[Row], tools: Sequence[str]) -> Any:
             shares, place + generator.uniform(-0.22, 0.22, len(own)), s=[5 * len(row.stated) for row in own],
             color="#7a9cc6", alpha=0.6, lw=0,
         )  # fmt: skip
-        ends = _clopper_pearson(round(mean * total), total)
+        ends = clopper_pearson(round(mean * total), total, _NOMINAL)
         axes.plot(ends, [place, place], color=_RED, lw=1.2)
         axes.plot([mean, mean], [place - 0.38, place + 0.38], color=_RED, lw=2.5)
         axes.text(1.03, place, f"{mean:.2f}  ({len(own)})", va="center", fontsize=8)
@@ -68,12 +68,6 @@ def _coverage(rows: Sequence[Row], tools: Sequence[str]) -> Any:
     )
     axes.invert_yaxis()
     return figure
-
-
-def _clopper_pearson(hits: int, of: int) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of a share."""
-    low = stats.beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
-    return low, stats.beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
 
 
 def _cost(rows: Sequence[Row], tools: Sequence[str]) -> Any:

@@ -16,13 +16,15 @@ from benchmarks.calibration import cells, figures, scope
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import LEAST_ANSWERS, Row, best, compared, rows_of, trusted
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
-from benchmarks.calibration.words import ABSENT, FINDINGS, HEAD, NOTES, OWN, REASONS
+from benchmarks.calibration.words import ABSENT, FINDINGS, HEAD, NOTES, OWN, REASONS, UNSTRUCTURED
 from benchmarks.studies import pages
 
 DOCS = Path(__file__).parents[2] / "docs"
 KEPT = DOCS / "calibration" / "cells.zip"
 _USUAL = 10_000
 _RARE = [name for name in TOOLS if name.startswith("avrare") and name != "avrare mc"]
+_NO_LEAD = {"no structure", "nothing to follow"}
+"""Traits of problems where nothing leads to a failure."""
 _COLUMNS = (
     "tool", "version", "setting", "problem", "probability", "budget", "answers", "answered", "mean",
     "mean_error", "evaluations", "cost", "covers", "width", "confidently_wrong", "warned", "seconds",
@@ -149,12 +151,13 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
         learnt = [row for row in own if row.tool in _RARE and len(row.answers) >= LEAST_ANSWERS]
         reason = ""
         if winner and lost:
+            cause = UNSTRUCTURED if _NO_LEAD & set(problem.traits) else winner.tool
             if not learnt:
                 reason = "not run"
-            elif winner.tool not in REASONS:
+            elif cause not in REASONS:
                 reason = "**reason missing**"
             else:
-                reason = letters.setdefault(winner.tool, ascii_lowercase[len(letters)])
+                reason = letters.setdefault(cause, ascii_lowercase[len(letters)])
         p = problem.probability
         entries = (
             problem.name, f"{p:.2g}", str(problem.dimension), winner.tool if winner else "none",
@@ -162,7 +165,7 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
             _number(ours.cost) if ours else "", behind, reason, _number((1.0 - p) / p),
         )  # fmt: skip
         lines.append(f"| {' | '.join(entries)} |")
-    told = [f"- **{letter}**, {tool}: {REASONS[tool]}" for tool, letter in letters.items()]
+    told = [f"- **{letter}**, {cause}: {REASONS[cause]}" for cause, letter in letters.items()]
     return [*lines, "", *told]
 
 

@@ -75,23 +75,25 @@ method of avrare that was run may be trusted there.
 
 """
 
+UNSTRUCTURED = "any tool"
+"""Key of the reason on problems where nothing leads to a failure."""
 REASONS = {
     "openturns form-is": "There is one region, with one most likely point, which FORM finds by gradients in about a "
     "thousand evaluations. avrare asks for no gradient, so it learns a proposal from samples. Needed: a search for "
     "that point where the score is smooth, as a first component of the proposal of `is`.",
-    "openturns cross-entropy": "One Gaussian fits the failures (on `sphere_d20` it is their very shape), and all evaluations of the last level count. `is` "
+    "openturns cross-entropy": "One Gaussian fits the failures, and all evaluations of the last level count. `is` "
     "keeps a quarter of its sample on the target and 15 % for its cross-check: the price of noticing a missed "
     "region. On other problems this tool is at times confidently wrong, see the matrix.",
     "openturns nais": "In few dimensions a kernel density fits any shape of the failures, and all evaluations count. "
     "`is` keeps a quarter of its sample on the target and 15 % for its cross-check.",
     "openturns directional": "In few dimensions a root search along a direction measures a probability, not a hit, "
     "and meets a region that the score does not lead to (`flat`). avrare has no method that uses the geometry of the space of "
-    "noise; needed: such a one for d <= 10. On `conjunction_2.5` and `four_branch_7` ten other seeds (100 to 109) of `is` had costs "
-    "of 33 and 24, so there the order is open.",
+    "noise; needed: such a one for d <= 10.",
     "openturns line": "Along the direction of the design point it finds the probability exactly, line by line; needs such a direction, as FORM does.",
     "openturns subset": "Its chains count at every level. `ess` finds its levels in a pilot that does not count, and "
     "cuts the rest into independent runs, to be unbiased and to have an interval from their scatter; at so "
     "small a budget the pilot weighs most.",
+    UNSTRUCTURED: "On a problem without structure nothing is to be gained over Monte Carlo; whoever is first is so by chance.",
     "openturns monte carlo": "Nothing is to be gained over Monte Carlo; the two differ by chance alone.",
     "textbook gams": "It is the algorithm of `ams`, without the pilot that chooses the size of the runs; the two "
     "differ by that, and by chance.",
