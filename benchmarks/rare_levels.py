@@ -20,7 +20,7 @@ import time
 import warnings
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -125,9 +125,7 @@ def work(results: Path, seeds: int, only: str, minutes: float) -> None:
                 return
             found = estimate(cell, number, proposals)
             if found is not None:
-                with file.open("a", encoding="utf-8") as lines:
-                    print(json.dumps(asdict(found)), file=lines, flush=True)
-                print(cell.name, json.dumps(asdict(found)), flush=True)
+                kept.add(file, found)
 
 
 def main() -> None:

@@ -12,12 +12,11 @@ by the known probability (``studies/from_truth.py``).
 
 from __future__ import annotations
 
-import json
 import time
 import warnings
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -100,10 +99,7 @@ def work(results: Path, seeds: int, only: str, minutes: float) -> None:
                 continue
             if time.monotonic() > ends:
                 return
-            found = json.dumps(asdict(estimate(stack, estimator, seed)))
-            with file.open("a", encoding="utf-8") as lines:
-                print(found, file=lines, flush=True)
-            print(name, found, flush=True)
+            kept.add(file, estimate(stack, estimator, seed))
 
 
 def main() -> None:

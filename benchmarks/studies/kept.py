@@ -7,6 +7,7 @@ import json
 import shutil
 import zipfile
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,14 @@ def pack(archive: Path, results: Path, pattern: str = "*.jsonl") -> None:
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as whole:
         for file in sorted(results.glob(pattern)):
             whole.writestr(zipfile.ZipInfo(file.name), file.read_bytes(), zipfile.ZIP_DEFLATED, 9)
+
+
+def add(file: Path, outcome: Any) -> None:
+    """Append a result, a dataclass, as a line of its file, and print it."""
+    text = json.dumps(asdict(outcome))
+    with file.open("a", encoding="utf-8") as whole:
+        print(text, file=whole, flush=True)
+    print(file.stem, text, flush=True)
 
 
 def lines(file: Path) -> Iterator[dict[str, Any]]:
