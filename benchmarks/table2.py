@@ -23,6 +23,7 @@ import argparse
 import itertools
 import json
 import multiprocessing
+import re
 import time
 import zlib
 from collections.abc import Iterator
@@ -141,7 +142,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("scenario", nargs="?", default="scenarios/lane_change_published.yaml")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--only", default="", metavar="PATTERN", help="cells whose file name contains this")
+    parser.add_argument("--only", default="", metavar="PATTERN", help="cells whose file name matches this")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--report-only", action="store_true")
     parser.add_argument("--minutes", type=float, default=1e9, help="begin no cell after so many")
@@ -159,7 +160,7 @@ def main() -> None:
     todo = [
         cell
         for cell in cells(args.scenario, truth)
-        if args.only in cell.file and not (args.results / cell.file).exists()
+        if re.search(args.only, cell.file) and not (args.results / cell.file).exists()
     ]
     if todo and not args.report_only:
         end = time.monotonic() + 60.0 * args.minutes
