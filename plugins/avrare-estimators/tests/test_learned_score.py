@@ -100,6 +100,27 @@ class Wide(faulty_systems.Walk):
         return state["x"][:, None] * np.arange(1.0, 41.0)
 
 
+class OnlyOfMany(Wide):
+    """Many features, which cannot be counted with one rollout."""
+
+    def features(self, state):
+        if len(state["x"]) == 1:
+            raise ValueError("no features of one alone")
+        return super().features(state)
+
+
+@pytest.mark.parametrize("estimator", ["ams", "smc"])
+@pytest.mark.parametrize("system", [Wide, OnlyOfMany])
+def test_a_learned_file_of_other_features_is_refused(tmp_path, kept, estimator, system):
+    options = SMALL if estimator == "ams" else {"particles": 200}
+    learned = avrare.estimate(problem(), estimator, seed=0, **options).artifacts["learned.json"]
+    path = tmp_path / "learned.json"
+    path.write_text(json.dumps({"specification": learned}))
+    other = avrare.Problem(system(), avrare.stl("always (x < 1.2)"), 20)
+    with pytest.raises(UsageError, match=r"learned: .* of \d+ features, but the system has 4\d"):
+        avrare.estimate(other, estimator, learned=str(path), **({} if estimator == "ams" else options))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_features_that_say_nothing_leave_the_score_of_the_problem(seed):
     task = avrare.Problem(faulty_systems.Scrambled(8), avrare.stl("always (x > 0.1)"), 8)
