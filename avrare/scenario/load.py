@@ -16,7 +16,7 @@ from avrare.scenario.draws import KEY, Draws
 from avrare.scenario.extends import merge, read
 from avrare.scenario.fingerprint import FILE_OPTION, is_file, marked_options
 from avrare.scenario.overrides import override, put
-from avrare.scenario.safe_mode import check_import_path, find_refusals
+from avrare.scenario.safe_mode import check_import_path, find_linked_files, find_refusals
 from avrare.scenario.schema import PARTS, TWIN_PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_block, check_formula, step_of
 from avrare.scenario.validation import Mistake, check, describe, scenario_error
@@ -197,6 +197,8 @@ def _resolve_block(
     mistakes += found
     if config is None or row.component is None:
         return None, mistakes
+    if linked := find_linked_files(node, path, config, folder):
+        return None, [*mistakes, *linked]
     return Block(plugin.value, row.component, config, row.distribution, row.version, draws), mistakes
 
 

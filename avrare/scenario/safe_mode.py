@@ -104,6 +104,19 @@ def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: st
     return found
 
 
+def find_linked_files(node: Node, path: Path, config: Any, folder: str) -> list[Mistake]:
+    """List what safe mode refuses of the files that come with those that were named: links to others outside."""
+    if not is_safe():
+        return []
+    used: dict[str, os.PathLike[str]] = getattr(config, "used_files", {})
+    text = "safe mode: {} is a link to a file outside the scenario's folder"
+    return [
+        Mistake(node.name_mark, path, text.format(printable(os.fspath(file))), TRUST)
+        for file in used.values()
+        if is_outside(file, folder) and not is_outside(os.path.dirname(file), folder)
+    ]
+
+
 def _strings(node: Node, path: Path) -> Iterator[tuple[Path, Node]]:
     children: list[tuple[str | int, Node]] = [*node.entries.items(), *enumerate(node.items)]
     for step, child in children:

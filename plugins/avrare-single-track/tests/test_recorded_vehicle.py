@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from avrare.base.errors import UsageError
+from avrare.base.errors import AvrareError, UsageError
 from avrare.driving import Action
 from avrare.results.recordings.commonroad import open_commonroad
 from avrare.results.recordings.drives import open_drives
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
+from avrare.scenario.safe_mode import safe_mode
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 from drone_files import highd_rows, write_highd, write_ind
@@ -137,6 +138,29 @@ def test_a_result_depends_on_the_files_that_complete_a_recording(highd, tmp_path
         assert fingerprint(load(tmp_path / "s.yaml")) != before
         (tmp_path / name).write_text(text)
     assert fingerprint(load(tmp_path / "s.yaml")) == before
+
+
+def test_safe_mode_reads_no_linked_file_beside_a_recording(highd, tmp_path):
+    folder = tmp_path / "given"
+    folder.mkdir()
+    for name in ("tracks", "tracksMeta"):
+        (folder / f"01_{name}.csv").write_text((tmp_path / f"01_{name}.csv").read_text())
+    (folder / "01_recordingMeta.csv").symlink_to(tmp_path / "01_recordingMeta.csv")
+    path = folder / "s.yaml"
+    path.write_text(
+        "name: s\nsteps: 3\nsimulator: {plugin: commonroad, file: 01_tracks.csv, vehicle: 1}\n"
+        'specifications: {clear: {stl: "always (gap > 2.0)"}}\n'
+    )
+    load(path)
+    with (
+        safe_mode(),
+        pytest.raises(AvrareError, match=r"01_recordingMeta\.csv'? is a link to a file outside"),
+    ):
+        load(path)
+    (folder / "01_recordingMeta.csv").unlink()
+    (folder / "01_recordingMeta.csv").write_text((tmp_path / "01_recordingMeta.csv").read_text())
+    with safe_mode():
+        load(path)
 
 
 def test_a_scene_of_format_2024_has_its_map_and_its_problems_beside_it(tmp_path):
