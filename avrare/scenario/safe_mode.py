@@ -105,7 +105,7 @@ def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: st
 
 
 def find_linked_files(node: Node, path: Path, config: Any, folder: str) -> list[Mistake]:
-    """List what safe mode refuses of the files that come with those that were named: links to others outside."""
+    """List what safe mode refuses of files that complete a named one: links to others outside."""
     if not is_safe():
         return []
     used: dict[str, os.PathLike[str]] = getattr(config, "used_files", {})

@@ -140,9 +140,10 @@ def test_a_result_depends_on_the_files_that_complete_a_recording(highd, tmp_path
     assert fingerprint(load(tmp_path / "s.yaml")) == before
 
 
-def test_safe_mode_reads_no_linked_file_beside_a_recording(highd, tmp_path):
+def test_safe_mode_reads_no_linked_file_beside_a_recording(highd, tmp_path, monkeypatch):
     folder = tmp_path / "given"
     folder.mkdir()
+    monkeypatch.chdir(folder)
     for name in ("tracks", "tracksMeta"):
         (folder / f"01_{name}.csv").write_text((tmp_path / f"01_{name}.csv").read_text())
     (folder / "01_recordingMeta.csv").symlink_to(tmp_path / "01_recordingMeta.csv")
