@@ -26,6 +26,10 @@ SIGMAS, ROUNDING = 3.0, 1e-9
 """Standard errors that a mean weight may be from 1, and what is no difference."""
 TEMPLATE = Path(__file__).with_name("table2.md")
 """The page's text, with places for the tables."""
+SCENE_TEMPLATE = Path(__file__).with_name("table2_scene.md")
+"""What the page of another scene says before its tables."""
+_LEAST_RUNS = 10
+"""Repetitions from which their scatter gives a standard error."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,8 @@ def rules_of(kept: dict[str, Any]) -> tuple[str, ...]:
 def page_of_scene(study: Study, methods: tuple[str, ...]) -> str:
     """Return the tables for a scene that is not the paper's."""
     rules = tuple(study.truth)
-    lines = [f"# Table II on {study.scenario}", "", f"Mean ± standard deviation; truth {study.digest}.", ""]
+    text = SCENE_TEMPLATE.read_text(encoding="utf-8")
+    lines = [text.format(name=study.scenario, digest=study.digest)]
     lines += [f"| | {' | '.join(rules)} |", "|---|" + "---|" * len(rules)]
     lines += [_row(name, [_mean_and_spread(study, rule, name) for rule in rules]) for name in methods]
     lines += [_row("**truth**, 95 % interval", [_with_interval(study.truth[rule]) for rule in rules]), ""]
@@ -142,7 +147,8 @@ def _accuracy(study: Study, rules: tuple[str, ...], methods: tuple[str, ...]) ->
             steps = np.array(spent).mean()
             z = (values.mean() - truth) / math.hypot(values.std(ddof=1) / math.sqrt(len(values)), error)
             square = ((values / truth - 1.0) ** 2).mean()
-            cells = (f"{values.mean() / truth:.2f}", f"{z:+.1f}", f"{math.sqrt(square):.2f}")
+            told = f"{z:+.1f}" if len(values) >= _LEAST_RUNS and values.std() else ""
+            cells = (f"{values.mean() / truth:.2f}", told, f"{math.sqrt(square):.2f}")
             yield f"| {rule} | {method} | {' | '.join(cells)} | {steps:,.0f} | {square * steps:,.0f} |"
 
 
