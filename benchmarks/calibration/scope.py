@@ -96,8 +96,8 @@ def missing_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:
     if silent := sorted(met - {row.tool for row in shown if row.answers}):
         names = " and ".join(f"`{name}`" for name in silent)
         text += (
-            f"No answer of {names} at {shown[0].budget:,}, for the reasons [below](#where-there-was-no-answer): "
-            "not judged. "
+            f"No answer of {names} at {shown[0].budget:,}, for the reasons "
+            "[below](#where-there-was-no-answer): not judged. "
         )
     return text.rstrip() or "Nothing is missing."
 
