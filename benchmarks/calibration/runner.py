@@ -51,20 +51,28 @@ class Runner:
         """Return the cell of a key; a worker that dies or takes too long has no answer."""
         environment = TOOLS[key[0]].environment
         task = dict(zip(("tool", "setting", "problem", "budget", "seed"), key, strict=True))
-        began = time.monotonic()
         line = "ready\n" if environment in self.workers else self._start(TOOLS[key[0]])
+        worker = self.workers[environment]
+        before = _cpu(worker.pid)
         if line:
-            line = _ask(self.workers[environment], json.dumps(task), self.limit)
+            line = _ask(worker, json.dumps(task), self.limit)
         if line:
             fields: dict[str, Any] = json.loads(line)
             self.versions[environment] = fields["version"]
             return cells.Cell(**{**fields, "warnings": tuple(fields["warnings"])})
+        seconds = _cpu(worker.pid) - before
         _stop(self.workers.pop(environment))
-        reason = "its process ended" if line == "" else cells.Cell.out_of_time(self.limit)
+        if line == "":
+            reason = "its process ended"
+        elif seconds < self.limit:
+            wall = _CROWDED * self.limit
+            reason = f"it hung: no answer within {wall:.0f} seconds, {seconds:.0f} of them CPU"
+        else:
+            reason = cells.Cell.out_of_time(self.limit)
         version = self.versions.get(environment, "")
         return cells.Cell(
             **task, version=version, estimate=None, low=None, high=None, warnings=(), evaluations=0.0,
-            seconds=round(time.monotonic() - began, 1), reason=reason,
+            seconds=round(seconds, 1), reason=reason,
         )  # fmt: skip
 
     def _start(self, tool: Tool) -> str | None:

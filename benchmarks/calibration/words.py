@@ -113,7 +113,7 @@ setting, for harder problems; nobody has searched for the best one of any tool.
 
 What we did to others' tools, for their authors to check: a worker may take 6 GiB of memory, and an answer the CPU time given above. pyTAMS and VerifAI are asked for one
 row at a time, so they meet that limit first: such a missing answer says nothing of their method. For pyTAMS 120 CPU seconds were
-not enough for 10,000 evaluations either, on the two problems that were tried again (`ou_4`, `walk_2.5`); with 150 it was asked for 1,000 on twelve. OpenTURNS' sampling runs in blocks of 100 rows, directional and line in
+not enough for 10,000 evaluations either, on the two problems that were tried again (`ou_4`, `walk_2.5`); with 150 it was asked for 1,000. OpenTURNS' sampling runs in blocks of 100 rows, directional and line in
 blocks of one; `nais` and `line` are of its experimental module. It stops Monte Carlo, directional, line and importance
 sampling at a coefficient of variation of 10 %, its default, of which it judges after two blocks (lines, directions) already. FORM starts
 at the mean, as in its examples; where the gradient is zero there it stops with an error, and *form-is* and *line* have no

@@ -162,6 +162,18 @@ def test_a_worker_that_does_not_answer_is_a_cell_with_a_reason(tmp_path, monkeyp
     assert not maker.workers
 
 
+def test_a_worker_that_hangs_is_told_from_one_that_works_too_long(tmp_path, monkeypatch):
+    pipe = subprocess.PIPE
+    sleeper = [sys.executable, "-c", "import time; time.sleep(60)"]
+    maker = runner.Runner(tmp_path, 5.0)
+    maker.workers["here"] = subprocess.Popen(sleeper, stdin=pipe, stdout=pipe, text=True)
+    monkeypatch.setattr(runner, "_CROWDED", 0.0)
+    found = maker.cell(("avrare mc", "recommended", "walk_2.5", 1000, 0))
+    assert found.reason.startswith("it hung: no answer within 0 seconds")
+    assert found.seconds < 5.0
+    assert found.time_limit == float("inf")
+
+
 def test_a_dead_worker_ends_no_run():
     pipe = subprocess.PIPE
     worker = subprocess.Popen([sys.executable, "-c", "pass"], stdin=pipe, stdout=pipe, text=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import gc
 import os
 import tempfile
 from importlib.metadata import version
@@ -66,9 +67,11 @@ def _run(model: type, counted: Counted, particles: int) -> float:
             Path("input.toml").write_text(text, encoding="utf-8")
             return float(TAMS(fmodel_t=model, a_args=["-i", "input.toml"]).compute_probability())
         except RuntimeError as error:
-            raise NoAnswerError(str(error)) from error
+            reason = str(error)
         finally:
+            gc.collect()  # a database removes its file as it goes: now, or the next run's of the same name
             os.chdir(here)
+    raise NoAnswerError(reason)
 
 
 def _model(counted: Counted, generator: np.random.Generator) -> type:
