@@ -49,6 +49,9 @@ MESSAGES = {
     "missed; use a larger `pilot`, or ams or ess",
     "stages_disagree": "stages of learning estimate {stages}: one of them misses failures, and the interval "
     "is widened to hold whatever is missed; use more rollouts, or compare with ams or ess",
+    "pilot_disagrees": "{failures} of {rows} rollouts of the pilot failed, a probability of {counted}, but "
+    "the estimate's interval was {interval}: it misses failures, and is widened to hold those of the pilot; "
+    "use mc",
     "heuristic_kernel": "{note}",
     "lipschitz_exceeded": "{steep} of {pairs} pairs of tapes differ by more than lipschitz: {slope:g} "
     "allows, by up to {most:.3g} per unit of length: it is not a bound, and the estimate may be biased; "

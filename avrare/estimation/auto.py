@@ -1,6 +1,7 @@
 """Estimator ``auto``: a Monte Carlo pilot of all specifications, then the estimator that suits each of them.
 
-Pilot, learning and trials draw from seeds of their own and count in no estimate, only in the cost.
+Pilot, learning and trials draw from seeds of their own and count in no estimate, only in the cost. The
+pilot's rollouts also count in the blind bound and in the checks of what is chosen: they see every failure.
 """
 
 from __future__ import annotations
@@ -8,22 +9,25 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from avrare.base.number_format import format_interval
+from avrare.estimation import health, intervals
 from avrare.estimation.auto_config import AutoConfig
 from avrare.estimation.auto_rules import (
     GOAL,
     ROLLOUTS,
     Aim,
-    Evidence,
     monte_carlo_cost,
     pays,
     promised_gain,
 )
 from avrare.estimation.budget import Budget
 from avrare.estimation.cross_check import ScalesToCost
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.loop import Settings
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
@@ -147,7 +151,8 @@ class _Work:
         pilot = _Pilot(self.aim, self.config.memory)
         seen = self.execute(self.problem, pilot, self._of_phase("pilot"), "pilot")
         evidence = {
-            one.specification: Evidence(one.diagnostics["used_rollouts"], one.failures.count) for one in seen
+            one.specification: FreshRows(one.diagnostics["used_rollouts"], one.failures.count, one.errors)
+            for one in seen
         }
         before = [_Attempt.of(seen[0], "pilot")]
         frequent = [name for name, found in evidence.items() if self.aim.is_frequent(found)]
@@ -198,22 +203,22 @@ class _Work:
             diagnostics={**result.diagnostics, "choice": choice},
         )
 
-    def _rare(self, problem: Problem, evidence: Evidence, before: list[_Attempt]) -> Result:
+    def _rare(self, problem: Problem, evidence: FreshRows, before: list[_Attempt]) -> Result:
         spent, reason = list(before), self.aim.describe(evidence)
         # 3. A proposal is learned; where nothing is, it gives up before any rollout counts.
-        result = self._learned(problem, spent)
+        result = self._learned(problem, evidence, spent)
         # 4. A small trial of what climbs or branches decides on the rest by the gain it promises.
         for name in _BY_STEPS if problem.steps else _BY_TAPE:
             if result is None and self._trial(name, problem, evidence, spent):
-                result = self._counted(name, problem, spent)
+                result = self._counted(name, problem, evidence, spent)
         if result is not None:
-            return self.told(result, reason, spent)
+            return self.told(self._against_pilot(result, evidence), reason, spent)
         # 5. Nothing pays.
         tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
         (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
         return self.told(result, f"{reason}; tried in vain: {tried}", spent)
 
-    def _learned(self, problem: Problem, spent: list[_Attempt]) -> Result | None:
+    def _learned(self, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> Result | None:
         options: dict[str, Any] = {
             "pilot": max(200, self.aim.pilot),
             "stages": _STAGES,
@@ -224,7 +229,7 @@ class _Work:
             estimator = self._build("is", options)
             if estimator is None:
                 return None
-            settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent))
+            settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent), seen=evidence)
             return self.execute(problem, estimator, settings, f"{problem.names[0]}+is")[0]
         except GaveUp as end:
             spent.append(_Attempt.given_up("is", end))
@@ -232,12 +237,12 @@ class _Work:
             spent.append(_Attempt("is", error.message))
         return None
 
-    def _trial(self, name: str, problem: Problem, evidence: Evidence, spent: list[_Attempt]) -> bool:
+    def _trial(self, name: str, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> bool:
         rollouts = min(_TRIAL, self.aim.pilot)
         if not self.aim.may_try(rollouts + sum(one.rollouts for one in spent), evidence):
             return False
         built = find_ability(self._build(name, {}), ScalesToCost)
-        probability = max(evidence.failures, 0.3) / evidence.rollouts
+        probability = max(evidence.failures, 0.3) / evidence.rows
         sized = built.scaled(rollouts, probability) if built is not None else None
         if sized is None:
             return False
@@ -252,15 +257,34 @@ class _Work:
         spent.append(_Attempt.of(found, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
         return pays(gain)
 
-    def _counted(self, name: str, problem: Problem, spent: list[_Attempt]) -> Result | None:
+    def _counted(
+        self, name: str, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
+    ) -> Result | None:
         options = {} if self.aim.goal is None else {"relative_error": self.aim.goal}
-        settings = replace(self.settings, budget=self._budget(problem, spent))
+        settings = replace(self.settings, budget=self._budget(problem, spent), seen=evidence)
         try:
             estimator = self._build(name, options)
             return self.execute(problem, estimator, settings, f"{problem.names[0]}+{name}")[0]  # type: ignore[arg-type]
         except Refused as error:
             spent.append(_Attempt(name, error.message))
             return None
+
+    def _against_pilot(self, result: Result, evidence: FreshRows) -> Result:
+        """Widen an interval that the pilot's failures contradict: no score or proposal hides any from it.
+
+        Only a pilot with more failures than the interval allows does: one with few has led here.
+        """
+        counted = evidence.interval(result.confidence)
+        if counted[0] <= result.interval[1]:
+            return result
+        found = dict(result.health)
+        if "pilot_disagrees" not in self.settings.suppress:
+            found |= health.warn(
+                "pilot_disagrees", failures=evidence.failures, rows=evidence.rows,
+                counted=format_interval(counted), interval=format_interval(result.interval),
+            )  # fmt: skip
+        widened = partial(intervals.hull, result.interval_at, evidence.interval)
+        return replace(result, interval_at=widened, health=found)
 
     def _monte_carlo(self, problem: Problem, spent: Sequence[_Attempt], name: str) -> list[Result]:
         given, budget = self.config, self.settings.budget

@@ -23,7 +23,8 @@ class AutoConfig(BaseModel):
     )  # fmt: skip
     rollouts: int | None = Field(
         default=None, ge=1, le=10**12,
-        description="most rollouts of a specification, pilot and learning included (default: 50,000)",
+        description="most rollouts of a specification, by the steps of complete ones, pilot and learning "
+        "included (default: 50,000)",
     )  # fmt: skip
     threshold: float | None = Field(
         default=None, gt=0.0, lt=1.0,

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from avrare.base.number_format import format_percent
+from avrare.estimation.fresh_rows import FreshRows
 
 GOAL = 0.2
 """Relative error aimed at where nothing is given."""
@@ -63,45 +64,37 @@ class Aim:
         needed = _ENOUGH if self.goal is None else self.goal**-2
         return min(10, max(3, round(needed / 5)))
 
-    def needed(self, evidence: Evidence) -> float:
+    def needed(self, evidence: FreshRows) -> float:
         """Return the rollouts that Monte Carlo is expected to need.
 
         A pilot that ended before its failures gets one more: too few are likelier than too many.
         """
         wanted = _ENOUGH if self.goal is None else self.goal**-2 + 2.0
-        return wanted * evidence.rollouts / max(evidence.failures, min(evidence.failures + 1, self.failures))
+        return wanted * evidence.rows / max(evidence.failures, min(evidence.failures + 1, self.failures))
 
-    def is_frequent(self, evidence: Evidence) -> bool:
+    def is_frequent(self, evidence: FreshRows) -> bool:
         """Return whether Monte Carlo is the estimator: nothing can pay for the attempt to learn."""
         if self.goal is None:
             return self.needed(evidence) <= self.rollouts
         return self.needed(evidence) <= _TIMES * 2 * self.pilot
 
-    def may_try(self, cost: float, evidence: Evidence) -> bool:
+    def may_try(self, cost: float, evidence: FreshRows) -> bool:
         """Return whether choosing may cost so many rollouts, should it all be in vain."""
         needed = self.needed(evidence) if self.goal is not None else self.rollouts
         return cost <= min(_VAIN * needed, _VAIN_OF_ALL * self.rollouts)
 
-    def describe(self, evidence: Evidence) -> str:
+    def describe(self, evidence: FreshRows) -> str:
         """Return what the pilot saw, and what Monte Carlo would need after it."""
         seen = f"{evidence.failures:,} failures" if evidence.failures != 1 else "1 failure"
         at_least = "" if evidence.failures else "at least "
         wanted = format_percent(0.1 if self.goal is None else self.goal)
         return (
-            f"{seen} in {evidence.rollouts:,} rollouts of the pilot: Monte Carlo needs {at_least}about "
+            f"{seen} in {evidence.rows:,} rollouts of the pilot: Monte Carlo needs {at_least}about "
             f"{_rounded(self.needed(evidence)):,} rollouts for a relative error of {wanted}"
         )
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Failures of a specification among the first rollouts of the pilot."""
-
-    rollouts: int
-    failures: int
-
-
-def promised_gain(evidence: Evidence, probability: float, relative_error: float, cost: float) -> float:
+def promised_gain(evidence: FreshRows, probability: float, relative_error: float, cost: float) -> float:
     """Return the gain over Monte Carlo that a trial promises, at its pessimistic end; 0 where it failed.
 
     Args:
@@ -112,7 +105,7 @@ def promised_gain(evidence: Evidence, probability: float, relative_error: float,
     """
     if not probability > 0.0 or not math.isfinite(relative_error):
         return 0.0
-    frequent = max(probability, evidence.failures / evidence.rollouts)
+    frequent = max(probability, evidence.failures / evidence.rows)
     return (1.0 - frequent) / frequent / (_DOUBT * max(relative_error, 1e-6) ** 2 * cost)
 
 

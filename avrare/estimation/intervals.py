@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import variance
 
 from avrare.base.special_functions import beta_quantile, bisect, normal_factor, t_factor
@@ -102,6 +102,12 @@ def log_normal(
     low = min(centre - factor * math.sqrt(spread) for centre, spread in laws)
     high = max(centre + factor * math.sqrt(spread) for centre, spread in laws)
     return min(math.exp(low), mean), min(1.0, max(math.exp(min(high, 0.0)), mean) + errors)
+
+
+def hull(one: Callable[[float], Interval], other: Callable[[float], Interval], confidence: float) -> Interval:
+    """Return the least interval that holds two others."""
+    (low, high), (lower, higher) = one(confidence), other(confidence)
+    return min(low, lower), max(high, higher)
 
 
 def log_normal_laws(

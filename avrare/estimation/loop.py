@@ -13,6 +13,7 @@ from avrare.base.errors import Interrupted, UsageError
 from avrare.base.health_messages import MESSAGES, check_names
 from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
+from avrare.estimation.fresh_rows import NO_ROWS, FreshRows
 from avrare.estimation.memory import forecast
 from avrare.estimation.pace import Pace
 from avrare.estimation.plan import (
@@ -50,6 +51,7 @@ class Settings:
         budget: Upper bound on cost.
         max_error_rate: Share of errors among the rollouts above which a result has the warning ``errors``.
         suppress: Names of health warnings to leave out.
+        seen: Counts of rollouts of the target from before (``Plan.seen``).
     """
 
     seed: int = 0
@@ -57,6 +59,7 @@ class Settings:
     budget: Budget | None = None
     max_error_rate: float = DEFAULT_MAX_ERROR_RATE
     suppress: tuple[str, ...] = ()
+    seen: FreshRows = NO_ROWS
 
 
 def run(
@@ -132,7 +135,7 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
         problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
-        settings.max_error_rate,
+        settings.max_error_rate, settings.seen,
     )  # fmt: skip
     return problem, plan
 

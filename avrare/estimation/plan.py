@@ -11,6 +11,7 @@ from avrare import protocols
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
+from avrare.estimation.fresh_rows import NO_ROWS, FreshRows
 from avrare.estimation.result import Result
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
@@ -35,6 +36,8 @@ class Plan:
         budget: Upper bound on cost, or None for the estimator's own options. With one of seconds,
             requests are answered in part, by their first rows, where the time does not pay for all.
         max_error_rate: Share of errors among the rollouts above which the result has the warning ``errors``.
+        seen: Counts of rollouts of the target from before the estimate: not part of it, they vouch for it or
+            contradict it, and count in the blind bound.
     """
 
     names: tuple[str, ...]
@@ -44,6 +47,7 @@ class Plan:
     confidence: float
     budget: Budget | None
     max_error_rate: float
+    seen: FreshRows = NO_ROWS
 
     @property
     def tape_bytes(self) -> int:

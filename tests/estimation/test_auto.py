@@ -1,18 +1,19 @@
 """``auto``: a pilot chooses the estimator; what counts is as unbiased as without the choice."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.auto import Auto
+from avrare.estimation.auto import Auto, _Work
 from avrare.estimation.auto_config import AutoConfig
-from avrare.estimation.auto_rules import Aim, Evidence, promised_gain
+from avrare.estimation.auto_rules import Aim, promised_gain
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.plan import GaveUp
@@ -185,17 +186,17 @@ def test_cross_check_is_of_another_family():
 def test_rules():
     goal, spend = Aim(0.2, 50_000), Aim(None, 30_000)
     assert (goal.failures, goal.pilot, spend.pilot) == (5, 3000, 2000)
-    assert goal.is_frequent(Evidence(3000, 2))
-    assert not goal.is_frequent(Evidence(3000, 1))
-    assert spend.is_frequent(Evidence(2000, 6))
-    assert not spend.is_frequent(Evidence(2000, 5))
-    assert goal.may_try(12_000, Evidence(3000, 1))
-    assert not goal.may_try(13_000, Evidence(3000, 1))
+    assert goal.is_frequent(FreshRows(3000, 2))
+    assert not goal.is_frequent(FreshRows(3000, 1))
+    assert spend.is_frequent(FreshRows(2000, 6))
+    assert not spend.is_frequent(FreshRows(2000, 5))
+    assert goal.may_try(12_000, FreshRows(3000, 1))
+    assert not goal.may_try(13_000, FreshRows(3000, 1))
     # learning in vain costs at most 0.3 of what Monte Carlo then needs
-    assert 3 * goal.pilot / goal.needed(Evidence(3000, 1)) < 0.3
-    assert promised_gain(Evidence(3000, 0), 0.0, float("nan"), 100.0) == 0.0
-    assert promised_gain(Evidence(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
-    assert promised_gain(Evidence(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
+    assert 3 * goal.pilot / goal.needed(FreshRows(3000, 1)) < 0.3
+    assert promised_gain(FreshRows(3000, 0), 0.0, float("nan"), 100.0) == 0.0
+    assert promised_gain(FreshRows(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
+    assert promised_gain(FreshRows(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
 
 
 @pytest.mark.slow
@@ -281,3 +282,16 @@ def test_the_time_of_a_part_that_gave_up_counts():
     assert [one["estimator"] for one in chosen(result)["tried"]][:2] == ["mc", "is"]
     assert min(seconds) > 0.0
     assert result.seconds == pytest.approx(sum(seconds))
+
+
+def test_a_pilot_that_met_what_the_choice_misses_contradicts_it():
+    missed = avrare.estimate(problem(RARE), "ams", seed=1)
+    work, pilot = _Work(problem(RARE), Settings(), run, Aim(0.2, 5e4), AutoConfig()), FreshRows(900, 6)
+    widened = work._against_pilot(missed, pilot)
+    low, high = widened.interval
+    assert list(widened.health) == [*missed.health, "pilot_disagrees"]
+    assert (low, high) == (missed.interval[0], pilot.interval(0.95)[1])
+    assert widened.probability == missed.probability
+    assert work._against_pilot(missed, FreshRows(3000, 1)) is missed
+    quiet = replace(work, settings=Settings(suppress=("pilot_disagrees",)))._against_pilot(missed, pilot)
+    assert (quiet.interval, quiet.health) == (widened.interval, missed.health)

@@ -7,8 +7,8 @@ import pytest
 
 import avrare
 from avrare.estimation import intervals
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.testing.problems import reference_problem
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.agreement import find_doubts, missed_probability
 from avrare_estimators.importance.cross_check import GROUPS, CrossCheckResult
 

@@ -5,9 +5,12 @@ import pytest
 
 import avrare
 from avrare.estimation import intervals
+from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.loop import Settings, run
+from avrare.plugin.registry import default_registry
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import reference_problem
-from avrare_estimators.fresh import FreshRows
 
 SIZES = {
     "ams": {"particles": 40, "discard": 8, "runs": 3},
@@ -26,6 +29,24 @@ def bound(failures, rows):
 @pytest.mark.parametrize(("name", "rows"), [("ams", 3 * 40), ("ess", 3 * 5 * (5 + 6))])
 def test_all_fresh_rows_count(name, rows):
     assert avrare.estimate(NEVER, name, **SIZES[name]).blind_bound == bound(0, rows)
+
+
+@pytest.mark.parametrize("name", [*SIZES, "smc"])
+def test_rows_from_before_the_estimate_count_in_the_bound_alone(name):
+    """Give all but ``smc`` a problem that they estimate at 0, so that the interval is the bound too."""
+    options = SIZES.get(name) or {"particles": 100, "runs": 3, "pilot": 400, "stages": 1}
+    estimator, task = default_registry().get("estimator", name), NEVER if name in SIZES else LIKELY
+
+    def run_after(seen):
+        built = estimator.load_factory()(estimator.load_config()(**options), None)
+        (result,) = run(task, built, SerialExecutor(), Settings(seed=1, seen=seen))
+        return result
+
+    alone, after = run_after(FreshRows()), run_after(FreshRows(100_000, 2))
+    assert after.run_probabilities.tolist() == alone.run_probabilities.tolist()
+    assert bound(2, 110_000) < after.blind_bound < bound(50, 100_000) < alone.blind_bound
+    if name in SIZES:
+        assert after.interval[1] < alone.interval[1]
 
 
 @pytest.mark.slow

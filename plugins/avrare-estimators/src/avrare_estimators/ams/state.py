@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Integers
 from avrare_estimators.ams.leaps import Leaps
 from avrare_estimators.ams.learned_score import PathTable, ScoreLearning
 from avrare_estimators.ams.population import Branches, Population, TapeAddresses
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.in_turn import take_in_turn
 from avrare_estimators.looks import Looks, Pilot
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.estimation import health, intervals
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
@@ -18,7 +19,6 @@ from avrare.rollout.request import Integers
 from avrare_estimators.ams.population import TapeAddresses
 from avrare_estimators.ams.state import AmsState, EndedRuns
 from avrare_estimators.config import AmsConfig
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.in_turn import take_in_turn
 from avrare_estimators.looks import Looks
 
@@ -32,6 +32,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """Return the result of runs that have all ended."""
     plan, tally, ended = state.plan, state.tally, state.finished()
     looks, pilot, learning = state.looks or Looks((ended.runs,)), state.pilot, state.learning
+    fresh = plan.seen + state.fresh
     before = sum(part.rollouts for part in (pilot, learning and learning.spent) if part)
     violated, values = ended.violated, ended.probabilities
     probability = float(values.mean())
@@ -50,8 +51,8 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         warnings |= health.warn("leaps", share=state.leaps.share)
     variance = _variances(ended, values)
     relative = relative_variance(values, variance, state.particles)
-    interval_at = looks.interval(ended.runs, _interval(ended, values, state.fresh, relative))
-    if state.fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
+    interval_at = looks.interval(ended.runs, _interval(ended, values, fresh, relative))
+    if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
         warnings.pop("few_roots", None)
     return build_result(
         plan,
@@ -64,7 +65,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         failures=_failures(state, ended),
         worst=_worst(state, ended),
         robustness=state.first,
-        blind_bound=looks.interval(ended.runs, state.fresh.interval)(plan.confidence)[1],
+        blind_bound=looks.interval(ended.runs, fresh.interval)(plan.confidence)[1],
         relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={
             "full_rollouts": violated.size,

@@ -7,13 +7,13 @@ from hashlib import blake2b
 
 import numpy as np
 
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Worst
 from avrare.estimation.result_builder import missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ess.level_pass import LevelPass
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.in_turn import far_apart, take_in_turn
 from avrare_estimators.looks import Looks, Pilot
 

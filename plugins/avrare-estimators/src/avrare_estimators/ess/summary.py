@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from avrare.estimation import health, intervals
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result
 from avrare.estimation.result_builder import build_result
 from avrare.protocols import Floats
@@ -18,7 +19,6 @@ from avrare_estimators.ess.chains import Kernel
 from avrare_estimators.ess.level_pass import LevelPass
 from avrare_estimators.ess.levels import r_hat
 from avrare_estimators.ess.state import EssState
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.looks import Looks
 from avrare_estimators.weights import effective_size
 
@@ -28,7 +28,8 @@ def summarise(
 ) -> Result:
     """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
     plan, last, tally = state.plan, state.level_pass, state.tally
-    fresh = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
+    own = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
+    fresh = plan.seen + own
     values = last.probabilities
     looks = state.looks or Looks((len(values),))
     probability = float(values.mean())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.memory import allowance
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result
@@ -17,7 +18,6 @@ from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.config import CeConfig, IsConfig
 from avrare_estimators.cost import affordable_rollouts
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
@@ -117,11 +117,8 @@ class WeightedSampler:
 
     def estimate(self, state: SamplingState) -> list[Result]:
         """Return the weighted mean, its interval, and the health of the weights."""
-        return [
-            summarise(
-                self.name, state.plan, state.finished, state.tally, state.first, state.fresh, self.noise_size
-            )
-        ]
+        plan, fresh = state.plan, state.plan.seen + state.fresh
+        return [summarise(self.name, plan, state.finished, state.tally, state.first, fresh, self.noise_size)]
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of all samples' rows, and of a wave or of the cross-check's chains."""

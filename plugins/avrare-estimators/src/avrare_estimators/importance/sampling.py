@@ -17,12 +17,12 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_law import CHOICES, TapeLaw
 from avrare.stack.closed_loop import SamplingLaw
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.proposals import NoiseProposal
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.weights import mixture_log_weights

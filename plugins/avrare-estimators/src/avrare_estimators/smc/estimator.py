@@ -8,6 +8,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
+from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result, Worst
@@ -16,7 +17,6 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.config import LEAST_PILOT, SmcConfig
 from avrare_estimators.feature_count import FEATURES, count_features
-from avrare_estimators.fresh import FreshRows
 from avrare_estimators.importance.dictionary import dictionary_bytes
 from avrare_estimators.importance.sampling import PartialSample, wave_bytes
 from avrare_estimators.importance.words import NoiseNames
@@ -140,7 +140,7 @@ class SequentialMonteCarlo:
         assert self.problem is not None
         result = summarise(
             self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
-            state.tally, state.first, state.fresh, self.names,
+            state.tally, state.first, state.plan.seen + state.fresh, self.names,
         )  # fmt: skip
         kept, worst = result.failures, result.worst
         robustness = _complete(self.problem, kept.noise, kept.robustness)

@@ -60,3 +60,6 @@ class FreshRows:
     def blind_bound(self, confidence: float) -> float:
         """Return the upper bound for failures of any kind, and so for those that a score does not lead to."""
         return self.interval(confidence)[1]
+
+
+NO_ROWS = FreshRows()
