@@ -1,7 +1,7 @@
 """The calibration benchmark: how often is a rare-event tool's interval wrong, and what does an answer cost?
 
     python -m benchmarks.calibration.environments      # once: the tools, each in an environment of its own
-    python -m benchmarks.calibration [--quick] [--only REGEX] [--seeds 20] [--workers 2]
+    python -m benchmarks.calibration [--quick] [--only REGEX] [--seeds 3] [--workers 2]
 
 Each answer is a cell, a line of the tool's file in the results folder; what is there is not made again, so a
 run may be stopped and go on. A results folder that is not there begins with the kept cells. Writes
@@ -23,7 +23,7 @@ from benchmarks.calibration import cells, report
 from benchmarks.calibration.environments import interpreter
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.runner import Runner
-from benchmarks.calibration.scope import BUDGETS, SEEDS
+from benchmarks.calibration.scope import BUDGETS, planned
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
 from benchmarks.studies import kept
 
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one budget, the first setting, 30 minutes")
     parser.add_argument("--only", default="", help='regular expression on "tool problem": "ams.*walk"')
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="answers of each cell")
+    parser.add_argument("--seeds", type=int, help="answers of each tool to a problem (as in the full run)")
     parser.add_argument("--budgets", default="", help="such as 1000,10000")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, help="end after so many, whatever is missing")
@@ -61,12 +61,17 @@ def main(argv: Sequence[str] | None = None) -> None:
         report.write(args.results)
 
 
-def wanted(seeds: int, budgets: Sequence[int], quick: bool, only: str) -> Iterator[cells.Key]:
+def wanted(seeds: int | None, budgets: Sequence[int], quick: bool, only: str) -> Iterator[cells.Key]:
     """Yield the keys, seed by seed, so that an end at any time leaves all tools and problems alike."""
-    for seed, budget, tool in itertools.product(range(seeds), budgets, TOOLS.values()):
-        for setting, problem in itertools.product(tool.settings, problems().values()):
+    pairs = [
+        (tool, setting, budget, seeds or planned(setting, budget))
+        for budget in budgets for tool in TOOLS.values() for setting in tool.settings
+        if not (quick and setting != RECOMMENDED)
+    ]  # fmt: skip
+    for seed in range(max(count for *_, count in pairs)):
+        for (tool, setting, budget, count), problem in itertools.product(pairs, problems().values()):
             chosen = re.search(only, f"{tool.name} {problem.name}")
-            if chosen and not (quick and setting != RECOMMENDED) and not tool.unable(problem):
+            if seed < count and chosen and not tool.unable(problem):
                 yield tool.name, setting, problem.name, budget, seed
 
 

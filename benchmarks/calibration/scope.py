@@ -14,21 +14,27 @@ from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import LEAST_ANSWERS, Row, far_off
 from benchmarks.calibration.tools import RECOMMENDED, TOOLS
 
-BUDGETS, SEEDS = (1_000, 10_000, 100_000), 20
-"""Budgets and seeds of the full run."""
+BUDGETS = (1_000, 10_000, 100_000)
+"""Budgets of the full run."""
+_SEEDS, _LARGE = 10, 100_000
+"""Answers of a tool to a problem, and the budget from which on there is one."""
 FEW = 10
 """Dimensions that are few."""
 _NAMED, _LONG = 5, 120
 """Problems that are named, and characters of a reason."""
 
 
+def planned(setting: str, budget: int) -> int:
+    """Return the answers of a tool to a problem in the full run: one where they are dear, or a variant's."""
+    return _SEEDS if setting == RECOMMENDED and budget < _LARGE else 1
+
+
 def possible() -> int:
     """Return the number of answers of the full run."""
-    asked = sum(
-        len(tool.settings) * sum(not tool.unable(problem) for problem in problems().values())
-        for tool in TOOLS.values()
-    )
-    return asked * len(BUDGETS) * SEEDS
+    return sum(
+        planned(setting, budget) * sum(not tool.unable(problem) for problem in problems().values())
+        for tool in TOOLS.values() for setting in tool.settings for budget in BUDGETS
+    )  # fmt: skip
 
 
 def typical_seeds(rows: Sequence[Row]) -> int:
@@ -58,8 +64,8 @@ def _answers(count: int) -> str:
 
 def cells_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:
     """Return how many answers there are, of what, and what share of the full run."""
-    total, counts = sum(len(row.cells) for row in rows), [len(row.cells) for row in shown]
-    share = total / possible()
+    total = sum(min(len(row.cells), planned(row.setting, row.budget)) for row in rows)
+    counts, share = [len(row.cells) for row in shown], total / possible()
     few, many = min(counts), max(counts)
     text = (
         f"**These are {total:,} of the {possible():,} answers of the full run"

@@ -17,7 +17,7 @@ So many answers tell a tool that is far off from one that is not. With {seeds} o
 
     python -m benchmarks.calibration.environments     # the tools, each in an environment of its own
     python -m benchmarks.calibration --quick          # 30 minutes on two cores
-    python -m benchmarks.calibration                  # all budgets and settings, 20 seeds
+    python -m benchmarks.calibration                  # all budgets and settings: ten answers each, one of *tuned* and at 100,000
 
 [`table.csv`](calibration/table.csv) has a row for each tool, setting, problem and budget; `cells.zip`
 beside it every answer.

@@ -4,6 +4,7 @@ import importlib.util
 import random
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,14 @@ from avrare.testing.problems import reference_problem
 from avrare_glider.config import GliderConfig, NoiseConfig
 from avrare_glider.simulator import GliderSimulator
 from benchmarks.calibration import cells, report, runner, scope
+from benchmarks.calibration.__main__ import wanted
 from benchmarks.calibration.answer import Counted, NoAnswerError, of_deviation, of_runs
 from benchmarks.calibration.environments import interpreter
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.problems.driving import systems
 from benchmarks.calibration.problems.problem import rolled
 from benchmarks.calibration.report import KEPT, page, table
+from benchmarks.calibration.scope import BUDGETS
 from benchmarks.calibration.summary import Row, best, rows_of
 from benchmarks.calibration.tools import TOOLS, gams_tools
 from benchmarks.calibration.words import REASONS
@@ -88,6 +91,20 @@ def test_scores_reach_one_at_failure_alone(name):
         state = system.step(state, noise[:, t])
         highest = np.maximum(highest, system.score(state))
     np.testing.assert_array_equal(rolled(system, tapes) <= 0.0, highest >= 1.0)
+
+
+def test_the_full_run_has_ten_answers_but_one_where_they_are_dear_or_a_variants():
+    def count(seeds):
+        keys = wanted(seeds, BUDGETS, quick=False, only="^avrare ams walk_3.8$")
+        return Counter((setting, budget) for _, setting, _, budget, _ in keys)
+
+    tuned = {("tuned", budget): 1 for budget in BUDGETS}
+    assert count(None) == {
+        **tuned,
+        **{("recommended", b): n for b, n in zip(BUDGETS, (10, 10, 1), strict=True)},
+    }
+    assert set(count(3).values()) == {3}
+    assert sum(1 for _ in wanted(None, BUDGETS, quick=False, only="")) == scope.possible()
 
 
 def test_black_box_counts_and_stops():

@@ -138,6 +138,28 @@ class Regimes(Always):
         return self.level - state[:, 0]
 
 
+class Coins(Always):
+    """Ornstein-Uhlenbeck walk that fails at a level, or at once if two rare coins fall.
+
+    State: x, fallen, time.
+    """
+
+    noise_size, steps, start = 3, 100, (0.0, 0.0, 0.0)
+
+    def __init__(self, level: float, coin: float) -> None:
+        self.level, self.least = level, -float(inverse(coin))
+
+    def step(self, state: Floats, noise: Floats) -> Floats:
+        """Move; toss both coins at the first step."""
+        x, t = 0.9 * state[:, 0] + _UNIT * noise[:, 0], state[:, 2]
+        fallen = (t == 0.0) & (noise[:, 1:] > self.least).all(axis=1)
+        return np.stack([x, np.maximum(state[:, 1], fallen), t + 1.0], axis=1)
+
+    def margin(self, state: Floats) -> Floats:
+        """Return the distance (N,) to the level, 0 once the coins have fallen."""
+        return np.where(state[:, 1] > 0.0, 0.0, self.level - state[:, 0])
+
+
 class Outliers(Always):
     """Largest numbers of two channels over 20 steps, both of which must be large to fail. State: both."""
 
@@ -171,6 +193,8 @@ def chain_problems() -> Iterator[Problem]:
     ):
         chain = Chain(level, 100, 0.9, _UNIT)
         yield stepwise(f"ou_{level:.0f}", "steps, progress decays", chain, p, _QUADRATURE)
+    both = -math.expm1(math.log1p(-1.7964133614711844e-05) + math.log1p(-1e-4))
+    yield stepwise("ou_or_coins", "steps, hidden mode of two numbers", Coins(5.0, 1e-2), both, _QUADRATURE)
     outlier = Chain(4.417163142222428, 20, 0.0, 1.0)
     yield stepwise("one_outlier", "steps, no progress", outlier, 1e-4, "closed form")
     peak = -math.expm1(20 * math.log1p(-2.0 * float(below(np.array(-3.6)))))
