@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
@@ -27,14 +26,11 @@ def execute(args: argparse.Namespace) -> int:
     """Estimate the rates of the catalogue, report their verdicts, and return the exit code."""
     catalogue = _thresholds(args)
     ensure_files({"--junit": args.junit, "--markdown": args.markdown})
-    resumed = args.resume is not None and Path(args.resume).is_dir()
     rates = rate.estimate(
         argparse.Namespace(
             **{name: getattr(args, name) for name in ("workers", "executor", "budget", "json")},
-            **{name: getattr(args, name) for name in ("quiet", "plain")},
+            **{name: getattr(args, name) for name in ("quiet", "plain", "out", "resume")},
             catalogue=catalogue.path,
-            resume=args.resume if resumed else None,
-            out=args.out if resumed else args.resume or args.out,
         ),
         "check",
     )
@@ -60,8 +56,6 @@ def _thresholds(args: argparse.Namespace) -> Catalogue:
             option = "--" + name.replace("_", "-")
             hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
             raise UsageError(f"{option} is an option of scenarios, and {path} is a catalogue", hint)
-    if args.out and args.resume and Path(args.out).resolve() != Path(args.resume).resolve():
-        raise UsageError("--out cannot be combined with --resume", "results go to the check's folder")
     catalogue = load_catalogue(path)
     if not catalogue.document.thresholds:
         hint = "add one, such as {rule: no_collision, per_hour: '< 1e-3'}, or run avrare rate"

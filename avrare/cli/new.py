@@ -7,10 +7,13 @@ import re
 import shlex
 from pathlib import Path
 
-from avrare.base.errors import UsageError
+from avrare.base.errors import AvrareError, UsageError
 from avrare.cli.output import say
+from avrare.cli.validate import first_steps
 from avrare.plugin.new_package import check_name, write
 from avrare.plugin.registry import default_registry
+from avrare.rollout.loaded_scenario import load
+from avrare.stack.builder import try_stack
 from avrare.stack.new_scenario import write_scenario
 
 
@@ -39,8 +42,28 @@ def _write_scenario(args: argparse.Namespace) -> None:
         raise UsageError(f"{args.name!r} is no name for a scenario", "for example cut_in")
     path = Path(args.out) / f"{name}.yaml"
     signals = write_scenario(path, args.simulator, args.set, default_registry(), args.act)
-    file = shlex.quote(str(path))
     say(f"{path}: signals {', '.join(signals)}")
     if args.act:
         say(f"{path.with_suffix('.py')}: act(observation), the controller")
-    say(f"next: avrare validate --build {file} && avrare run {file}")
+    file = shlex.quote(str(path))
+    commands = f"avrare validate --build {file} && avrare run {file}"
+    error = _find_obstacle(path)
+    if error is None:
+        say(f"next: {commands}")
+        return
+    if args.act:
+        step = error.hint or "correct the controller"
+    else:
+        step = f"{error.hint or 'add a `controller:`'}; or repeat with --act, which writes a first controller"
+    say(f"it does not run yet: {error.message}", f"next: {step}; then {commands}")
+
+
+def _find_obstacle(path: Path) -> AvrareError | None:
+    """Try the first step of a new scenario: only the simulator knows whether it acts by itself."""
+    try:
+        scenario = load(path)
+        with first_steps(scenario.definition):
+            try_stack(scenario.definition, scenario.stack, steps=1)
+    except AvrareError as error:
+        return error
+    return None

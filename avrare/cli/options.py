@@ -94,7 +94,7 @@ OPTIONS: dict[str, Options] = {
         "--learned FILE": "run is, smc or ams with FILE, the learned.json of another run, and no pilot",
         "--cross-check": "check each estimate by a smaller one of another family (as `cross_check: true`)",
         "--out DIR": "results folder (default: a new one under runs/)",
-        "--resume DIR": "resume the interrupted run in this folder",
+        "--resume DIR": "resume the interrupted run in this folder, or with a SCENARIO begin it there",
         "--failures DIR": "replay the failures stored in DIR first, and store new ones there",
         "--json": "print result.json and nothing else on stdout",
         "--no-pictures": "draw no pictures",
@@ -116,7 +116,8 @@ OPTIONS: dict[str, Options] = {
             "--junit FILE": "write JUnit XML",
             "--markdown FILE": "write a summary for a merge request",
             "--out DIR": "write check.json and the run folders",
-            "--resume DIR": "as --out; saves finished work there, from which an interrupted check resumes",
+            "--resume DIR": "as --out; saves finished work there: the same command begins the check, goes on "
+            "after an interruption, and gives the verdict again once it is finished",
             "--json": "print check.json and nothing else on stdout",
         },
         **_DISPLAY,
@@ -128,7 +129,7 @@ OPTIONS: dict[str, Options] = {
         "--budget KIND=N": "budget of all scenes together, the pilot included: steps=N or rollouts=N; "
         "default: the catalogue's",
         "--out DIR": "results folder (default: a new one under runs/)",
-        "--resume DIR": "resume the interrupted run of the same catalogue in this folder",
+        "--resume DIR": "resume the run of the same catalogue in this folder, or begin it there",
         "--json": "print rate.json and nothing else on stdout",
         **_SAFE,
         **_DISPLAY,

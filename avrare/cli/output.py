@@ -73,6 +73,23 @@ def can_draw() -> bool:
     return has_matplotlib()
 
 
+def resumed_folder(args: argparse.Namespace) -> Path | None:
+    """Return the folder of ``--resume``, if it is given; a note says where a run begins in it."""
+    if args.resume is None:
+        return None
+    from avrare.results.run_folder import refuse_links
+
+    folder = Path(args.resume)
+    if args.out is not None and Path(args.out).resolve() != folder.resolve():
+        raise UsageError("--out cannot be combined with --resume", "results go to the folder of --resume")
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"--resume {folder}: is no folder", "give the folder that --out named, or a new one")
+    refuse_links(folder)
+    if not folder.is_dir() or not any(folder.iterdir()):
+        say(f"{folder}: nothing to resume there yet: this is the beginning", error=True)
+    return folder
+
+
 UNFINISHED = "unfinished"
 """File in a folder of results that a command has begun to write; what lies beside it may be replaced."""
 

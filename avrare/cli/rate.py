@@ -17,7 +17,7 @@ from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import Interrupted, UsageError
 from avrare.base.stored_files import read_json
 from avrare.cli.options import display
-from avrare.cli.output import print_warnings, say, write_files
+from avrare.cli.output import print_warnings, resumed_folder, say, write_files
 from avrare.cli.run import check_start, estimate_run
 from avrare.estimation.budget import Budget
 from avrare.report.html.rate_page import render_rates
@@ -71,13 +71,8 @@ def _resume_command(command: str, args: argparse.Namespace, out: Path) -> str:
 
 
 def _out_folder(args: argparse.Namespace, catalogue: Catalogue) -> Path:
-    if args.resume is not None:
-        if args.out is not None and Path(args.out).resolve() != Path(args.resume).resolve():
-            raise UsageError("--out cannot be combined with --resume", "results go to the folder of --resume")
-        if not Path(args.resume).is_dir():
-            raise UsageError(f"--resume {args.resume}: no such folder", "give the folder that --out named")
-        rundir.refuse_links(Path(args.resume))
-        return Path(args.resume)
+    if (folder := resumed_folder(args)) is not None:
+        return folder
     out = Path(args.out or f"runs/{catalogue.document.name}-{datetime.now():%Y%m%d-%H%M%S}")
     if any((out / name).exists() for name in ("own", "pilot", "scenes", "rate.json", _BUDGET)):
         raise UsageError(

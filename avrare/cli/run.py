@@ -6,7 +6,7 @@ import argparse
 import json
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, ScenarioError, UsageError
 from avrare.cli.options import display, load_scenarios, overrides
-from avrare.cli.output import can_draw, print_warnings, say
+from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SaveError
 from avrare.estimation.cross_check import without_check
@@ -76,8 +76,8 @@ def execute(args: argparse.Namespace) -> int:
             contents = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:
-        if out is None:
-            rundir.remove_empty(home)
+        for folder in [home] if out is None else [home / name for name in names]:
+            rundir.remove_empty(folder)
         raise
     return _finish(args, contents)
 
@@ -85,12 +85,10 @@ def execute(args: argparse.Namespace) -> int:
 def _out_folder(args: argparse.Namespace) -> Path | None:
     if args.resume is None:
         return None if args.out is None else Path(args.out)
-    if args.out is not None and Path(args.out).resolve() != Path(args.resume).resolve():
-        raise UsageError("--out cannot be combined with --resume", "results go to the run's folder")
-    if not Path(args.resume).is_dir():
-        raise UsageError(f"--resume {args.resume}: no such folder", "give the folder that --out named")
-    rundir.refuse_links(Path(args.resume))
-    return Path(args.resume)
+    if not args.scenarios and not Path(args.resume).exists():
+        hint = "give the folder that --out named, or a SCENARIO to begin there"
+        raise UsageError(f"--resume {args.resume}: no such folder", hint)
+    return resumed_folder(args)
 
 
 def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
@@ -205,9 +203,11 @@ def _run_scenario(
     _use_failures(scenario, results, args)
     draws = not args.no_pictures and scenario.scene is not None and can_draw()
     pictures = draw_run(scenario, results, folder) if draws else []
-    if not args.json:
-        _show(definition, results, folder, pictures, display(args))
-    say(*call_back(folder), error=args.json)
+    told = call_back(folder)
+    with suppress(BrokenPipeError):  # `| head -1`: further scenarios still run, and no checkpoint stays
+        if not args.json:
+            _show(definition, results, folder, pictures, display(args))
+        say(*told, error=args.json)
     return content
 
 
@@ -223,7 +223,8 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
         new, lines = store_worst(database, scenario, found)
         if new:
             lines = [f"{len(new)} new failures in {args.failures}: {', '.join(new)}", *lines]
-    say(*lines, error=args.json)
+    with suppress(BrokenPipeError):
+        say(*lines, error=args.json)
 
 
 def estimate_run(

@@ -29,17 +29,17 @@ def _build(scenario: Scenario) -> list[str]:
 
     built = LoadedScenario(scenario)
     stack = built.stack
-    with _first_steps(scenario):
+    with first_steps(scenario):
         print_warnings(try_stack(scenario, stack, steps=3))
     found, memory = check_scenario(built)
     print_warnings((f"{scenario.path}: {name}: {text}", None) for name, text in found.items())
-    with _first_steps(scenario):
+    with first_steps(scenario):
         draws = try_draws(scenario, stack)
     return [*draws, memory.describe()]
 
 
 @contextmanager
-def _first_steps(scenario: Scenario) -> Iterator[None]:
+def first_steps(scenario: Scenario) -> Iterator[None]:
     """Tell what a part of the stack raises as its own mistake; in a run such rollouts count as errors."""
     try:
         yield

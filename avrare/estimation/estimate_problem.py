@@ -29,6 +29,7 @@ from avrare.estimation.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import Executor, build_executor
+from avrare.rollout.executors.worker_process import exit_if_unguarded
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.rollout.twin import check_twin
@@ -125,9 +126,12 @@ class _Call:
     def estimate(self, problem: Problem, name: str) -> list[Result]:
         if not isinstance(self.checkpoint, (str, os.PathLike, type(None))):
             raise UsageError(f"checkpoint must be the path of a folder, not {self.checkpoint!r}")
+        if self.workers != 1:
+            exit_if_unguarded()  # before the checkpoint is opened, which the parent holds
         check = parse_cross_check(self.cross_check, name)
         paid = without_check(Budget.parse(self.budget), check)
-        settings = Settings(self.seed, self.confidence, paid, suppress=tuple(self.suppress))
+        suppress = (self.suppress,) if isinstance(self.suppress, str) else tuple(self.suppress)
+        settings = Settings(self.seed, self.confidence, paid, suppress=suppress)
         built = _estimator(name, self.options)
 
         def complete(journal: Callable[[str], Journal | None]) -> list[Result]:

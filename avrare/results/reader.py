@@ -347,10 +347,23 @@ def select_specifications(folder: RunFolder, specification: str | None) -> list[
         raise UsageError(f"{folder.path}: there is no specification {specification!r}", hint)
     found = [name for name in known if name in folder.failures and specification in (None, name)]
     if not found:
-        of = f" of {specification}" if specification else ""
-        hint = "no rollout failed; run more rollouts, or an estimator for rare events"
-        raise UsageError(f"{folder.path}: no failure{of} is stored", hint)
+        raise _explain_absence(folder, specification)
     return found
+
+
+def _explain_absence(folder: RunFolder, specification: str | None) -> UsageError:
+    # An error is no failure: where rollouts broke down, more of them would not help.
+    estimates = [one for one in folder.result.estimates if specification in (None, one.specification)]
+    worst = max(estimates, key=lambda one: one.errors)
+    warning = (worst.warnings or {}).get("errors")
+    counts = f"{worst.errors} of {worst.rollouts} rollouts ended in an error" if worst.errors else ""
+    reason = warning or counts
+    text = f"{folder.path}: no failure{f' of {specification}' if specification else ''} is stored"
+    hint = "no rollout failed; run more rollouts, or an estimator for rare events"
+    if warning is not None:
+        command = shlex.join(["avrare", "validate", "--build", str(folder.path / SCENARIO)])
+        hint = f"mend the stack and run it again; {command} tries its first steps"
+    return UsageError(f"{text}: {reason}" if reason else text, hint)
 
 
 def select_failure(
@@ -360,10 +373,9 @@ def select_failure(
 
     Without a specification only one may have failures; without an index it is the least robust one.
     """
-    listing = ", ".join(f"{name} ({len(found.robustness)})" for name, found in stored.items())
     if not stored:
-        hint = "no rollout failed; run more rollouts, or an estimator for rare events"
-        raise UsageError(f"{folder}: no failure is stored", hint)
+        raise _explain_absence(read_run_folder(folder), None)
+    listing = ", ".join(f"{name} ({len(found.robustness)})" for name, found in stored.items())
     if specification is None and len(stored) > 1:
         hint = f"choose one with --specification: {listing}"
         raise UsageError(f"{folder}: several specifications have failures", hint)

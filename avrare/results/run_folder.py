@@ -18,24 +18,28 @@ from numpy.typing import NDArray
 
 from avrare.base.atomic_files import explain_file_errors, remove_torn, write_text
 from avrare.base.errors import AvrareError, ExitCode, UsageError
-from avrare.base.stored_files import digest, seal, write_arrays
+from avrare.base.stored_files import digest, read_json, seal, write_arrays
 from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import FOLDER, SCENARIO, Checkpoint, read_index, resume_hint
+from avrare.estimation.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoint, read_index, resume_hint
 from avrare.estimation.result import Result
 from avrare.results.checkout import describe_checkout
 from avrare.results.reader import (
     FAILURE_FIELDS,
     FAILURES_FILE,
     ROLLOUTS_FILE,
+    RUN_AGAIN,
     SAMPLE_LAW,
     RunFolder,
     read_run_folder,
 )
+from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
 from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
 
+_OF_A_RESULT = (KINDS_FILE, ATTRIBUTION_FILE, "report.html")
+"""Files that other commands derive from a result: they are not true of the next one in its folder."""
 _MAX_SAMPLES = 100_000
 """Stored robustness values of a specification: those of its first rollouts."""
 
@@ -67,6 +71,23 @@ def refuse_links(folder: Path) -> None:
         if path.is_symlink():
             text = f"{path}: is a link; a run is resumed in a folder of its own files only"
             raise UsageError(text, "replace it by a copy, or start afresh in another folder")
+
+
+def _refuse_others(out: Path, scenarios: Sequence[Scenario]) -> None:
+    """Raise a ``UsageError`` if a folder has results that a run of these scenarios would not replace.
+
+    They would be taken for this run's.
+    """
+    own = {out / one.name if len(scenarios) > 1 else out: one.name for one in scenarios}
+    for file in [*out.glob("result.json"), *sorted(out.glob("*/result.json"))]:
+        folder, found = file.parent, None
+        with suppress(UsageError):  # a damaged one can be replaced
+            found = read_json(file, RUN_AGAIN).get("scenario")
+        replaced = folder in own and found in (None, own[folder])
+        separate = folder != out and folder not in own and folder.name != found
+        if not (replaced or separate):
+            text = f"{folder}: contains the result of another run" + (f", of {found}" if found else "")
+            raise UsageError(text, "choose another folder, or remove this one")
 
 
 def remove_empty(folder: Path) -> None:
@@ -110,6 +131,8 @@ def write(
     """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz."""
     hint = "free some disk space and --resume the run, or choose another --out"
     with explain_file_errors(f"{folder}: cannot write the result", hint):
+        for name in _OF_A_RESULT:
+            (folder / name).unlink(missing_ok=True)
         write_text(folder / "scenario.yaml", dump(scenario.resolved))
         write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")
         write_failures(folder, results)
@@ -135,8 +158,10 @@ def begin_checkpoint(
         )
     if resume:
         refuse_links(out)
-    elif read_index(folder) is not None:
-        _remove_without_chunks(folder)
+    else:
+        _refuse_others(out, scenarios)
+        if read_index(folder) is not None:
+            _remove_without_chunks(folder)
     paths = {one.name: str(Path(one.path).resolve()) for one in scenarios}
     files = {f"{one.name}/{SCENARIO}": dump(one.resolved).encode() for one in scenarios}
     task = _task(scenarios, budget) | ({"check": check} if check is not None else {})
@@ -202,6 +227,9 @@ def finished_results(
     if read_index(out / FOLDER) is not None:
         return []
     single = out / "result.json"
+    for index in [] if single.exists() else sorted(out.glob(f"*/{FOLDER}/{INDEX}")):
+        inside = index.parent.parent
+        raise UsageError(f"{inside}: contains an interrupted run of its own", resume_hint(inside))
     files = [single] if single.exists() else sorted(out.glob("*/result.json"))
     runs = [read_run_folder(file.parent) for file in files]
     if not scenarios and (overrides or estimator):

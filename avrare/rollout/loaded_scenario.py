@@ -26,7 +26,8 @@ def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool
 
     Args:
         path: YAML file.
-        overrides: Settings as for ``--set``, for example ``["steps=20", "estimator.particles=50"]``.
+        overrides: Settings as for ``--set``, for example ``["steps=20", "estimator.particles=50"]``; a
+            string is a single one.
         safe: Refuse code that is no installed plugin, and files outside the scenario's folder.
 
     Raises:

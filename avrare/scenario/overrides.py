@@ -9,6 +9,11 @@ from avrare.scenario.value_positions import Mark, Node, Path
 from avrare.scenario.yaml import parse_value
 
 
+def as_settings(settings: Sequence[str]) -> tuple[str, ...]:
+    """Return settings as a tuple; a string is a single one, and not a sequence of its letters."""
+    return (settings,) if isinstance(settings, str) else tuple(settings)
+
+
 def override(tree: Node, settings: Sequence[str]) -> Node:
     """Apply every ``KEY=VALUE`` in order and return the new tree.
 
@@ -16,7 +21,7 @@ def override(tree: Node, settings: Sequence[str]) -> Node:
     later whether it is allowed. VALUE is YAML. The error lists all bad settings.
     """
     problems: list[tuple[str, str | None]] = []
-    for setting in settings:
+    for setting in as_settings(settings):
         try:
             tree = _apply(tree, setting)
         except ScenarioError as error:

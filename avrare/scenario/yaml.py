@@ -7,8 +7,9 @@ aliases are bounded.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import yaml
@@ -193,6 +194,11 @@ def parse_value(text: str, mark: Mark) -> Node:
     """Parse a single value, as after ``--set KEY=``; every part of it is placed at ``mark``."""
     node = _read(text, lambda _: mark)
     return Node(None, mark, mark) if node is None else Node(node.value, mark, mark)
+
+
+def dump_list(values: Sequence[Any]) -> str:
+    """Return a list of plain data as YAML in one line, as after ``--set KEY=``."""
+    return yaml.dump(list(values), Dumper=_Dumper, default_flow_style=True, width=math.inf).strip()
 
 
 def dump(data: Mapping[str, Any]) -> str:

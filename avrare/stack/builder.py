@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from avrare.base import batch
 from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
 from avrare.driving import Scene
 from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, stl
@@ -29,7 +30,7 @@ from avrare.scenario.schema import Block, Formula, Scenario
 from avrare.scenario.specification_checks import reach_warnings
 from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
-from avrare.stack.closed_loop import ClosedLoop
+from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.drawn_start import DrawnStart, TakesDraws
 from avrare.stack.noise_names import check_noise
 from avrare.stack.unlabelled import check_labels, scene_of_tracks
@@ -146,16 +147,45 @@ def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[st
     """Run a few noise-free steps and return warnings (message, hint) on the specifications.
 
     Only those of plugins: loading the scenario has warned of the others.
+
+    Raises:
+        PluginError: A signal is NaN.
     """
     noise = np.zeros((1, stack.loop.noise_size))
-    state = stack.loop.initial(noise)
+    states = [stack.loop.initial(noise)]
     monitors = {name: spec.start(1) for name, spec in stack.specifications.items()}
     for step in range(min(steps, scenario.steps) + 1):
-        state = stack.loop.step(state, noise) if step else state
-        signals = stack.loop.signals(state)
+        if step:
+            states.append(stack.loop.step(states[-1], noise))
+        signals = stack.loop.signals(states[-1])
+        if unknown := [name for name, values in signals.items() if _has_nan(values)]:
+            names = ", ".join(unknown[:3]) + (f" and {len(unknown) - 3} more" if len(unknown) > 3 else "")
+            part, sample = _find_nan(stack.loop, states) or (f"simulator: its signals ({names}) are", step)
+            text = f"{scenario.path}: {part} NaN at sample {sample} of a noise-free rollout"
+            raise PluginError(text, f"rollouts with NaN in a signal ({names}) are errors: mend this part")
         for name, spec in stack.specifications.items():
             monitors[name], _ = spec.update(monitors[name], signals)
     return [warning for name, spec in stack.specifications.items() for warning in _lint(scenario, name, spec)]
+
+
+def _has_nan(part: Any) -> bool:
+    leaves = []
+    with suppress(UsageError):  # no batch: a controller may give whatever its simulator takes
+        plain = isinstance(part, (float, np.generic, np.ndarray))
+        leaves = [np.asarray(part)] if plain else batch.leaves(part)
+    return any(leaf.dtype.kind == "f" and bool(np.isnan(leaf).any()) for leaf in leaves)
+
+
+def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] | None:
+    """Return what the first part with a NaN gives, and when, before the last state; None: the simulator."""
+    for sample, state in enumerate(states[:-1]):
+        if _has_nan(getattr(state.world, "ego", None)):
+            return None
+        if _has_nan(loop.predict(state)):
+            return "tracker: its prediction is", sample
+        if _has_nan(loop.act(state)[0]):
+            return "controller: its action is", sample
+    return None
 
 
 def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Observation
+from avrare.driving import Observation, Prediction
 from avrare.protocols import (
     AdaptsToTarget,
     Bools,
@@ -111,7 +111,7 @@ class ClosedLoop:
 
     def step(self, state: LoopState, noise: Floats) -> LoopState:
         """Return the state one step later."""
-        action, memory = self._act(state)
+        action, memory = self.act(state)
         own = self.world_noise
         world = self.simulator.step(state.world, action, noise[:, self._drawn : own])
         observation, latent = self._observe(world, noise[:, own:], state.latent)
@@ -119,6 +119,18 @@ class ClosedLoop:
         if self.tracker is not None and observation is not None:
             track = self.tracker.update(track, observation)
         return LoopState(world, observation, track, memory, latent, state.drawn)
+
+    def predict(self, state: LoopState) -> Prediction | None:
+        """Return the others over the controller's horizon, as the tracker predicts them; None without one."""
+        if self.tracker is None or self.controller is None:
+            return None
+        return self.tracker.predict(state.track, self.controller.horizon)
+
+    def act(self, state: LoopState) -> tuple[Any, Any]:
+        """Return the action of the next step and the controller's memory after it, None without one."""
+        if self.controller is None:
+            return None, None
+        return self.controller.act(state.memory, state.world.ego, self.predict(state))
 
     def signals(self, state: LoopState) -> Signals:
         """Return the simulator's signals, and what was drawn."""
@@ -159,14 +171,6 @@ class ClosedLoop:
         planned = _declared(self.controller, state.memory)
         found += [tracked, plan_features(state.memory) if planned is None else planned]
         return np.concatenate([part for part in found if part is not None], axis=1)
-
-    def _act(self, state: LoopState) -> tuple[Any, Any]:
-        if self.controller is None:
-            return None, None
-        prediction = None
-        if self.tracker is not None:
-            prediction = self.tracker.predict(state.track, self.controller.horizon)
-        return self.controller.act(state.memory, state.world.ego, prediction)
 
     def _observe(self, world: Any, noise: Floats, latent: Any) -> tuple[Observation | None, Any]:
         if self._persistent is not None:

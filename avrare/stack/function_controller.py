@@ -101,7 +101,8 @@ class FunctionController:
             UsageError: The function returns something of another shape.
         """
         if isinstance(ego, np.ndarray) or self.scene is None:
-            return (self._answer(ego) if self.batched else self._rows(ego, len(ego))), None
+            seen = getattr(ego, "observation", ego)
+            return (self._answer(seen) if self.batched else self._rows(seen, len(seen))), None
         observation = DrivingObservation(ego, _neighbours(prediction, self.scene), self.scene)
         n = len(ego.x)
         answer = self._answer(observation) if self.batched else self._rows(observation, n)
@@ -139,7 +140,7 @@ def _neighbours(prediction: Prediction | None, scene: Scene) -> dict[str, Neighb
 def _row(observation: Any, row: int) -> Any:
     if not isinstance(observation, DrivingObservation):
         return observation[row]
-    ego = batch.map_leaves(lambda leaf: float(leaf[row]), observation.ego)
+    ego = batch.map_leaves(lambda leaf: float(leaf[row]) if leaf.ndim == 1 else leaf[row], observation.ego)
     others = {
         name: Neighbour(*(float(values[row]) for values in other))
         for name, other in observation.others.items()

@@ -27,14 +27,15 @@ _NO_CONTROLLER = (
 def write_scenario(
     path: Path, simulator: str | None, settings: Sequence[str], registry: Registry, act: bool = False
 ) -> tuple[str, ...]:
-    """Write a scenario for an installed simulator; it runs as it is.
+    """Write a scenario for an installed simulator; it runs as it is, or once it has a controller.
 
     Args:
         path: File to write; its stem is the scenario's name.
         simulator: Name of the simulator; None: the only one that is installed.
         settings: ``KEY=VALUE`` for options of the simulator.
         registry: Installed components.
-        act: Also write a controller, a function in a Python file beside it.
+        act: Also write a controller, a function in a Python file beside it; a scenario that was written
+            without one, and not touched since, is replaced.
 
     Returns:
         Names of the simulator's signals.
@@ -53,14 +54,15 @@ def write_scenario(
     signals = built.signals(world)
     if act and not hasattr(world, "ego"):
         raise UsageError(f"simulator {name!r} takes no actions: it needs no controller", "leave out --act")
-    lines = [
+    head = [
         f"name: {path.stem}",
         "description: one sentence that says what happens here",
         f"steps: 100   # of {built.dt:g} s",
         "simulator:",
         f"  plugin: {name}",
         *_list_options(type(config).model_fields, options),
-        *(_list_controller(path) if act else [_NO_CONTROLLER]),
+    ]
+    tail = [
         "specifications:",
         f"  # signals: {', '.join(signals)}",
         f'  first: {{stl: "{_formula(signals)}"}}   # replace it by a requirement of your own',
@@ -72,9 +74,11 @@ def write_scenario(
     if act:
         template = "act.py.txt" if find_scene(built) is None else "act_driving.py.txt"
         texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
-    texts[path] = "\n".join(lines) + "\n"
-    for file, text in texts.items():  # a command that was killed has left the first of them as it is
-        if file.exists() and (file == path or file.read_bytes() != text.encode()):
+    plain = "\n".join([*head, _NO_CONTROLLER, *tail]) + "\n"
+    texts[path] = "\n".join([*head, *_list_controller(path), *tail]) + "\n" if act else plain
+    for file, text in texts.items():
+        # What this command itself has left, killed or without --act, is no work of the user's.
+        if file.exists() and file.read_bytes() not in (text.encode(), plain.encode()):
             raise UsageError(f"{file}: already exists", "choose another name or --out")
     with explain_file_errors(f"{path}: cannot write", "choose another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -110,6 +110,16 @@ def test_rollout_errors_have_their_own_exit_code(drive, check):
     assert check(drive(BOUND % 0.5), *words, "--set", "max_error_rate=0.2")[0] == 0
 
 
+def test_the_cause_of_rollout_errors_is_told_without_thresholds_too(drive, check):
+    words = ["--set", "simulator.breaks=-9"]  # every rollout
+    for more, saved in (([], "none was saved"), (["--save"], "saved, with")):
+        code, content = check(drive(), *words, *more)
+        assert code == 6
+        for row in content["rows"]:
+            assert saved in row["reason"]
+            assert row["reason"].endswith("1.0% allowed: fault reported by the system")
+
+
 def test_a_health_warning_prevents_a_pass_and_a_first_baseline(drive, check):
     words = [drive(), "--set", "estimator.specifications=[on_road]", "--estimator", "ams"]
     words += [

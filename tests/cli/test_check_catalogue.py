@@ -81,8 +81,8 @@ def test_a_job_marks_the_threshold_that_fails(catalogue, capsys, monkeypatch):
 
 def test_a_check_resumes_in_the_folder_that_it_began(catalogue, capsys):
     path = catalogue()
-    for _ in range(2):
-        assert main(["check", path, "--resume", "out", "--json"]) == 0
+    for command in ("rate", "check"):
+        assert main([command, path, "--resume", "out", "--json"]) == 0
     first, second = capsys.readouterr().out.strip().split("\n}\n", 1)
     assert json.loads(first + "}") == json.loads(second)
     assert main(["check", path, "--resume", "out", "--out", "other"]) == 4

@@ -199,6 +199,32 @@ def test_a_new_scenario_runs(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
+    ("words", "obstacle"),
+    [
+        (["gymnasium", "--set", "env=Pendulum-v1"], "this environment needs a controller"),
+        (["highway_env"], "highway_env needs a controller"),
+    ],
+)
+def test_a_new_scenario_says_that_it_needs_a_controller(words, obstacle, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "scenario", "first", "--simulator", *words]) == 0
+    out = capsys.readouterr().out
+    assert f"it does not run yet: {obstacle}\nnext: add a `controller:`" in out
+    assert "or repeat with --act, which writes a first controller; then avrare validate --build" in out
+    assert main(["new", "scenario", "first", "--simulator", *words, "--act"]) == 0
+    assert "next: avrare validate --build first.yaml && avrare run first.yaml\n" in capsys.readouterr().out
+    assert main(["validate", "--build", "first.yaml"]) == 0
+
+
+def test_a_first_controller_that_does_not_fit_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        main(["new", "scenario", "four", "--simulator", "gymnasium", "--set", "env=Acrobot-v1", "--act"]) == 0
+    )
+    assert "does not run yet: a command for 3 actions has 3 number(s), not 1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--simulator", "tankk"], "did you mean 'tank'"),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -190,3 +191,48 @@ def test_an_estimate_larger_than_the_machine_is_refused_at_once(tmp_path, capsys
     told = capsys.readouterr().err
     assert "GiB of memory, and this process may use" in told
     assert "hint: lower particles" in told
+
+
+@pytest.mark.parametrize("command", ["replay --run", "kinds", "attribution"])
+def test_where_all_rollouts_broke_down_no_failure_is_looked_for(drive, capsys, command):
+    scenario = drive()
+    assert main(["run", scenario, "--set", "simulator.breaks=-9", "--out", "broken", "--quiet"]) == 6
+    capsys.readouterr()
+    assert main([*command.split(), "broken"]) == 4
+    error = capsys.readouterr().err
+    assert "broken: no failure is stored: 2000 of 2000 rollouts ended in an error" in error
+    assert "hint: mend the stack and run it again; avrare validate --build broken/scenario.yaml" in error
+    assert "no rollout failed" not in error
+
+
+def test_a_few_errors_are_told_beside_the_want_of_failures(drive, capsys):
+    words = ["--set", "simulator.breaks=2.5", "--set", "estimator.specifications=[on_road]"]
+    assert main(["run", drive(), *words, "--out", "whole", "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["replay", "--run", "whole"]) == 4
+    error = capsys.readouterr().err
+    assert " of 2000 rollouts ended in an error\nhint: no rollout failed; run more rollouts" in error
+
+
+@pytest.mark.parametrize(
+    ("words", "written"),
+    [
+        ("run one.yaml two.yaml --no-pictures", ["one/result.json", "two/result.json"]),
+        ("check one.yaml two.yaml", ["check.json", "one/result.json"]),
+        (
+            "compare one.yaml --specification in_lane --estimators mc --budget rollouts=500 --no-pictures",
+            ["comparison.json"],
+        ),
+    ],
+)
+def test_a_reader_that_has_left_takes_no_result_along(drive, monkeypatch, capsys, words, written):
+    for name in ("one", "two"):
+        drive(name=name)
+    read, write = os.pipe()
+    os.close(read)  # as `| head -1` does
+    with os.fdopen(write, "w") as unread:
+        monkeypatch.setattr(sys, "stdout", unread)
+        assert main([*words.split(), "--out", "bp"]) == 141
+    assert "a part of the stack" not in capsys.readouterr().err
+    assert all(Path("bp", name).exists() for name in written)
+    assert not Path("bp/checkpoint").exists()

@@ -1,8 +1,10 @@
 """``avrare validate`` with the real plugins."""
 
+import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from avrare.cli.main import main
@@ -64,3 +66,21 @@ def test_many_formulas_are_checked_quickly(capsys):
     assert main(["validate", LANE_CHANGE, "--set", f"specifications={{{formulas}}}"]) == 0
     assert time.process_time() - began < 2.0
     assert "40 specifications" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("part", "method", "given", "told"),
+    [
+        ("Driver", "act", (np.nan, None), "controller: its action is NaN at sample 0"),
+        ("Simulator", "signals", {"offset": np.full(1, np.nan)}, "simulator: its signals (offset) are NaN"),
+    ],
+)
+def test_build_names_the_part_that_gives_nan(drive, monkeypatch, capsys, part, method, given, told):
+    path = drive()
+    assert main(["validate", "--build", path]) == 0
+    monkeypatch.setattr(getattr(sys.modules["avrare_gusts"], part), method, lambda *_: given)
+    assert main(["validate", "--build", path]) == 5
+    message, hint = capsys.readouterr().err.splitlines()
+    assert message.startswith(f"drive.yaml: {told}")
+    assert message.endswith("of a noise-free rollout")
+    assert hint == "hint: rollouts with NaN in a signal (offset) are errors: mend this part"

@@ -1,5 +1,6 @@
 """Controller ``function``: what it sees and returns, for one rollout or for all, and its mistakes."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,20 @@ def test_one_rollout_or_all_give_the_same_driving_actions(controller):
     np.testing.assert_array_equal(single.yaw_rate, [3.0, 3.0, 3.0])
     np.testing.assert_array_equal(batched.acceleration, single.acceleration)
     np.testing.assert_array_equal(batched.yaw_rate, single.yaw_rate)
+
+
+@dataclass(frozen=True)
+class SensedEgo(Vehicles):
+    observation: np.ndarray
+
+
+def test_an_ego_with_a_lidar_shows_it(controller):
+    seen = np.arange(6.0).reshape(3, 2)
+    sensed = SensedEgo(**vars(ego(3)), observation=seen)
+    driving, _ = controller("def act(o):\n    return o.ego.observation\n").act(None, sensed, None)
+    np.testing.assert_array_equal([driving.acceleration, driving.yaw_rate], seen.T)
+    plain, _ = controller("def act(o):\n    return -o\n", scene=None).act(None, sensed, None)
+    np.testing.assert_array_equal(plain, -seen)
 
 
 def test_a_batch_has_vehicles_that_are_not_known_infinitely_far_away_at_rest(controller):

@@ -28,6 +28,7 @@ from avrare.estimation.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.overrides import as_settings
 from avrare.scenario.schema import Threshold
 
 TRIALS = "trials.json"
@@ -62,7 +63,7 @@ def require(
     Raises:
         UsageError: The parameter or the bound does not fit, or the folder holds another search.
     """
-    scenario = ParametricScenario(path, tuple(overrides))
+    scenario = ParametricScenario(path, as_settings(overrides))
     name, value = scenario.specification(specification), scenario.value(parameter)
     limit = _read_limit(probability)
     between = between or _choose_range(parameter, value)

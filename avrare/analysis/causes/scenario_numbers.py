@@ -9,10 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from avrare.analysis.causes.scenario_parameters import ParametricScenario
+from avrare.analysis.causes.scenario_parameters import ParametricScenario, look_up
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats, find_ability
-from avrare.rollout.loaded_scenario import LoadedScenario, load
+from avrare.rollout.loaded_scenario import LoadedScenario
 
 _ARRAYS = "controller.arrays."
 
@@ -65,17 +65,17 @@ class ScenarioNumbers:
 
     def settings(self, values: Floats) -> tuple[str, ...]:
         """Return the overrides that set the numbers to ``values`` (P,)."""
-        found, at = [], 0
+        found, at = {}, 0
         for path, array in zip(self.paths, self.arrays, strict=True):
             changed, moves = array.copy(), _moves(array)
             changed[moves] = values[at : at + int(moves.sum())]
             at += int(moves.sum())
-            found.append(f"{path}={json.dumps(_rounded(changed.tolist()))}")
-        return tuple(found)
+            found[path] = json.dumps(_rounded(changed.tolist()))
+        return self.scenario.settings(found)
 
     def at(self, values: Floats) -> LoadedScenario:
         """Return the scenario with other values (P,)."""
-        return load(self.scenario.path, (*self.scenario.overrides, *self.settings(values)))
+        return self.scenario.under(self.settings(values))
 
 
 def _moves(array: Floats) -> Bools:
@@ -83,15 +83,9 @@ def _moves(array: Floats) -> Bools:
 
 
 def _find(scenario: ParametricScenario, path: str) -> Floats:
-    value: Any = scenario.scenario.definition.resolved
-    for key in path.split("."):
-        if isinstance(value, dict) and key in value:
-            value = value[key]
-        elif isinstance(value, list) and key.isdigit() and int(key) < len(value):
-            value = value[int(key)]
-        else:
-            value = _network_array(scenario, path)
-            break
+    value = look_up(scenario.scenario.definition.resolved, path)
+    if value is None:
+        value = _network_array(scenario, path)
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

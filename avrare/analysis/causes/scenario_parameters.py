@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,11 +29,14 @@ from avrare.results.reader import RunFolder, read_run_folder
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.overrides import as_settings
 from avrare.scenario.schema import Scenario
+from avrare.scenario.yaml import dump_list
 
 _DEFAULT = "perception."
 _NO_DERIVATIVE = ("height",)
 """Numbers of perception that are facts about the world."""
+_INDICES = re.compile(r"(\.\d+)+$")
 _HALVINGS = 5
 """Times that the step to a value which the scenario refuses is halved."""
 
@@ -59,7 +63,19 @@ class ParametricScenario:
 
     def at(self, parameter: str, value: float) -> LoadedScenario:
         """Return the scenario with another value of a parameter."""
-        return load(self.path, (*self.overrides, f"{parameter}={value!r}"))
+        return self.under(self.settings({parameter: repr(value)}))
+
+    def under(self, settings: Sequence[str]) -> LoadedScenario:
+        """Return the scenario under further settings, as for ``--set``."""
+        return load(self.path, (*self.overrides, *settings))
+
+    def settings(self, values: Mapping[str, str]) -> tuple[str, ...]:
+        """Return the settings, as for ``--set``, that give parameters these values (YAML)."""
+        # A list that is a default is not in the file: it is written out before its entries are set.
+        paths = dict.fromkeys(_INDICES.sub("", path) for path in values if _INDICES.search(path))
+        lists = {path: look_up(self.scenario.definition.resolved, path) for path in paths}
+        written = {path: dump_list(found) for path, found in lists.items() if isinstance(found, list)}
+        return tuple(f"{path}={value}" for path, value in [*written.items(), *values.items()])
 
     def value(self, parameter: str) -> float:
         """Return the value of a parameter; UsageError if it is no number."""
@@ -89,6 +105,17 @@ class ParametricScenario:
             text = f"{self.path}: there is no specification {chosen!r}"
             raise UsageError(text, did_you_mean(chosen, known))
         return chosen
+
+
+def look_up(value: Any, path: str) -> Any:
+    """Return what plain data has at a dotted path, None where it has nothing."""
+    for key in path.split("."):
+        if isinstance(value, dict):
+            value = value.get(key)
+        else:
+            known = isinstance(value, list) and key.isdigit() and int(key) < len(value)
+            value = value[int(key)] if known else None
+    return value
 
 
 def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
@@ -123,11 +150,11 @@ def sensitivity(
     Raises:
         UsageError: A parameter is no number, no rollout fails, or nothing can be derived.
     """
-    scenario, tapes = ParametricScenario(path, tuple(overrides)), runner or TapeRunner()
+    scenario, tapes = ParametricScenario(path, as_settings(overrides)), runner or TapeRunner()
     name = scenario.specification(specification)
     problem, confidence = scenario.scenario.problem(name), scenario.scenario.definition.confidence
     by_score = knows_score(problem)
-    chosen = list(parameters) or (scenario.default_parameters() if by_score else [])
+    chosen = list(as_settings(parameters)) or (scenario.default_parameters() if by_score else [])
     if not chosen:
         text = f"{path}: its perception has no score function, so there are no parameters to begin with"
         raise UsageError(text, "name some, for example --parameter controller.horizon")

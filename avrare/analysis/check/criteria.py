@@ -141,9 +141,14 @@ def find_doubts(health: Iterable[str]) -> frozenset[str]:
     return frozenset(health) - _ABOUT_SYSTEM
 
 
+def describe_health(result: Result) -> list[str]:
+    """Return the warnings of an estimate, each with its name and its cause."""
+    return [f"{name}: {text}" for name, text in result.health.items()]
+
+
 def find_objections(criterion: Criterion, result: Result | None) -> list[str]:
     """Return the reasons why a criterion must not pass, however good its numbers are."""
-    found = [f"{name}: {text}" for name, text in result.health.items()] if result is not None else []
+    found = describe_health(result) if result is not None else []
     baseline = criterion.baseline
     if baseline is not None and baseline.health:
         found.append(f"the baseline has health warnings: {', '.join(baseline.health)}")

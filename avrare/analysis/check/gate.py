@@ -14,6 +14,7 @@ from avrare.analysis.check.criteria import (
     Decision,
     assess,
     decide_criteria,
+    describe_health,
     find_objections,
     make_decision,
 )
@@ -225,10 +226,13 @@ def _decide_without_baseline(
     if path is not None:
         verdict, reason = "pass", "nothing to compare with yet: saved as the first baseline"
         if result.health:
-            verdict, reason = "inconclusive", f"saved, with health warnings: {', '.join(result.health)}"
+            verdict, reason = (
+                "inconclusive",
+                f"saved, with health warnings: {'; '.join(describe_health(result))}",
+            )
     elif target.baseline is None:
         if result.health:
-            cause = f"health warnings: {', '.join(result.health)}"
+            cause = f"health warnings: {'; '.join(describe_health(result))}"
         elif result.verdict == "fail":
             cause = "it fails a threshold"
         else:

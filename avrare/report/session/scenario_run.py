@@ -21,6 +21,7 @@ from avrare.report.session.live_progress import show_progress
 from avrare.results import run_folder
 from avrare.results.callbacks import call_back
 from avrare.rollout.executors.work import build_executor
+from avrare.rollout.executors.worker_process import exit_if_unguarded
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.load import load
@@ -70,7 +71,8 @@ def run(
 
     Args:
         path: YAML file.
-        overrides: Settings as for ``--set``, for example ``["seed=3", "estimator.particles=50"]``.
+        overrides: Settings as for ``--set``, for example ``["seed=3", "estimator.particles=50"]``; a
+            string is a single one.
         out: Run folder; by default a new one under ``runs/``.
         estimator: Name of another estimator, with its default options.
         budget: As for ``avrare.estimate``.
@@ -84,6 +86,8 @@ def run(
         UsageError: The arguments or the parts do not fit, or ``out`` contains another run.
         PluginError: A plugin is missing.
     """
+    if workers != 1:
+        exit_if_unguarded()  # before the run folder is asked for, which the parent holds
     with safe_mode(safe):
         definition = load(path, overrides, estimator)
     scenario, paid = LoadedScenario(definition), Budget.parse(budget)

@@ -33,6 +33,10 @@ class _Console(Console):
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(spell_controls(segment.text), segment.style)
 
+    def on_broken_pipe(self) -> None:
+        """Raise what ``print`` raises; rich would end the program here and now."""
+        raise BrokenPipeError
+
 
 def make_table(
     title: str | None = None, texts: Sequence[str] = (), numbers: Sequence[str] = (), **options: Any

@@ -151,4 +151,7 @@ def pickle_work(work: Work) -> bytes:
     importable = getattr(main, "__spec__", None) is not None or os.path.exists(getattr(main, "__file__", ""))
     if b"__main__" in payload and not importable:
         raise UsageError("the problem is defined in a session that a worker process cannot import", HINT)
+    if hasattr(main, "__file__") and not importable:
+        text = "worker processes import this script, which is no file that they can read"
+        raise UsageError(text, "save it as a file, or use workers=1")
     return payload

@@ -7,6 +7,8 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
+from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
@@ -264,3 +266,17 @@ def test_a_parameter_that_may_not_move_is_refused(tmp_path):
     with pytest.raises(UsageError, match="permits no value beside it") as caught:
         avrare.sensitivity(path, ["simulator.start"], rollouts=20, step=1e9)
     assert "above the rim" in caught.value.hint
+
+
+def test_numbers_in_a_list_that_is_a_default_can_be_changed():
+    # The file does not have the list: `--set` alone cannot change one entry of it.
+    scenario = ParametricScenario(SCENARIO, ("perception={plugin: parametric}",))
+    first, second = (f"perception.longitudinal_scale.{k}" for k in range(2))
+    assert {first, second} < set(scenario.default_parameters())
+
+    def scale(loaded):
+        return loaded.definition.resolved["perception"]["longitudinal_scale"]
+
+    assert scale(scenario.at(second, 0.007)) == [0.047, 0.007]
+    numbers = ScenarioNumbers.of(scenario, [first, second])
+    assert scale(numbers.at(np.array([0.05, 0.008]))) == [0.05, 0.008]

@@ -134,6 +134,16 @@ def test_killed_before_its_scenario_was_saved(night, interrupted, capsys):
     assert run(scenario, "--resume", "torn") == 0
 
 
+def test_a_scenario_begins_in_a_folder_that_is_not_there(night, capsys):
+    scenario = night.scenario()
+    assert run(scenario, "--resume", "new/night") == 0
+    assert "new/night: nothing to resume there yet: this is the beginning\n" in capsys.readouterr().err
+    assert run("--resume", "new/night") == 0
+    Path("file").write_text("")
+    assert run(scenario, "--resume", "file") == 4
+    assert "--resume file: is no folder" in capsys.readouterr().err
+
+
 def test_a_scenario_with_the_name_of_the_folder_of_checkpoints(night, capsys):
     named = night.scenario(name="checkpoint")
     assert run(named, night.scenario(), "--out", "two") == 4
@@ -326,3 +336,50 @@ def test_a_cross_check_of_several_specifications_shares_their_cost(night):
         check = entry["cross_check"]
         assert (check["estimator"], check["outcome"]) == ("ams", "inconclusive")
         assert "15 % of the cost pays for only 30 complete rollouts" in check["text"]
+
+
+def test_results_of_other_scenarios_are_not_mixed_with(night, capsys):
+    one, two, three = (night.scenario(name=name) for name in ("one", "two", "three"))
+    assert run(one, two, "--out", "both") == 0
+    assert run(one, two, "--out", "both", "--seed", "3") == 0
+    assert run(one, "--out", "single") == 0
+    assert run(one, "--out", "single", "--set", "simulator.scale=0.2") == 0
+    assert run(three, "--out", "both/own") == 0  # a run of its own inside is no part of the other
+    assert run(one, two, "--out", "both") == 0
+    capsys.readouterr()
+    for words, told in (
+        ([one, three, "--out", "both"], "both/two: contains the result of another run, of two"),
+        ([three, "--out", "both"], "both/one: contains the result of another run, of one"),
+        ([two, "--out", "single"], "single: contains the result of another run, of one"),
+        ([one, two, "--out", "single"], "single: contains the result of another run, of one"),
+    ):
+        assert run(*words) == 4
+        assert capsys.readouterr().err.startswith(f"{told}\nhint: choose another folder, or remove")
+    assert sorted(path.name for path in Path("both").iterdir()) == ["one", "own", "two"]
+    assert not any(path.is_dir() for path in Path("single").iterdir())
+
+
+def test_what_was_derived_from_the_result_before_is_removed_with_it(night):
+    scenario = night.scenario()
+    assert run(scenario, "--out", "done") == 0
+    for name in ("kinds.json", "attribution.json", "report.html", "notes.txt"):
+        Path("done", name).touch()
+    assert run(scenario, "--out", "done", "--seed", "3") == 0
+    assert {path.suffix for path in Path("done").iterdir()} == {".json", ".npz", ".yaml", ".txt"}
+    assert not Path("done/kinds.json").exists()
+    assert not Path("done/attribution.json").exists()
+
+
+def test_a_folder_with_an_interrupted_run_inside_is_not_finished(night, interrupted, capsys):
+    one, two = night.scenario(name="one"), night.scenario(name="two")
+    assert run(one, two, "--out", "both") == 0
+    interrupted(2, two, "--seed", "3", "--out", "both/two")
+    capsys.readouterr()
+    assert run("--resume", "both") == 4
+    assert capsys.readouterr().err == (
+        "both/two: contains an interrupted run of its own\n"
+        "hint: resume it with avrare run --resume both/two\n"
+    )
+    assert run("--resume", "both/two") == 0
+    assert run("--resume", "both") == 0
+    assert "already finished" in capsys.readouterr().err

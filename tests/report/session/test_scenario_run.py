@@ -1,6 +1,8 @@
 """Runs of scenarios from Python."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,32 @@ def test_run_writes_what_the_command_writes(scenario):
     assert list(run) == ["in_lane", "on_road"]
     assert run.folder == Path("python")
     assert (run.verdict, run["in_lane"].verdict, run["on_road"].verdict) == ("pass", "pass", None)
+
+
+def test_a_string_is_one_setting(scenario):
+    run = avrare.run(scenario, "estimator.rollouts=50", "here")
+    assert run["in_lane"].rollouts == 50
+    assert avrare.load(scenario, "seed=3").definition.seed == 3
+    for options in ({"parameters": "steps.x"}, {"parameters": ["steps"], "overrides": "steps.x=3"}):
+        with pytest.raises(avrare.AvrareError, match=r"steps\.x"):
+            avrare.sensitivity(scenario, specification="in_lane", **options)
+
+
+UNGUARDED = """
+import avrare
+avrare.run("drive.yaml", out="here", workers=2)
+"""
+
+
+def test_an_unguarded_script_gets_one_error(scenario, monkeypatch):
+    Path("script.py").write_text(UNGUARDED)
+    monkeypatch.setenv("PYTHONPATH", str(TOY))
+    done = subprocess.run(
+        [sys.executable, "script.py"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("Traceback") == 1
+    assert "put the call under `if __name__" in done.stderr.splitlines()[-1]
 
 
 def test_results_replay_and_report(scenario):

@@ -170,6 +170,31 @@ def test_an_unguarded_script_gets_a_hint_about_the_guard(tmp_path):
     assert "Traceback" not in done.stderr
 
 
+BARE = """
+import sys
+import avrare
+from avrare.testing.faulty_systems import Walk
+problem = avrare.Problem(Walk(), avrare.stl("always (x < 4)"), steps=5)
+avrare.estimate(problem, rollouts=100, workers=2, checkpoint=sys.argv[0] + ".saved")
+"""
+
+
+def test_a_script_that_breaks_down_in_a_worker_gets_the_hint_about_the_guard(tmp_path):
+    """Find the folder of the checkpoint in use, which is the parent's: the import ends before the workers."""
+    done = run_script(tmp_path, BARE)
+    assert done.returncode == 1
+    *_, error, hint = done.stderr.splitlines()
+    assert error.endswith("UsageError: a worker process ended while it imported this script")
+    assert hint.startswith('hint: put the call under `if __name__ == "__main__":`')
+    assert "workers 1" not in done.stderr
+
+
+def test_a_script_from_standard_input_has_no_workers(tmp_path):
+    done = run_script(tmp_path, BARE.replace('sys.argv[0] + ".saved"', "None"), "stdin")
+    assert "this script, which is no file that they can read\nhint: save it as a file" in done.stderr
+    assert done.stderr.count("Traceback") == 1
+
+
 def test_errors_survive_pickling():
     for error in (avrare.UsageError("a", "b"), avrare.PluginError("a"), avrare.ScenarioError([("m", "h")])):
         copy = pickle.loads(pickle.dumps(error))
