@@ -151,7 +151,7 @@ def test_warnings_can_be_suppressed_by_name():
     with pytest.raises(avrare.UsageError, match="no health warning 'horizon'"):
         avrare.estimate(task, suppress=["horizon"])
     with pytest.raises(avrare.UsageError, match="cannot be suppressed"):
-        avrare.estimate(task, suppress=["errors"])
+        avrare.estimate(task, suppress="errors")  # a string is one name
 
 
 @pytest.mark.parametrize("amount", [1e16, 1e30, float("inf"), float("nan"), 0.0, -1.0])
