@@ -13,8 +13,9 @@ truth's fingerprint; what is there is not run again. Writes docs/table2.md and i
 what there is.
 
 With another scene, `scenarios/lane_change.yaml` say, the methods are those of SCENE_METHODS, the rules those
-of its truth, and the page is docs/table2-NAME.md. `--keep` packs its cells beside the page; a results folder
-that is not there begins with them.
+of its truth that are not rarer than table2_page.LEAST_TRUTH, and the page is docs/table2-NAME.md. A cell is
+then a call of five runs, which share batches. `--keep` packs the cells beside the page; a results folder that
+is not there begins with them.
 """
 
 from __future__ import annotations
@@ -55,12 +56,14 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Name in the paper -> estimator and its options."""
 SCENE_METHODS: dict[str, tuple[str, dict[str, Any]]] = {
-    **{name: METHODS[name] for name in ("Raw-MC", "STL-AMS", "MC 900", "AMS 500/50")},
+    **{name: METHODS[name] for name in ("Raw-MC", "STL-AMS", "MC 900")},
     "CE gaussian": ("ce", {"rollouts": 250, "stages": 10, "elite": 0.1}),
     "ESS": ("ess", {"chains": 50, "runs": 1}),
     "IS learned": ("is", {"rollouts": 9000, "proposal": "learned"}),
 }
 """Methods for scenes whose errors last: there the densities of observations are not known."""
+SCENE_RUNS = 5
+"""Runs of a cell of such a scene: the 25 rows of one run's level leave the compiled controller idle."""
 COSTLY = ("IS learned",)
 """Methods that come when all cells of the others are there."""
 PUBLISHED = "lane_change_published"
@@ -70,7 +73,7 @@ DISCARDS = (2, 25, 125, 225)
 
 @dataclass(frozen=True)
 class Cell:
-    """One estimate: a method on a rule, one repetition of it."""
+    """One estimate: a method on a rule, one repetition of it or, on another scene, SCENE_RUNS of them."""
 
     scenario: str
     digest: str
@@ -100,7 +103,8 @@ def _kept(result: Result) -> dict[str, Any]:
     whole = result.to_dict()
     names = ("probability", "interval", "rollouts", "simulated_steps", "failures", "errors", "health")
     diagnostics = {name: value for name, value in whole["diagnostics"].items() if np.isscalar(value)}
-    return {name: whole[name] for name in names} | {"diagnostics": diagnostics}
+    runs = [float(p) for p in result.run_probabilities]
+    return {name: whole[name] for name in names} | {"diagnostics": diagnostics, "run_probabilities": runs}
 
 
 def settings_of(scenario: str) -> tuple[str, ...]:
@@ -111,12 +115,13 @@ def settings_of(scenario: str) -> tuple[str, ...]:
 def cells(scenario: str, truth: dict[str, Any]) -> Iterator[Cell]:
     """Yield all of them: repetitions in turn, so that an interrupted study is fair; then the figures'."""
     digest, published = truth["fingerprint"], truth["scenario"] == PUBLISHED
-    rules = RULES if published else table2_page.rules_of(truth)
-    methods = METHODS if published else SCENE_METHODS
-    for costly, number, rule in itertools.product((False, True), range(REPEAT), rules):
+    rules = RULES if published else table2_page.rules_of(truth["estimates"])
+    methods, runs = (METHODS, {}) if published else (SCENE_METHODS, {"runs": SCENE_RUNS})
+    numbers = range(REPEAT if published else REPEAT // SCENE_RUNS)
+    for costly, number, rule in itertools.product((False, True), numbers, rules):
         for method, (name, options) in methods.items():
             if (method in COSTLY) == costly:
-                yield Cell(scenario, digest, rule, method, name, tuple(options.items()), number)
+                yield Cell(scenario, digest, rule, method, name, tuple((options | runs).items()), number)
     if not published:
         return
     for discard in DISCARDS:

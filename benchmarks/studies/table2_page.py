@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ TEMPLATE = Path(__file__).with_name("table2.md")
 """The page's text, with places for the tables."""
 SCENE_TEMPLATE = Path(__file__).with_name("table2_scene.md")
 """What the page of another scene says before its tables."""
+LEAST_TRUTH = 1e-4
+"""Rules that are rarer are left out of such a page: slice sampling alone would take hours."""
 _LEAST_RUNS = 10
 """Repetitions from which their scatter gives a standard error."""
 
@@ -94,16 +96,16 @@ def page(study: Study) -> str:
     return text
 
 
-def rules_of(kept: dict[str, Any]) -> tuple[str, ...]:
-    """Return the rules of a ground truth."""
-    return tuple(entry["specification"] for entry in kept["estimates"])
+def rules_of(truths: Iterable[dict[str, Any]]) -> tuple[str, ...]:
+    """Return the rules of a ground truth that are not rarer than ``LEAST_TRUTH``."""
+    return tuple(entry["specification"] for entry in truths if entry["probability"] >= LEAST_TRUTH)
 
 
 def page_of_scene(study: Study, methods: tuple[str, ...]) -> str:
     """Return the tables for a scene that is not the paper's."""
-    rules = tuple(study.truth)
+    rules = rules_of(study.truth.values())
     text = SCENE_TEMPLATE.read_text(encoding="utf-8")
-    lines = [text.format(name=study.scenario, digest=study.digest)]
+    lines = [text.format(name=study.scenario, digest=study.digest, least=LEAST_TRUTH)]
     lines += [f"| | {' | '.join(rules)} |", "|---|" + "---|" * len(rules)]
     lines += [_row(name, [_mean_and_spread(study, rule, name) for rule in rules]) for name in methods]
     lines += [_row("**truth**, 95 % interval", [_with_interval(study.truth[rule]) for rule in rules]), ""]
@@ -143,8 +145,8 @@ def _accuracy(study: Study, rules: tuple[str, ...], methods: tuple[str, ...]) ->
             values = _values(study, rule, method)
             if len(values) < 2 or not truth:
                 continue
-            spent = [one["simulated_steps"] / study.steps for one in study.outcomes[rule, method]]
-            steps = np.array(spent).mean()
+            spent = [one["simulated_steps"] for one in study.outcomes[rule, method]]
+            steps = sum(spent) / len(values) / study.steps
             z = (values.mean() - truth) / math.hypot(values.std(ddof=1) / math.sqrt(len(values)), error)
             square = ((values / truth - 1.0) ** 2).mean()
             told = f"{z:+.1f}" if len(values) >= _LEAST_RUNS and values.std() else ""
@@ -170,7 +172,9 @@ def _valid(one: dict[str, Any]) -> bool:
 
 
 def _values(study: Study, rule: str, method: str) -> np.ndarray:
-    return np.array([one["probability"] for one in study.outcomes.get((rule, method), [])])
+    outcomes = study.outcomes.get((rule, method), [])
+    runs = (one.get("run_probabilities", [one["probability"]]) for one in outcomes)
+    return np.array([value for values in runs for value in values])
 
 
 def _truth(study: Study, rule: str) -> tuple[float, float]:
