@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from avrare.analysis.check.baseline_files import BaselineEntry, default_folder
-from avrare.analysis.check.finished_check import CHECK, describe_settings, read_finished, to_content
-from avrare.analysis.check.gate import CheckResult, check
+from avrare.analysis.check.gate import check
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
 from avrare.analysis.rates.catalogue import is_catalogue
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
+from avrare.base.stored_files import read_json
 from avrare.cli import check_catalogue
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import (
@@ -44,6 +44,7 @@ from avrare.rollout.executors.interruption import Stopping
 from avrare.scenario.safe_mode import refuse_outside
 
 _PILOT_ROLLOUTS = 200
+_CHECK = "check.json"
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -56,57 +57,35 @@ def execute(args: argparse.Namespace) -> int:
     out = _out_folder(args)
     _make_folders(args, out)
     subjects = _subjects(args)
-    if args.plan:
-        with _stopping(None) as stop:
-            return _plan(args, subjects, budget, _machine(args, stop, None))
-    settings = describe_settings(
-        subjects, budget or spend, len(plan_looks(budget, spend)),
-        save=args.save, accept_changes=args.accept_changes,
-    )  # fmt: skip
-    found = _read_finished(args, out, subjects, settings)
-    outcome, content = found or _run(args, out, subjects, (budget, spend), settings)
+    names = [one.definition.name for one in subjects]
+    again = out is not None and args.resume is not None and _is_finished(out, names)
+    if out and not args.plan and not again:
+        refuse_overwrite(out, _CHECK, names, args.resume is not None)
+    with _saved_chunks(args, subjects, budget or spend) as saved:
+        if out and again:
+            _begin_again(out)
+        try:
+            with Stopping() as stop:
+                machine = _machine(args, stop, saved)
+                if args.plan:
+                    return _plan(args, subjects, budget, machine)
+                outcome = check(subjects, plan_looks(budget, spend), machine, args.save)
+        except Interrupted:
+            raise Interrupted(*_explain_interruption(saved)) from None
+        outcome = with_next_steps(outcome, subjects, out)
+        told = _write(args, out, subjects, outcome)
+        if saved is not None:
+            saved.remove()
+    say(*told, error=args.json)
     if is_github_job():
         write_summary(outcome)
         for line in annotate_rows(outcome, {one.name: one.definition.path for one in subjects}):
             print(line, file=sys.stderr if args.json else sys.stdout)
     if args.json:
-        print(json.dumps(content))
+        print(json.dumps(outcome.to_dict(subjects)))
     else:
         print_check(outcome, display(args))
     return int(outcome.exit_code)
-
-
-def _read_finished(
-    args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], settings: dict[str, Any]
-) -> tuple[CheckResult, dict[str, Any]] | None:
-    """Read the finished check in the folder of ``--resume``, if there is one, and write its documents."""
-    if out is None or args.resume is None or (out / UNFINISHED).exists():
-        return None
-    found = read_finished(out, subjects, settings)
-    if found is not None:
-        say(f"{out}: this check is already finished", error=True)
-        _write_documents(args, found[0])
-    return found
-
-
-def _run(
-    args: argparse.Namespace, out: Path | None, subjects: Sequence[Any],
-    budgets: tuple[Budget | None, Budget | None], settings: dict[str, Any],
-) -> tuple[CheckResult, dict[str, Any]]:  # fmt: skip
-    if out is not None:
-        names = [one.definition.name for one in subjects]
-        refuse_overwrite(out, CHECK, names, args.resume is not None)
-    with _saved_chunks(args, subjects, budgets[0] or budgets[1], settings) as saved:
-        with _stopping(saved) as stop:
-            machine = _machine(args, stop, saved)
-            outcome = check(subjects, plan_looks(*budgets), machine, args.save)
-        outcome = with_next_steps(outcome, subjects, out)
-        content = to_content(outcome, subjects, settings)
-        told = _write(args, out, subjects, outcome, content)
-        if saved is not None:
-            saved.remove()
-    say(*told, error=args.json)
-    return outcome, content
 
 
 def _out_folder(args: argparse.Namespace) -> Path | None:
@@ -117,27 +96,35 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
     return resumed_folder(args)
 
 
+def _is_finished(out: Path, names: Sequence[str]) -> bool:
+    """Return whether a folder has the verdict of a check of these scenarios."""
+    if not (out / _CHECK).exists():
+        return False
+    results = read_json(out / _CHECK, "choose another folder, or remove it").get("results")
+    stored = results if isinstance(results, list) else []
+    return [one.get("scenario") for one in stored if isinstance(one, dict)] == list(names)
+
+
+def _begin_again(out: Path) -> None:
+    """Take back a verdict: the code that is checked may have changed since."""
+    say(f"{out}: this check is finished; it begins again, as the code may have changed", error=True)
+    write_files(out, {UNFINISHED: "avrare check was writing here\n"})
+    (out / _CHECK).unlink()
+
+
 @contextmanager
 def _saved_chunks(
-    args: argparse.Namespace, subjects: Sequence[Any], budget: Budget | None, settings: dict[str, Any]
+    args: argparse.Namespace, subjects: Sequence[Any], budget: Budget | None
 ) -> Iterator[Checkpoint | None]:
     """Open the checkpoint of ``--resume``; a check with another baseline or other looks is another one."""
     if args.resume is None:
         yield None
         return
-    identity = {key: settings[key] for key in ("looks", "baselines")}
+    baselines = {one.name: one.baseline.path.name if one.baseline else None for one in subjects}
+    identity = {"looks": len(plan_looks(None, budget if args.spend else None)), "baselines": baselines}
     scenarios = [one.definition for one in subjects]
     with rundir.begin_checkpoint(Path(args.resume), scenarios, budget, True, identity) as checkpoint:
         yield checkpoint
-
-
-@contextmanager
-def _stopping(saved: Checkpoint | None) -> Iterator[Stopping]:
-    try:
-        with Stopping() as stop:
-            yield stop
-    except Interrupted:
-        raise Interrupted(*_explain_interruption(saved)) from None
 
 
 def _explain_interruption(saved: Checkpoint | None) -> tuple[str, str]:
@@ -211,18 +198,11 @@ def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
         ensure_writable(out, "--out" if args.resume is None else "--resume")
 
 
-def _write_documents(args: argparse.Namespace, outcome: CheckResult) -> None:
+def _write(args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], outcome: Any) -> list[str]:
+    """Write the files, and return what the callbacks of plugins say."""
     for name, text in ((args.junit, junit), (args.markdown, markdown)):
         if name is not None:
             write_file(name, text(outcome), "choose another file")
-
-
-def _write(
-    args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], outcome: CheckResult,
-    content: dict[str, Any],
-) -> list[str]:  # fmt: skip
-    """Write the files, and return what the callbacks of plugins say."""
-    _write_documents(args, outcome)
     if not out:
         return []
     told: list[str] = []
@@ -232,6 +212,6 @@ def _write(
         folder = rundir.choose(out, one.definition.name, len(subjects) > 1)
         rundir.write(folder, one.definition, rundir.document(one.definition, results), results)
         told += call_back(folder)
-    write_files(out, {CHECK: json.dumps(content, indent=2) + "\n"})
+    write_files(out, {_CHECK: json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
     (out / UNFINISHED).unlink()
     return told

@@ -117,7 +117,7 @@ OPTIONS: dict[str, Options] = {
             "--markdown FILE": "write a summary for a merge request",
             "--out DIR": "write check.json and the run folders",
             "--resume DIR": "as --out; saves finished work there: the same command begins the check, goes on "
-            "after an interruption, and gives the verdict again once it is finished",
+            "after an interruption, and checks again once it is finished",
             "--json": "print check.json and nothing else on stdout",
         },
         **_DISPLAY,

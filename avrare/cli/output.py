@@ -73,8 +73,8 @@ def can_draw() -> bool:
     return has_matplotlib()
 
 
-def resumed_folder(args: argparse.Namespace) -> Path | None:
-    """Return the folder of ``--resume``, if it is given; a note says where a run begins in it."""
+def resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None:
+    """Return the folder of ``--resume``, if it is given; where a run ``begins`` in it a note says so."""
     if args.resume is None:
         return None
     from avrare.results.run_folder import refuse_links
@@ -85,7 +85,7 @@ def resumed_folder(args: argparse.Namespace) -> Path | None:
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"--resume {folder}: is no folder", "give the folder that --out named, or a new one")
     refuse_links(folder)
-    if not folder.is_dir() or not any(folder.iterdir()):
+    if begins and (not folder.is_dir() or not any(folder.iterdir())):
         say(f"{folder}: nothing to resume there yet: this is the beginning", error=True)
     return folder
 

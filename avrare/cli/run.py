@@ -71,13 +71,13 @@ def execute(args: argparse.Namespace) -> int:
     names = [scenario.name for scenario in scenarios]
     home = out or rundir.fresh(names)
     try:
-        folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
         with rundir.begin_checkpoint(home, scenarios, budget, args.resume is not None) as checkpoint:
+            folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
             contents = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:
-        for folder in [home] if out is None else [home / name for name in names]:
-            rundir.remove_empty(folder)
+        if out is None:
+            rundir.remove_empty(home)
         raise
     return _finish(args, contents)
 
@@ -88,7 +88,7 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
     if not args.scenarios and not Path(args.resume).exists():
         hint = "give the folder that --out named, or a SCENARIO to begin there"
         raise UsageError(f"--resume {args.resume}: no such folder", hint)
-    return resumed_folder(args)
+    return resumed_folder(args, begins=bool(args.scenarios))
 
 
 def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:

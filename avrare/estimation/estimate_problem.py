@@ -29,7 +29,6 @@ from avrare.estimation.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import Executor, build_executor
-from avrare.rollout.executors.worker_process import exit_if_unguarded
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.rollout.twin import check_twin
@@ -127,6 +126,8 @@ class _Call:
         if not isinstance(self.checkpoint, (str, os.PathLike, type(None))):
             raise UsageError(f"checkpoint must be the path of a folder, not {self.checkpoint!r}")
         if self.workers != 1:
+            from avrare.rollout.executors.worker_process import exit_if_unguarded
+
             exit_if_unguarded()  # before the checkpoint is opened, which the parent holds
         check = parse_cross_check(self.cross_check, name)
         paid = without_check(Budget.parse(self.budget), check)

@@ -131,7 +131,7 @@ def write(
     """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz."""
     hint = "free some disk space and --resume the run, or choose another --out"
     with explain_file_errors(f"{folder}: cannot write the result", hint):
-        for name in _OF_A_RESULT:
+        for name in _OF_A_RESULT if (folder / "result.json").exists() else ():
             (folder / name).unlink(missing_ok=True)
         write_text(folder / "scenario.yaml", dump(scenario.resolved))
         write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")

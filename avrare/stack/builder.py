@@ -12,7 +12,7 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
-from avrare.driving import Scene
+from avrare.driving import Observation, Scene
 from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, stl
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
@@ -176,11 +176,19 @@ def _has_nan(part: Any) -> bool:
     return any(leaf.dtype.kind == "f" and bool(np.isnan(leaf).any()) for leaf in leaves)
 
 
+def _reports_nan(seen: Observation | None) -> bool:
+    return seen is not None and any(
+        bool(np.isnan(values[seen.detected]).any()) for values in (seen.x, seen.y, seen.speed_x)
+    )
+
+
 def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] | None:
     """Return what the first part with a NaN gives, and when, before the last state; None: the simulator."""
     for sample, state in enumerate(states[:-1]):
         if _has_nan(getattr(state.world, "ego", None)):
             return None
+        if _reports_nan(state.observation):
+            return "perception: its observation is", sample
         if _has_nan(loop.predict(state)):
             return "tracker: its prediction is", sample
         if _has_nan(loop.act(state)[0]):

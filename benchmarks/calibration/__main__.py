@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 def wanted(seeds: int | None, budgets: Sequence[int], quick: bool, only: str) -> Iterator[cells.Key]:
     """Yield the keys, seed by seed, so that an end at any time leaves all tools and problems alike."""
     pairs = [
-        (tool, setting, budget, seeds or planned(setting, budget))
+        (tool, setting, budget, planned(setting, budget) if seeds is None else seeds)
         for budget in budgets for tool in TOOLS.values() for setting in tool.settings
         if not (quick and setting != RECOMMENDED)
     ]  # fmt: skip

@@ -64,8 +64,8 @@ def _answers(count: int) -> str:
 
 def cells_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:
     """Return how many answers there are, of what, and what share of the full run."""
-    total = sum(min(len(row.cells), planned(row.setting, row.budget)) for row in rows)
-    counts, share = [len(row.cells) for row in shown], total / possible()
+    total, counts = sum(_counted(row) for row in rows), [_counted(row) for row in shown]
+    share = total / possible()
     few, many = min(counts), max(counts)
     text = (
         f"**These are {total:,} of the {possible():,} answers of the full run"
@@ -75,7 +75,7 @@ def cells_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:
         "figures and *Who is first* are of these."
     )
     others = Counter({
-        (row.setting, row.budget): sum(len(one.cells) for one in rows if _group(one) == _group(row))
+        (row.setting, row.budget): sum(_counted(one) for one in rows if _group(one) == _group(row))
         for row in rows if _group(row) != _group(shown[0])
     })  # fmt: skip
     if others:
@@ -199,6 +199,11 @@ def _short(reason: str) -> str:
         re.sub(r"[-+]?[0-9][0-9.,e+-]*", "N", reason.replace("|", "/")).split(" at point ")[0].split()
     )
     return text if len(text) <= _LONG else text[:_LONG].rsplit(" ", 1)[0] + " ..."
+
+
+def _counted(row: Row) -> int:
+    """Return the answers of a row that are of the full run: some have been made for other studies."""
+    return min(len(row.cells), planned(row.setting, row.budget))
 
 
 def _group(row: Row) -> tuple[str, int]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.estimation import auto
 from avrare.estimation.auto import Auto, _Work
 from avrare.estimation.auto_config import AutoConfig
 from avrare.estimation.auto_rules import Aim, promised_gain
@@ -282,6 +283,22 @@ def test_the_time_of_a_part_that_gave_up_counts():
     assert [one["estimator"] for one in chosen(result)["tried"]][:2] == ["mc", "is"]
     assert min(seconds) > 0.0
     assert result.seconds == pytest.approx(sum(seconds))
+
+
+def test_the_pilot_counts_in_the_bound_and_contradicts(monkeypatch):
+    alone = avrare.estimate(problem(RARE), "auto", seed=1, rollouts=5000)
+    assert alone.estimator == "is"
+    with monkeypatch.context() as patch:
+        patch.setattr(auto, "FreshRows", lambda rows, failures, errors: FreshRows(100 * rows, 3, errors))
+        more = avrare.estimate(problem(RARE), "auto", seed=1, rollouts=5000)
+    assert more.probability == alone.probability
+    assert more.blind_bound < 0.1 * alone.blind_bound
+    with monkeypatch.context() as patch:
+        patch.setattr(auto, "FreshRows", lambda rows, failures, errors: FreshRows(rows, 30, errors))
+        patch.setattr(Aim, "is_frequent", lambda aim, evidence: False)
+        hidden = avrare.estimate(problem(RARE), "auto", seed=1, rollouts=5000)
+    assert {"pilot_disagrees", "cross_check"} & set(hidden.health)
+    assert hidden.interval[1] > 30 / 333
 
 
 def test_a_pilot_that_met_what_the_choice_misses_contradicts_it():

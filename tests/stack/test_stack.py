@@ -1,14 +1,19 @@
 """Parts that do not fit each other are refused, with the place."""
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from avrare import FormulaError, estimate
 from avrare.cli.main import main
+from avrare.driving import Observation
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
+from avrare.stack.builder import _find_nan
+from avrare.stack.closed_loop import LoopState
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -57,3 +62,20 @@ def test_a_start_that_raises_is_one_clear_line(monkeypatch, capsys):
     assert main(["validate", "--build", str(SCENARIOS / "double_integrator.yaml")]) == 4
     error = capsys.readouterr().err
     assert "the noise-free start raised ValueError: no battery at all" in error
+
+
+@pytest.mark.parametrize(
+    ("seen", "predicted", "told"),
+    [
+        ([np.nan, np.nan], 0.0, "perception: its observation is"),
+        ([0.0, np.nan], np.nan, "tracker: its prediction is"),
+        ([0.0, np.nan], 0.0, "controller: its action is"),
+    ],
+)
+def test_the_first_part_with_a_nan_is_named(seen, predicted, told):
+    """Leave out what a slot without a detection has, which is NaN by definition."""
+    x = np.array([seen])
+    state = LoopState(SimpleNamespace(), Observation(np.array([[True, False]]), x, x, x), None, None)
+    loop = SimpleNamespace(predict=lambda state: np.full(1, predicted), act=lambda state: (math.nan, None))
+    assert _find_nan(loop, [state, state]) == (told, 0)
+    assert _find_nan(loop, [state]) is None

@@ -27,9 +27,6 @@ _FAREWELL = 1.0
 """Seconds that a process whose pipe has ended may take to leave its exit code."""
 _UNGUARDED = 97
 """Exit code of a worker whose import of the script began another estimate with workers."""
-_READY = b"ready"
-"""First message of a worker: it has imported the script."""
-_GUARD = 'put the call under `if __name__ == "__main__":`, or use workers=1'
 _END = 10.0
 """Seconds that an idle process has to end."""
 
@@ -53,24 +50,19 @@ class WorkerProcess:
         """Run a chunk and return the pickled outcome or exception; raise ``WorkerLost`` at its death."""
         try:
             if self._work is not None:
-                self._connection.recv_bytes()  # _READY
                 self._connection.send_bytes(self._work)
                 self._work = None
             self._connection.send(chunk)
             return self._connection.recv_bytes()
         except (OSError, EOFError) as error:
             self._process.join(_FAREWELL)
-            self._check_script()
+            if self._process.exitcode == _UNGUARDED:
+                raise UsageError(
+                    "worker processes import this script, and would run it again",
+                    'put the call under `if __name__ == "__main__":`, or use workers=1',
+                ) from None
             self.kill()
             raise WorkerLost from error
-
-    def _check_script(self) -> None:
-        """Raise a ``UsageError`` if the process ended while it imported the script, and was not killed."""
-        code = self._process.exitcode
-        if code == _UNGUARDED:
-            raise UsageError("worker processes import this script, and would run it again", _GUARD) from None
-        if self._work is not None and code is not None and code >= 0:
-            raise UsageError("a worker process ended while it imported this script", _GUARD) from None
 
     def look(self) -> None:
         """Kill the process if it stays stopped, and hang up if it is dead."""
@@ -136,7 +128,6 @@ def _serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent has closed the pipe
-        connection.send_bytes(_READY)
         work = _read_work(connection.recv_bytes())
         while True:
             connection.send_bytes(_answer(work, connection.recv()))

@@ -368,6 +368,10 @@ def test_what_was_derived_from_the_result_before_is_removed_with_it(night):
     assert {path.suffix for path in Path("done").iterdir()} == {".json", ".npz", ".yaml", ".txt"}
     assert not Path("done/kinds.json").exists()
     assert not Path("done/attribution.json").exists()
+    Path("mine").mkdir()
+    Path("mine/report.html").touch()
+    assert run(scenario, "--out", "mine") == 0
+    assert Path("mine/report.html").exists(), "it was there before any result"
 
 
 def test_a_folder_with_an_interrupted_run_inside_is_not_finished(night, interrupted, capsys):

@@ -179,25 +179,14 @@ avrare.estimate(problem, rollouts=100, workers=2, checkpoint=sys.argv[0] + ".sav
 """
 
 
-@pytest.mark.parametrize(
-    ("first", "reason", "tracebacks"),
-    [
-        (
-            "",
-            "worker processes import this script, and would run it again",
-            {1},
-        ),  # whose checkpoint is in use
-        ('open(sys.argv[0] + ".once", "x")', "a worker process ended while it imported this script", {2, 3}),
-    ],
-)
-def test_a_script_that_ends_in_a_worker_gets_the_hint_about_the_guard(tmp_path, first, reason, tracebacks):
-    done = run_script(tmp_path, BARE.replace("import avrare", f"{first}\nimport avrare"))
+def test_a_script_with_a_checkpoint_gets_the_hint_about_the_guard(tmp_path):
+    """Say so before the folder of the checkpoint is opened, which the parent holds."""
+    done = run_script(tmp_path, BARE)
     assert done.returncode == 1
     *_, error, hint = done.stderr.splitlines()
-    assert error.endswith(f"UsageError: {reason}")
+    assert error.endswith("UsageError: worker processes import this script, and would run it again")
     assert hint.startswith('hint: put the call under `if __name__ == "__main__":`')
-    assert "workers 1" not in done.stderr
-    assert done.stderr.count("Traceback") in tracebacks
+    assert done.stderr.count("Traceback") == 1
 
 
 def test_a_script_from_standard_input_has_no_workers(tmp_path):
