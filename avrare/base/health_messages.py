@@ -17,9 +17,9 @@ MESSAGES = {
     "flat_part": "`{part}` is kept by the same margin in every rollout tried: nothing shows how near its "
     "failures are, and they could be as likely as {bound:.2g}; more first rollouts lower this bound, a score "
     "function that rises on the way there finds them",
-    "outliers": "one number of `{noise}` far in its tail {when} breaks the rule with a probability of at "
-    "least {low:.2g}, and the estimate's interval ends at {upper:.2g}: it misses such failures; use mc, more "
-    "first rollouts, or is with a learned proposal",
+    "outliers": "failures that begin with {what} {when} have a probability of at least {low:.2g}, and the "
+    "estimate's interval ends at {upper:.2g}: it misses them; use mc, more first rollouts, or is with a "
+    "learned proposal",
     "leaps": "{share:.0%} of the first rollouts that pass the level of 1 % come from below that of 10 % in a "
     "single step: there is no way up to failures that one outlier decides, and runs that have met none of "
     "them agree on too low a probability; compare with ess, mc, or is with a learned proposal",

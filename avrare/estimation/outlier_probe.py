@@ -8,7 +8,9 @@ the estimate has missed them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -24,25 +26,25 @@ _FIRST, _SECOND = 5, 96
 """Rollouts of each tail at first, and of all together that are looked at again."""
 _MOST_TAILS = 8
 """Tails that are looked at again."""
-_DEPTH = 5.0
+DEPTH = 5.0
 """Probability of a tail over the estimate's upper end."""
-_LARGEST_TAIL = 0.05
+LARGEST_TAIL = 0.05
 _RUN = 2**31 + 2**30
 """Address of the probe's noise, far from the runs that count."""
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Failures that one extreme noise number decides.
+    """Failures that one extreme noise number decides, or two together.
 
     Attributes:
         noise: Name of the noise that fails most.
-        at_start: It is that of the first step.
+        step: Step of the number: 0, the start, or 1; None: a later one.
         low: Lower end of the interval of their probability.
     """
 
     noise: str
-    at_start: bool
+    step: int | None
     low: float
 
 
@@ -57,7 +59,7 @@ def probe_outliers(
     """Return failures by one outlier whose probability lies above ``upper``; None where there are none.
 
     A tail is a channel, a side, and the first step or one of the later ones; it has the probability
-    ``_DEPTH * upper`` (the chance that a number lies so far out, at any of its steps). With h failures in n
+    ``DEPTH * upper`` (the chance that a number lies so far out, at any of its steps). With h failures in n
     rollouts that begin with such a number, about h / n of that probability is failure. Tails are chosen by
     the first rollouts, and judged by fresh ones.
 
@@ -69,9 +71,10 @@ def probe_outliers(
         confidence: Level of the interval.
     """
     tails = _tails(problem)
-    size = min(_DEPTH * upper, _LARGEST_TAIL)
+    size = min(DEPTH * upper, LARGEST_TAIL)
     # 1. A few rollouts of each tail.
-    first = _failures(problem, column, np.repeat(tails, _FIRST, axis=0), size, seed, stage=0)
+    repeated = np.repeat(tails, _FIRST, axis=0)
+    first = find_failures(problem, column, repeated, partial(_tapes, problem, size, seed, 0))
     hits = first.reshape(len(tails), _FIRST).sum(axis=1)
     worst = np.argsort(-hits, kind="stable")[:_MOST_TAILS]
     worst = worst[hits[worst] > 0]
@@ -79,12 +82,12 @@ def probe_outliers(
         return None
     # 2. More of those that failed; only these count.
     again = np.repeat(tails[worst], _SECOND // len(worst), axis=0)
-    second = _failures(problem, column, again, size, seed, stage=1)
+    second = find_failures(problem, column, again, partial(_tapes, problem, size, seed, 1))
     low = intervals.clopper_pearson(int(second.sum()), len(second), confidence)[0] * size * len(worst)
     if low <= upper:
         return None
     late, channel, _ = tails[worst[second.reshape(len(worst), -1).sum(axis=1).argmax()]]
-    return Outliers(find_noise_names(problem.system)[channel], not late, low)
+    return Outliers(find_noise_names(problem.system)[channel], None if late else 0, low)
 
 
 def _tails(problem: Problem) -> Integers:
@@ -95,19 +98,28 @@ def _tails(problem: Problem) -> Integers:
     )
 
 
-def _failures(problem: Problem, column: int, tails: Integers, size: float, seed: int, stage: int) -> Bools:
-    """Return which rollouts fail whose tapes have one number from the tails (M, 3)."""
+def find_failures(
+    problem: Problem, column: int, wanted: Integers, tapes: Callable[[Integers, Integers], Floats]
+) -> Bools:
+    """Return which rollouts (M,) fail; one that breaks down does not.
+
+    Args:
+        problem: The problem.
+        column: Number of the specification.
+        wanted: What is extreme in each (M, ...).
+        tapes: Function of some numbers of rollouts (m,) and their part of ``wanted`` to tapes (m, T + 1, C).
+    """
     found = []
-    for begin in range(0, len(tails), problem.chunk):
-        part = tails[begin : begin + problem.chunk]
-        outcome = problem.replay(_tapes(problem, part, begin, size, seed, stage))
+    for begin in range(0, len(wanted), problem.chunk):
+        part = wanted[begin : begin + problem.chunk]
+        outcome = problem.replay(tapes(np.arange(begin, begin + len(part)), part))
         found.append(outcome.violated[:, column] & ~outcome.error)
     return np.concatenate(found)
 
 
-def _tapes(problem: Problem, tails: Integers, begin: int, size: float, seed: int, stage: int) -> Floats:
+def _tapes(problem: Problem, size: float, seed: int, stage: int, rows: Integers, tails: Integers) -> Floats:
+    """Return tapes (M, T + 1, C) that have one number from the tails (M, 3)."""
     noise = NoiseSource(seed, problem.noise_size, _RUN)
-    rows = np.arange(begin, begin + len(tails))
     tape = noise.normals(0, stage, rows[:, None], np.arange(problem.steps + 1))
     uniform = noise.choices(np.zeros_like(rows), np.full(len(rows), stage), rows, 2)
     late, channel, side = tails.T

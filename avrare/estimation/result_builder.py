@@ -11,6 +11,7 @@ import numpy as np
 
 from avrare.estimation import health
 from avrare.estimation.outlier_probe import probe_cost, probe_outliers
+from avrare.estimation.pair_probe import pair_probe_cost, probe_pairs
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result, Worst
 from avrare.logic.formula import find_formula
@@ -26,6 +27,7 @@ _FAR_OFF = 3.0
 """Factor between an estimate's interval and its blind bound above which what is hidden is looked for."""
 _LOOK_SHARE = 20
 """Rollouts of an estimate over those of a look, which are not counted: it costs 5 % at most."""
+_WHEN = {0: "at the start", 1: "at the first step", None: "at a later step"}
 _ROUNDING = 1e-3
 """Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
@@ -92,14 +94,21 @@ def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
 
 
 def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
-    if result.rollouts < _LOOK_SHARE * probe_cost(problem) or _weighs(problem):
+    if _weighs(problem):
         return {}  # rollouts with weights are of another law than the one that is meant
-    upper = result.interval[1]
-    found = probe_outliers(problem, column, upper, seed, result.confidence)
-    if found is None:
-        return {}
-    when = "at the start" if found.at_start else "at a later step"
-    return health.warn("outliers", noise=found.noise, when=when, low=found.low, upper=upper)
+    upper, cost = result.interval[1], 0
+    for probe, most, numbers in (
+        (probe_outliers, probe_cost, "one number of `{}` far in its tail"),
+        (probe_pairs, pair_probe_cost, "numbers of `{}` far in their tails together"),
+    ):
+        cost += most(problem)
+        if result.rollouts < _LOOK_SHARE * cost:
+            break
+        found = probe(problem, column, upper, seed, result.confidence)
+        if found is not None:
+            what, when = numbers.format(found.noise), _WHEN[found.step]
+            return health.warn("outliers", what=what, when=when, low=found.low, upper=upper)
+    return {}
 
 
 def _weighs(problem: Problem) -> bool:

@@ -7,6 +7,8 @@ import pytest
 
 import avrare
 from avrare.estimation.outlier_probe import probe_cost, probe_outliers
+from avrare.estimation.pair_probe import pair_probe_cost, probe_pairs
+from avrare.testing import faulty_systems as systems
 
 STEPS = 8
 START, LATER = 3.2, 3.6
@@ -61,7 +63,7 @@ def found(case, upper, seed=0):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_rare_start_is_found_and_named(seed):
     outliers = found(problem(Starts), RARE / 4.0, seed)
-    assert (outliers.noise, outliers.at_start) == ("place", True)
+    assert (outliers.noise, outliers.step) == ("place", 0)
     assert RARE / 4.0 < outliers.low < RARE
 
 
@@ -69,7 +71,7 @@ def test_a_rare_start_is_found_and_named(seed):
 def test_an_outlier_of_any_later_step_is_found(seed):
     rare = STEPS * NormalDist().cdf(-LATER)
     outliers = found(problem(Jumps), rare / 4.0, seed)
-    assert (outliers.noise, outliers.at_start) == ("idle", False)
+    assert (outliers.noise, outliers.step) == ("idle", None)
     assert rare / 4.0 < outliers.low < rare
 
 
@@ -116,3 +118,79 @@ def test_small_estimates_are_not_probed():
     result = split(0, runs=2)
     assert result.rollouts < 20 * probe_cost(case)
     assert "outliers" not in result.health
+
+
+class Coins:
+    """A walk that also fails where two numbers of the start, or of the first step, lie in opposite tails."""
+
+    def __init__(self, step, noise_size=5, threshold=2.3):
+        self.at, self.noise_size, self.threshold = step, noise_size, threshold
+        self.noise_names = ("push", "rain", "idle", "dirt", *map(str, range(noise_size - 4)))
+
+    def _fallen(self, noise):
+        return (noise[:, 1] > self.threshold) & (noise[:, 3] < -self.threshold)
+
+    def initial(self, noise):
+        fallen = self._fallen(noise) & (self.at == 0)
+        return {"x": np.where(fallen, 9.0, 0.0), "t": np.zeros(len(noise))}
+
+    def step(self, state, noise):
+        fallen = self._fallen(noise) & (self.at == 1) & (state["t"] == 0)
+        return {"x": state["x"] + noise[:, 0] / STEPS**0.5 + 9.0 * fallen, "t": state["t"] + 1}
+
+    def signals(self, state):
+        return {"x": state["x"]}
+
+
+BOTH = NormalDist().cdf(-2.3) ** 2
+
+
+def found_pair(system, upper, seed=0):
+    return probe_pairs(avrare.Problem(system, avrare.stl("always (x < 6)"), STEPS), 0, upper, seed, 0.95)
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_two_numbers_that_fail_together_are_found_and_named(step):
+    pairs = [found_pair(Coins(step), BOTH / 3.0, seed) for seed in range(10)]
+    known = [one for one in pairs if one is not None]
+    assert len(known) >= 6
+    assert {(one.noise, one.step) for one in known} == {("rain` and `dirt", step)}
+    assert all(BOTH / 3.0 < one.low < 1.2 * BOTH for one in known)
+    assert sum(one.low < BOTH for one in known) >= len(known) - 1
+    assert found(avrare.Problem(Coins(step), avrare.stl("always (x < 6)"), STEPS), BOTH / 3.0) is None
+
+
+def test_pairs_that_an_estimate_knows_or_that_do_not_fail_are_no_doubt():
+    for seed in range(20):
+        assert found_pair(Coins(0), 1.5 * BOTH, seed) is None
+        assert found_pair(Coins(0, threshold=9.0), BOTH / 3.0, seed) is None
+    assert (
+        probe_pairs(avrare.Problem(systems.Walk(), avrare.stl("always (x < 6)"), STEPS), 0, 1e-5, 0, 0.95)
+        is None
+    )
+
+
+@pytest.mark.parametrize("size", [4, 6, 40])
+@pytest.mark.parametrize("threshold", [-9.0, 2.3, 9.0])
+def test_a_look_at_pairs_takes_no_more_rollouts_than_it_says(size, threshold):
+    counting = systems.Counting(Coins(0, size, threshold))
+    found_pair(counting, 1e-3)
+    most = pair_probe_cost(avrare.Problem(Coins(0, size), avrare.stl("always (x < 6)"), STEPS))
+    assert 24 * STEPS <= counting.rows <= most * STEPS
+
+
+def test_no_bit_of_a_pair_depends_on_the_chunk():
+    case = avrare.Problem(Coins(1), avrare.stl("always (x < 6)"), STEPS)
+    whole = probe_pairs(case, 0, BOTH / 3.0, 0, 0.95)
+    case.chunk = 7
+    assert probe_pairs(case, 0, BOTH / 3.0, 0, 0.95) == whole
+
+
+def test_an_estimate_that_missed_two_coins_is_warned_of():
+    task = avrare.Problem(Coins(0, 4), avrare.stl("always (x < 4.5)"), STEPS)
+    results = [
+        avrare.estimate(task, "ams", seed=seed, runs=100, particles=50, grow=False) for seed in range(3)
+    ]
+    missed = [result for result in results if result.interval[1] < BOTH / 2.0]
+    assert missed
+    assert all("numbers of `rain` and `dirt`" in result.health["outliers"] for result in missed)
