@@ -23,8 +23,10 @@ from avrare.stack.noise_names import find_noise_names
 
 _GROUPS, _MOST_GROUPS = 24, 64
 """Rollouts with many extreme numbers, of few numbers and at most."""
-_LOOKED_AT, _FIRST, _SECOND = 4, 2, 48
-"""Those of them whose pairs are tried, and rollouts of a pair: first, and again."""
+_LOOKED_AT, _SECOND = 3, 48
+"""Those of them whose pairs are tried, and rollouts of the pair that is tried again."""
+_FEW, _LEAST, _MOST = 40, 2, 6
+"""Rollouts of all pairs of a group at first, about; the least and the most of a pair."""
 _TOGETHER = 12
 """Numbers that are extreme together, about, at most."""
 _RUN = 2**31 + 2**30 + 1
@@ -33,9 +35,9 @@ _RUN = 2**31 + 2**30 + 1
 
 def pair_probe_cost(problem: Problem) -> int:
     """Return the most rollouts of a probe, about."""
-    pairs = math.comb(min(problem.noise_size, _TOGETHER), 2)
-    groups = _count_groups(problem.noise_size)
-    return len(_steps(problem)) * (groups + _LOOKED_AT * _FIRST * pairs + _SECOND) if pairs else 0
+    size = problem.noise_size
+    first = _LOOKED_AT * _count_pairs(size) * _count_tries(size)
+    return len(_steps(problem)) * (_count_groups(size) + first + _SECOND) if size > 1 else 0
 
 
 def probe_pairs(problem: Problem, column: int, upper: float, seed: int, confidence: float) -> Outliers | None:
@@ -54,7 +56,7 @@ def probe_pairs(problem: Problem, column: int, upper: float, seed: int, confiden
     """
     if problem.noise_size < 2:
         return None
-    size = min(DEPTH * upper, LARGEST_TAIL)
+    size, tries = min(DEPTH * upper, LARGEST_TAIL), _count_tries(problem.noise_size)
     for step in _steps(problem):
         draw = _Tails(problem, seed, step, math.sqrt(size))
         # 1. Rollouts with many extreme numbers.
@@ -64,9 +66,9 @@ def probe_pairs(problem: Problem, column: int, upper: float, seed: int, confiden
         pairs = _pairs_of(failing)
         if not len(pairs):
             continue
-        repeated = np.repeat(pairs, _FIRST, axis=0)
+        repeated = np.repeat(pairs, tries, axis=0)
         first = find_failures(problem, column, repeated, partial(draw.tapes, 1))
-        hits = first.reshape(len(pairs), _FIRST).sum(axis=1)
+        hits = first.reshape(len(pairs), tries).sum(axis=1)
         if not hits.any():
             continue
         # 3. Fresh rollouts of the pair that fails most; only these count.
@@ -88,6 +90,16 @@ def _steps(problem: Problem) -> tuple[int, ...]:
 def _count_groups(channels: int) -> int:
     """Return the groups: two of more channels are more seldom extreme together."""
     return math.ceil(min(_MOST_GROUPS, _GROUPS * max(1.0, channels / _TOGETHER) ** 2))
+
+
+def _count_pairs(channels: int) -> int:
+    """Return the pairs of a group, about."""
+    return math.comb(min(channels, _TOGETHER), 2)
+
+
+def _count_tries(channels: int) -> int:
+    """Return the first rollouts of a pair."""
+    return min(_MOST, max(_LEAST, _FEW // _count_pairs(channels)))
 
 
 def _pairs_of(groups: Integers) -> Integers:
