@@ -71,6 +71,7 @@ def execute(args: argparse.Namespace) -> int:
     names = [scenario.name for scenario in scenarios]
     home = out or rundir.fresh(names)
     try:
+        rundir.choose(home, names[0], several=False)
         with rundir.begin_checkpoint(home, scenarios, budget, args.resume is not None) as checkpoint:
             folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
             contents = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)

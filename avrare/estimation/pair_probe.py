@@ -36,8 +36,10 @@ _RUN = 2**31 + 2**30 + 1
 def pair_probe_cost(problem: Problem) -> int:
     """Return the most rollouts of a probe, about."""
     size = problem.noise_size
+    if size < 2:
+        return 0
     first = _LOOKED_AT * _count_pairs(size) * _count_tries(size)
-    return len(_steps(problem)) * (_count_groups(size) + first + _SECOND) if size > 1 else 0
+    return len(_steps(problem)) * (_count_groups(size) + first + _SECOND)
 
 
 def probe_pairs(problem: Problem, column: int, upper: float, seed: int, confidence: float) -> Outliers | None:
