@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 def wanted(seeds: int | None, budgets: Sequence[int], quick: bool, only: str) -> Iterator[cells.Key]:
     """Yield the keys, seed by seed, so that an end at any time leaves all tools and problems alike."""
     pairs = [
-        (tool, setting, budget, planned(setting, budget) if seeds is None else seeds)
+        (tool, setting, budget, planned(tool, setting, budget) if seeds is None else seeds)
         for budget in budgets for tool in TOOLS.values() for setting in tool.settings
         if not (quick and setting != RECOMMENDED)
     ]  # fmt: skip
@@ -78,7 +78,8 @@ def wanted(seeds: int | None, budgets: Sequence[int], quick: bool, only: str) ->
 def make(keys: Iterator[cells.Key], folder: Path, workers: int, minutes: float, limit: float) -> None:
     """Make the cells that are missing or had less time, in so many workers of each environment at most."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    known = {cell.key for cell in cells.read(folder) if cell.time_limit >= limit}
+    known = {cell.key: cell for cell in cells.read(folder) if cell.time_limit >= limit}
+    hopeless = {cell.question for cell in known.values() if cell.hopeless}
     missing = [key for key in keys if key not in known]
     absent = {TOOLS[key[0]].environment for key in missing if not interpreter(TOOLS[key[0]].environment)}
     if absent:
@@ -88,7 +89,7 @@ def make(keys: Iterator[cells.Key], folder: Path, workers: int, minutes: float, 
     print(f"{len(missing)} cells are missing, {len(known)} are there", flush=True)
     with ThreadPoolExecutor(workers) as pool:
         shares = [missing[row::workers] for row in range(workers)]
-        for future in [pool.submit(Runner(folder, limit).run, share, end) for share in shares]:
+        for future in [pool.submit(Runner(folder, limit, hopeless).run, share, end) for share in shares]:
             future.result()
 
 

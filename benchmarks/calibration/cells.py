@@ -8,6 +8,8 @@ import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+_NOT_ASKED = "not asked, as seed 0 had "
+Question = tuple[str, str, str, int]
 Key = tuple[str, str, str, int, int]
 
 
@@ -50,16 +52,36 @@ class Cell:
         """Return the reason of a cell that was given up after so many CPU seconds."""
         return f"no answer within {seconds:.0f} CPU seconds"
 
+    @staticmethod
+    def not_asked(seconds: float) -> str:
+        """Return the reason of a cell whose first seed was given up after so many CPU seconds."""
+        return _NOT_ASKED + Cell.out_of_time(seconds)
+
     @property
     def time_limit(self) -> float:
         """CPU seconds after which it was given up; infinite where that is not why it has no answer."""
-        found = re.fullmatch(r"no answer within (\d+) CPU seconds", self.reason)
+        found = re.fullmatch(r"no answer within (\d+) CPU seconds", self.cause)
         return float(found[1]) if found else math.inf
+
+    @property
+    def cause(self) -> str:
+        """Reason, which is that of seed 0 where the others were not asked."""
+        return self.reason.removeprefix(_NOT_ASKED)
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether the first seed was given up for time, so that the others are not asked."""
+        return self.seed == 0 and math.isfinite(self.time_limit)
+
+    @property
+    def question(self) -> Question:
+        """Key without the seed."""
+        return self.tool, self.setting, self.problem, self.budget
 
     @property
     def key(self) -> Key:
         """Key that tells it from the others."""
-        return self.tool, self.setting, self.problem, self.budget, self.seed
+        return *self.question, self.seed
 
 
 def file_of(folder: Path, tool: str) -> Path:

@@ -170,13 +170,17 @@ def _first_table(rows: Sequence[Row]) -> list[str]:
 
 
 def _setting_table() -> list[str]:
-    lines = ["| tool | interval | size | settings |", "|---|---|---|---|"]
+    lines = [
+        f"| tool | interval | size | settings | answers at {', '.join(f'{b:,}' for b in scope.BUDGETS)} |",
+        "|---|---|---|---|---|",
+    ]
     for tool in TOOLS.values():
         settings = "; ".join(
             f"{name}: {', '.join(f'{key} {value}' for key, value in options.items()) or 'defaults'}"
             for name, options in tool.settings.items()
         )
-        lines.append(f"| {tool.name} | {tool.interval} | {tool.sized} | {settings} |")
+        answers = ", ".join(str(scope.planned(tool, RECOMMENDED, budget)) for budget in scope.BUDGETS)
+        lines.append(f"| {tool.name} | {tool.interval} | {tool.sized} | {settings} | {answers} |")
     return lines
 
 

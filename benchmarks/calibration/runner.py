@@ -8,7 +8,7 @@ import os
 import selectors
 import subprocess
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,12 @@ class Runner:
     Args:
         folder: Of the cells.
         limit: CPU seconds of the worker after which an answer is given up.
+        hopeless: Questions whose first seed was given up, to which it adds: their other seeds are not asked.
     """
 
-    def __init__(self, folder: Path, limit: float) -> None:
+    def __init__(self, folder: Path, limit: float, hopeless: set[cells.Question] | None = None) -> None:
         self.folder, self.limit = folder, limit
+        self.hopeless: set[cells.Question] = set() if hopeless is None else hopeless
         self.workers: dict[str, subprocess.Popen[str]] = {}
         self.versions: dict[str, str] = {}
 
@@ -42,7 +44,10 @@ class Runner:
             for key in keys:
                 if time.monotonic() > end:
                     break
-                cells.add(self.folder, self.cell(key))
+                cell = self.cell(key)
+                if cell.hopeless:
+                    self.hopeless.add(cell.question)
+                cells.add(self.folder, cell)
         finally:
             for worker in self.workers.values():
                 _stop(worker)
@@ -51,6 +56,10 @@ class Runner:
         """Return the cell of a key; a worker that dies or takes too long has no answer."""
         environment = TOOLS[key[0]].environment
         task = dict(zip(("tool", "setting", "problem", "budget", "seed"), key, strict=True))
+        if key[:-1] in self.hopeless and task["seed"] > 0:
+            return _without_answer(
+                task, self.versions.get(environment, ""), 0.0, cells.Cell.not_asked(self.limit)
+            )
         line = "ready\n" if environment in self.workers else self._start(TOOLS[key[0]])
         worker = self.workers[environment]
         before = _cpu(worker.pid)
@@ -69,11 +78,7 @@ class Runner:
             reason = f"it hung: no answer within {wall:.0f} seconds, {seconds:.0f} of them CPU"
         else:
             reason = cells.Cell.out_of_time(self.limit)
-        version = self.versions.get(environment, "")
-        return cells.Cell(
-            **task, version=version, estimate=None, low=None, high=None, warnings=(), evaluations=0.0,
-            seconds=round(seconds, 1), reason=reason,
-        )  # fmt: skip
+        return _without_answer(task, self.versions.get(environment, ""), seconds, reason)
 
     def _start(self, tool: Tool) -> str | None:
         """Start a worker; return its first line, "" where it died, None where it is not ready in time."""
@@ -88,6 +93,13 @@ class Runner:
         )  # fmt: skip
         self.workers[environment] = worker
         return _wait(worker, _START)
+
+
+def _without_answer(task: Mapping[str, Any], version: str, seconds: float, reason: str) -> cells.Cell:
+    return cells.Cell(
+        **task, version=version, estimate=None, low=None, high=None, warnings=(), evaluations=0.0,
+        seconds=round(seconds, 1), reason=reason,
+    )  # fmt: skip
 
 
 def _ask(worker: subprocess.Popen[str], task: str, limit: float) -> str | None:

@@ -12,27 +12,29 @@ from scipy import stats
 
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import LEAST_ANSWERS, Row, far_off
-from benchmarks.calibration.tools import RECOMMENDED, TOOLS
+from benchmarks.calibration.tools import RECOMMENDED, TOOLS, Tool
 
 BUDGETS = (1_000, 10_000, 100_000)
 """Budgets of the full run."""
-_SEEDS, _LARGE = 10, 100_000
-"""Answers of a tool to a problem, and the budget from which on there is one."""
+_SEEDS, _DEAR_SEEDS, _LARGE = 10, 3, 100_000
+"""Answers of a tool to a problem, those where they are dear, and the budget from which on there is one."""
 FEW = 10
 """Dimensions that are few."""
 _NAMED, _LONG = 5, 120
 """Problems that are named, and characters of a reason."""
 
 
-def planned(setting: str, budget: int) -> int:
-    """Return the answers of a tool to a problem in the full run: one where they are dear, or a variant's."""
-    return _SEEDS if setting == RECOMMENDED and budget < _LARGE else 1
+def planned(tool: Tool, setting: str, budget: int) -> int:
+    """Return the answers of a tool to a problem in the full run: fewer where they are dear or a variant's."""
+    if setting != RECOMMENDED or budget >= _LARGE:
+        return 1
+    return _DEAR_SEEDS if budget >= tool.dear else _SEEDS
 
 
 def possible() -> int:
     """Return the number of answers of the full run."""
     return sum(
-        planned(setting, budget) * sum(not tool.unable(problem) for problem in problems().values())
+        planned(tool, setting, budget) * sum(not tool.unable(problem) for problem in problems().values())
         for tool in TOOLS.values() for setting in tool.settings for budget in BUDGETS
     )  # fmt: skip
 
@@ -157,17 +159,24 @@ def silent_lines(shown: Sequence[Row]) -> list[str]:
     """Return why tools gave no answer, and where."""
     found: dict[tuple[str, str], list[str]] = {}
     for row in shown:
-        for reason in dict.fromkeys(_short(cell.reason) for cell in row.cells if cell.reason):
+        for reason in dict.fromkeys(_short(cell.cause) for cell in row.cells if cell.reason):
             found.setdefault((row.tool, reason), []).append(row.problem.name)
     if not found:
         return ["Every tool had an answer wherever it was asked."]
     limits = [cell.time_limit for row in shown for cell in row.cells if math.isfinite(cell.time_limit)]
-    given = f" Time was up after {min(limits):.0f} to {max(limits):.0f} CPU seconds." if limits else ""
+    given = _limits_text(limits) if limits else ""
     lines = [f"N stands for a number that differs.{given}", ""]
     lines += ["| tool | no answer, as | problems | such as |", "|---|---|---|---|"]
     for (tool, reason), names in found.items():
         lines.append(f"| {tool} | {reason} | {len(names)} | {', '.join(names[:_NAMED])} |")
     return lines
+
+
+def _limits_text(limits: Sequence[float]) -> str:
+    return (
+        f" Time was up after {min(limits):.0f} to {max(limits):.0f} CPU seconds; "
+        "what was given up at its first seed was not asked again, and counts as given up at all."
+    )
 
 
 def dimension_lines(shown: Sequence[Row]) -> list[str]:
@@ -203,7 +212,7 @@ def _short(reason: str) -> str:
 
 def _counted(row: Row) -> int:
     """Return the answers of a row that are of the full run: some have been made for other studies."""
-    return min(len(row.cells), planned(row.setting, row.budget))
+    return min(len(row.cells), planned(TOOLS[row.tool], row.setting, row.budget))
 
 
 def _group(row: Row) -> tuple[str, int]:

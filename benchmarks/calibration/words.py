@@ -17,7 +17,7 @@ So many answers tell a tool that is far off from one that is not. With {seeds} o
 
     python -m benchmarks.calibration.environments     # the tools, each in an environment of its own
     python -m benchmarks.calibration --quick          # 30 minutes on two cores
-    python -m benchmarks.calibration                  # all budgets and settings: ten answers each, one of *tuned* and at 100,000
+    python -m benchmarks.calibration                  # all budgets and settings
 
 [`table.csv`](calibration/table.csv) has a row for each tool, setting, problem and budget; `cells.zip`
 beside it every answer.
@@ -110,6 +110,9 @@ FINDINGS = """## Settings
 with levels does not know how many it will need: it is given a fifth of the budget for each, so it may take
 more or less than the budget; the cost counts what it took. *tuned* is one other
 setting, for harder problems; nobody has searched for the best one of any tool.
+
+The full run has ten answers of a tool to a problem in the setting *recommended*, three where an answer takes the tool five CPU
+seconds or more, and one at 100,000 evaluations and of *tuned*.
 
 What we did to others' tools, for their authors to check: a worker may take 6 GiB of memory, and an answer the CPU time given above. pyTAMS and VerifAI are asked for one
 row at a time, so they meet that limit first: such a missing answer says nothing of their method. For pyTAMS 120 CPU seconds were

@@ -93,9 +93,9 @@ def test_scores_reach_one_at_failure_alone(name):
     np.testing.assert_array_equal(rolled(system, tapes) <= 0.0, highest >= 1.0)
 
 
-def test_the_full_run_has_ten_answers_but_one_where_they_are_dear_or_a_variants():
-    def count(seeds):
-        keys = wanted(seeds, BUDGETS, quick=False, only="^avrare ams walk_3.8$")
+def test_the_full_run_has_ten_answers_but_fewer_where_they_are_dear_or_a_variants():
+    def count(seeds, tool="avrare ams"):
+        keys = wanted(seeds, BUDGETS, quick=False, only=f"^{tool} walk_3.8$")
         return Counter((setting, budget) for _, setting, _, budget, _ in keys)
 
     tuned = {("tuned", budget): 1 for budget in BUDGETS}
@@ -103,6 +103,7 @@ def test_the_full_run_has_ten_answers_but_one_where_they_are_dear_or_a_variants(
         **tuned,
         **{("recommended", b): n for b, n in zip(BUDGETS, (10, 10, 1), strict=True)},
     }
+    assert list(count(None, "verifai cross-entropy").values()) == [10, 3, 1]
     assert set(count(3).values()) == {3}
     assert sum(1 for _ in wanted(None, BUDGETS, quick=False, only="")) == scope.possible()
 
@@ -177,6 +178,23 @@ def test_a_worker_that_does_not_answer_is_a_cell_with_a_reason(tmp_path, monkeyp
     assert found.estimate is None
     assert found.reason == "no answer within 0 CPU seconds"
     assert not maker.workers
+
+
+def test_a_question_whose_first_seed_was_given_up_is_not_asked_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "_START", 0.0)
+    keys = [
+        ("avrare mc", "recommended", problem, 1000, seed)
+        for seed in (0, 1)
+        for problem in ("walk_2.5", "late")
+    ]
+    maker = runner.Runner(tmp_path, 0.0, {("avrare mc", "recommended", "late", 1000)})
+    maker.run(keys[:3], float("inf"))
+    first, again, third = cells.read(tmp_path)
+    assert first.hopeless
+    assert again.hopeless
+    assert third.reason == "not asked, as seed 0 had no answer within 0 CPU seconds"
+    assert third.time_limit == 0.0  # asked again by a run that gives more time
+    assert not third.hopeless
 
 
 def test_a_worker_that_hangs_is_told_from_one_that_works_too_long(tmp_path, monkeypatch):

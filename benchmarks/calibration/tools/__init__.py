@@ -27,6 +27,7 @@ class Tool:
         settings: Options of the adapter by the name of the setting.
         sized: How a budget of B evaluations is given to it.
         unable: Function to the reason for which it cannot express a problem, or "".
+        dear: Budget from which on it takes 5 CPU seconds or more for an answer, the mean over problems.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Tool:
     settings: Mapping[str, Mapping[str, Any]]
     sized: str
     unable: Callable[[Problem], str] = field(default=lambda problem: "")
+    dear: int = 100_000
 
     @property
     def method(self) -> str:
@@ -68,7 +70,7 @@ def _avrare() -> tuple[Tool, ...]:
         Tool("avrare ess", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"kernel": "shrink"}}, size),
         Tool("avrare is", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"check": 0.3}}, "`rollouts` B"),
         Tool("avrare ce", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size),
-        Tool("avrare smc", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size, needs_steps),
+        Tool("avrare smc", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size, needs_steps, dear=10_000),
         Tool("avrare auto", _HERE, _AVRARE, own, {RECOMMENDED: {}}, "`rollouts` B"),
     )
 
@@ -77,18 +79,20 @@ def _openturns() -> tuple[Tool, ...]:
     own = "its `getConfidenceLength(0.95)`, about the estimate"
     level, line = "B / 5 a level", "B / 10 directions"
 
-    def tool(method: str, sized: str, tuned: Mapping[str, Any] | None = None, **options: Any) -> Tool:
+    def tool(
+        method: str, sized: str, tuned: Mapping[str, Any] | None = None, dear: int = 100_000, **options: Any
+    ) -> Tool:
         settings = {RECOMMENDED: options} | ({TUNED: {**options, **tuned}} if tuned else {})
-        return Tool(f"openturns {method}", "openturns", _OT, own, settings, sized)
+        return Tool(f"openturns {method}", "openturns", _OT, own, settings, sized, dear=dear)
 
     return (
         tool("monte carlo", "B at most"),
         tool("subset", level, {"conditional_probability": 0.2}, levels=5),
-        tool("directional", line, {"safe": True}),
+        tool("directional", line, {"safe": True}, dear=10_000),
         tool("form-is", "what FORM leaves of B"),
         tool("cross-entropy", level, {"quantile": 0.1}, levels=5),
         tool("nais", level, {"quantile": 0.1}, levels=5),
-        tool("line", "a tenth of what FORM leaves of B", {"safe": True}),
+        tool("line", "a tenth of what FORM leaves of B", {"safe": True}, dear=10_000),
     )
 
 
@@ -97,10 +101,12 @@ def _others() -> tuple[Tool, ...]:
     deviation = "log-normal, from the coefficient of variation that it states (dependent chains)"
     plain: Mapping[str, Mapping[str, Any]] = {RECOMMENDED: {}}
     return (
-        Tool("uqpy subset", "uqpy", f"{room}uqpy_tools", deviation, plain, "B / 5 a level"),
+        Tool(
+            "uqpy subset", "uqpy", f"{room}uqpy_tools", deviation, plain, "B / 5 a level", dear=10_000
+        ),
         Tool(
             "pytams tams", "pytams", f"{room}pytams_tools", runs, plain, "ten runs of B / 60 trajectories",
-            needs_steps,
+            needs_steps, dear=1_000,
         ),
         Tool(
             "textbook gams", _HERE, f"{room}gams_tools", runs, plain, "ten runs of B / 50 particles",
@@ -113,7 +119,7 @@ def _others() -> tuple[Tool, ...]:
         Tool(
             "verifai cross-entropy", "verifai", f"{room}verifai_tools",
             "Clopper-Pearson of the counterexamples, which its falsifier gives for any sampler", plain,
-            "`n_iters` B",
+            "`n_iters` B", dear=10_000,
         ),
     )  # fmt: skip
 
