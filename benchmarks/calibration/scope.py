@@ -120,7 +120,7 @@ def truth_text() -> str:
 
 
 def warned_text(shown: Sequence[Row]) -> str:
-    """Return how often each tool warns, of what, and how many of these answers are far off."""
+    """Return how often each tool warns, of what, how many of these are far off, and what covers unwarned."""
     lines = []
     for tool in dict.fromkeys(row.tool for row in shown):
         rows = [row for row in shown if row.tool == tool]
@@ -131,10 +131,21 @@ def warned_text(shown: Sequence[Row]) -> str:
         if warned:
             named = ", ".join(f"`{name}` {count / len(own):.0%}" for name, count in kinds)
             share = f"{len(warned) / len(own):.0%}"
-            lines.append(f"`{tool}` of {share} ({named}; far off {off} of {len(warned)})")
+            quiet = _unwarned_text(rows)
+            lines.append(f"`{tool}` of {share} ({named}; far off {off} of {len(warned)}{quiet})")
     if not lines:
         return "No tool warned of an answer."
     return f"Warned of: {'; '.join(lines)}. The others never warned."
+
+
+def _unwarned_text(rows: Sequence[Row]) -> str:
+    """Return how many intervals hold the truth where the tool did not warn."""
+    held = [
+        cell.low <= row.problem.probability <= cell.high
+        for row in rows for cell in row.cells
+        if not cell.warnings and cell.low is not None and cell.high is not None
+    ]  # fmt: skip
+    return f"; unwarned intervals cover {sum(held) / len(held):.1%} of {len(held)}" if held else ""
 
 
 def wins_lines(winners: Iterable[tuple[str, str]], peers: Sequence[Row]) -> list[str]:
@@ -193,7 +204,7 @@ def dimension_lines(shown: Sequence[Row]) -> list[str]:
             covered = sum(row.covers * len(row.stated) for row in own if row.stated)
             wrong = sum(row.wrong for row in own)
             entries += [f"{covered / stated:.0%} of {stated}" if stated else ""]
-            entries += [f"{wrong / cells:.0%} of {cells}" if cells else ""]
+            entries += [f"{wrong / cells:.1%} of {cells}" if cells else ""]
         lines.append(f"| {tool} | {' | '.join(entries)} |")
     return lines
 
