@@ -70,7 +70,7 @@ class Cell:
 
     @property
     def hopeless(self) -> bool:
-        """Whether the first seed was given up for time, so that the others are not asked."""
+        """Mark of a first seed that was given up for time: the other seeds are not asked."""
         return self.seed == 0 and math.isfinite(self.time_limit)
 
     @property

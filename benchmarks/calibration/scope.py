@@ -186,7 +186,7 @@ def silent_lines(shown: Sequence[Row]) -> list[str]:
 def _limits_text(limits: Sequence[float]) -> str:
     return (
         f" Time was up after {min(limits):.0f} to {max(limits):.0f} CPU seconds; "
-        "what was given up at its first seed was not asked again, and counts as given up at all."
+        "what was given up at its first seed was not asked again, and counts as given up at every seed."
     )
 
 

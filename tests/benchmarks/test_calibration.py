@@ -157,6 +157,14 @@ def test_shares_of_a_row():
     assert row.mean == pytest.approx((1 + 0.8 + 0.1 + 0.1 + 0.0) / 5)
 
 
+def test_what_covers_is_told_of_answers_without_a_warning():
+    p = problems()["walk_2.5"].probability
+    held, missed = cell(p, 0.5 * p, 2 * p), cell(0.5 * p, 0.4 * p, 0.9 * p)
+    warned = cell(0.1 * p, 0.05 * p, 0.2 * p, ("few_roots",))
+    row = Row("avrare mc", "recommended", problems()["walk_2.5"], 1000, (held, held, missed, warned))
+    assert "far off 1 of 1; unwarned intervals cover 66.7% of 3" in scope.warned_text([row])
+
+
 def test_first_is_the_cheapest_that_may_be_trusted():
     p, problem = problems()["walk_2.5"].probability, problems()["walk_2.5"]
 
