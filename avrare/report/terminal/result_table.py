@@ -54,6 +54,7 @@ def note_lines(results: Sequence[Result]) -> list[str]:
                 "raise `most_runs` or the budget" if "looks" in result.diagnostics else "give more rollouts"
             )
             text = f"the run ended before it reached `relative_error` or `threshold`: {more}"
+            text = result.diagnostics.get("ended_early", text)
             lines.setdefault(text, []).append(result.specification)
         if note := result.diagnostics.get("note"):
             lines.setdefault(note, []).append(result.specification)

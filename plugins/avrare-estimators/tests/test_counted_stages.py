@@ -7,6 +7,7 @@ import pytest
 from outlier_systems import outliers
 
 import avrare
+from avrare.report.terminal.result_table import note_lines
 from avrare_estimators.config import IsConfig
 from avrare_estimators.importance import dictionary, learned_sampling
 from avrare_estimators.importance.learned_sampling import LearnedSampling, relative_error
@@ -85,11 +86,15 @@ def test_the_variance_that_a_sample_shows_is_that_of_one_of_its_rows():
     assert Lessons(0.25, (few,)).shown_variance is None
 
 
-def share_of(rows, variance, goal=0.1, gain=4.0, shares=(0.0, 0.0), drawn=4000, rollouts=100_000):
-    """Return the share of a stage after a pilot and another stage."""
+def share_of(rows, variance, goal=0.1, gain=4.0, shares=(0.0, 0.0), drawn=4000, rollouts=100_000, floor=None):
+    """Return the share of a stage after a pilot and another one, which leaves ``floor`` in the variance."""
+    before = made_sample(np.arange(400) % 2 == 0, np.zeros(400), 100)
+    if floor is None:  # what is expected of a stage
+        floor = sum(shares) * (goal or 0.1) ** 2 or 1.0
+    unit = np.sqrt(learned_sampling.variance_of_sum([(shares[-1], before)], 1.0) / floor)
     state = SimpleNamespace(
-        stages=[{"gain_shown": gain}], lessons=SimpleNamespace(shown_variance=variance), shares=shares,
-        left=1.0 - sum(shares), rows=drawn, rollouts=rollouts,
+        stages=[{"gain_shown": gain}], lessons=SimpleNamespace(shown_variance=variance, probability=unit),
+        shares=shares, left=1.0 - sum(shares), rows=drawn, rollouts=rollouts, samples=(before, before),
     )  # fmt: skip
     return LearnedSampling(IsConfig(relative_error=goal, check=0.2))._share(state, rows)
 
@@ -97,15 +102,40 @@ def share_of(rows, variance, goal=0.1, gain=4.0, shares=(0.0, 0.0), drawn=4000, 
 def test_a_stage_has_the_share_of_its_rows_in_all_that_are_missing():
     assert share_of(1500, 100.0) == pytest.approx(1500 / (100.0 / 0.1**2))
     # What is left takes fewer rows, but for a smaller share.
-    assert share_of(1500, 100.0, shares=(0.0, 0.4)) == pytest.approx(0.6 * 1500 / (0.6 * 100.0 / 0.1**2))
-    assert share_of(1500, 100.0, goal=None, shares=(0.0, 0.4)) == pytest.approx(0.6 * 1500 / 76_000)
-    assert share_of(1500, 100.0, shares=(0.0, 0.7)) == pytest.approx(0.05)  # three quarters in all at most
+    assert share_of(1500, 100.0, shares=(0.0, 0.2)) == pytest.approx(0.8 * 1500 / (0.8 * 100.0 / 0.1**2))
+    assert share_of(1500, 100.0, goal=None, shares=(0.0, 0.2)) == pytest.approx(0.8 * 1500 / 76_000)
+    assert share_of(1500, 100.0, shares=(0.0, 0.45)) == pytest.approx(0.05)  # half in all at most
     # Without a goal, and with one that is too dear, all that may be drawn is missing: 80 % less 4,000 rows.
     assert share_of(1500, 100.0, goal=None) == pytest.approx(1500 / 76_000)
     assert share_of(1500, 1e5) == pytest.approx(1500 / 76_000)
-    # Nearly done: the final sample keeps a quarter.
-    assert share_of(1500, 1.0) == pytest.approx(0.75)
-    assert share_of(1500, 1.0, shares=(0.0, 0.75)) == 0.0
+    # Nearly done: the final sample keeps half.
+    assert share_of(1500, 1.0) == pytest.approx(0.5)
+    assert share_of(1500, 1.0, shares=(0.0, 0.5)) == 0.0
+
+
+def test_stages_of_a_large_variance_leave_more_rows_to_draw():
+    # What is left, 0.8, must have a variance of goal squared less the floor.
+    rows = 0.8**2 * 100.0 / (0.1**2 - 0.006)
+    assert share_of(1500, 100.0, shares=(0.0, 0.2), floor=0.006) == pytest.approx(0.8 * 1500 / rows)
+    # Near the floor and below it the goal is out of reach: a fourth of the floor is what is added to it.
+    for floor in (0.009, 0.02):
+        rows = 0.8**2 * 100.0 / (0.25 * floor)
+        assert share_of(1500, 100.0, shares=(0.0, 0.2), floor=floor) == pytest.approx(0.8 * 1500 / rows)
+
+
+def test_a_goal_that_the_stages_leave_out_of_reach_ends_the_run(monkeypatch):
+    def share(self, state, rows):
+        return 0.9 if len(state.shares) == 2 else 0.0
+
+    monkeypatch.setattr(LearnedSampling, "_share", share)
+    options = {"seed": 1, "rollouts": 200_000, "pilot": 3000, "relative_error": 0.02}
+    result = avrare.estimate(outliers("always (first < 4)"), "is", **options)
+    (line,) = [line for line in note_lines([result]) if "before it reached" in line]
+    assert "learned.json" in line
+    assert "give more rollouts" not in line
+    assert result.rollouts < 50_000
+    assert result.diagnostics["shares"] == [[0.1, 0.9]]
+    assert result.relative_error > 0.02
 
 
 def test_a_stage_after_one_that_shows_no_gain_has_no_share():
@@ -118,6 +148,7 @@ def test_learning_ends_where_an_estimate_is_nearly_done():
         stage = {"rollouts": 3000, "reached": reached, "relative_variance": 9.0, "gain": 5.0}
         state = SimpleNamespace(
             stages=[stage], left=1.0, rows=4000, rollouts=100_000, shares=(0.0,),
+            samples=(None,),
             lessons=SimpleNamespace(shown_variance=variance, elite=[np.arange(99)]),
         )  # fmt: skip
         return LearnedSampling(IsConfig(relative_error=goal, pilot=3000))._learnt(state)

@@ -27,23 +27,30 @@ from avrare_estimators.importance.sampling import (
     Sample,
     TapeSource,
     failing_weights,
+    variance_of_sum,
     wave_rows,
 )
 from avrare_estimators.importance.stages import LEAST_GAIN, has_reached, is_learnt, is_stuck, is_worthless
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.words import NoiseNames, describe_failures
 from avrare_estimators.looks import Looks
-from avrare_estimators.weights import stratified_variance
 
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half."""
 _LEAST_LOOK = 1000
-_MOST_COUNTED = 0.75
-"""Largest share of the estimate that the stages of learning have together."""
+_MOST_COUNTED = 0.5
+"""Largest share of the estimate that the stages of learning have together: their variance may then be twice
+what was expected, and a relative error asked for is still within reach."""
+_NEAR_FLOOR = 1.25
+"""Ratio of the variance to that of the stages that count below which further rows are not worth drawing."""
 _LAST_STAGES = 2.0
 """Stages in whose cost the estimate can be ended: then learning more does not pay."""
 _WORTHLESS = "learning found no proposal that beats Monte Carlo by a factor of two"
 
+_AT_FLOOR = (
+    "the run ended before it reached `relative_error`: what counts of its learning leaves an error of {:.0%} "
+    "that more rollouts do not lower; `--learned` with the learned.json of this run draws them all anew"
+)
 _UNREACHED = "learning did not reach a failure"
 
 
@@ -125,6 +132,9 @@ class LearnedSampling(WeightedSampler):
             rows = len(samples[0].error)
             interval_at = state.looks.interval(rows, interval_at)
             told["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
+            if not told["goal_reached"] and rows < state.looks.runs[-1]:
+                floor = math.sqrt(variance_of_sum(state.finished[0].counted, result.probability))
+                told["ended_early"] = _AT_FLOOR.format(floor)
         diagnostics = {**result.diagnostics, **told}
         return [replace(result, interval_at=interval_at, diagnostics=diagnostics, artifacts=artifacts)]
 
@@ -159,7 +169,10 @@ class LearnedSampling(WeightedSampler):
         most = float(self._affordable(state))
         if self.config.relative_error is None:
             return most
-        return min(most, state.left * variance / self.config.relative_error**2)
+        counted = counted_samples(state)
+        floor = variance_of_sum(counted, state.lessons.probability) if counted else 0.0
+        rest = max(self.config.relative_error**2, _NEAR_FLOOR * floor) - floor
+        return min(most, state.left**2 * variance / rest)
 
     def _affordable(self, state: LearnedState) -> int:
         return max(2, int((1.0 - self.config.check) * state.rollouts) - state.rows)
@@ -211,12 +224,13 @@ class LearnedSampling(WeightedSampler):
         return self._draw(replace(state, source=source, looks=looks), looks.runs[0])
 
     def _look(self, state: LearnedState) -> SamplingState:
-        # 3. The final sample ends at the first look at which it is exact enough.
+        # 3. The final sample ends at the first look at which the estimate is exact enough, or about as exact
+        #    as its stages let it become.
         assert state.looks is not None
-        sample = Sample.join(state.final)
-        parts = [(state.left, sample), *counted_samples(state)]
+        sample, counted = Sample.join(state.final), counted_samples(state)
+        parts = [(state.left, sample), *counted]
         more = state.looks.missing(len(sample.error), lambda: relative_error(parts))
-        if more:
+        if more and not is_at_floor(parts, counted):
             return self._draw(state, more)
         learning = state.samples[: len(state.samples) - len(state.final)]
         return super()._sample_complete(replace(state, samples=(*learning, sample)), sample)
@@ -262,11 +276,13 @@ def relative_error(parts: Sequence[tuple[float, Sample]]) -> float:
     Args:
         parts: Samples that count, and their shares of the estimate.
     """
-    values = [(share, failing_weights(sample), sample.target_rows) for share, sample in parts]
-    mean = sum(share * float(own.mean()) for share, own, _ in values)
-    if not mean:
-        return math.inf
-    return math.sqrt(sum(share**2 * stratified_variance(own / mean, n) for share, own, n in values))
+    mean = sum(share * float(failing_weights(sample).mean()) for share, sample in parts)
+    return math.sqrt(variance_of_sum(parts, mean)) if mean else math.inf
+
+
+def is_at_floor(parts: Sequence[tuple[float, Sample]], counted: Sequence[tuple[float, Sample]]) -> bool:
+    """Return whether most of the variance of an estimate is that of its stages, ``counted``."""
+    return variance_of_sum(parts, 1.0) < _NEAR_FLOOR * variance_of_sum(counted, 1.0)
 
 
 def mixture_of(sample: Sample) -> TapeMixture | None:

@@ -19,9 +19,9 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.importance.agreement import find_doubts, missed_probability
 from avrare_estimators.importance.cross_check import CrossCheckResult
-from avrare_estimators.importance.sampling import Sample, failing_weights
+from avrare_estimators.importance.sampling import Sample, failing_weights, variance_of_sum
 from avrare_estimators.importance.stages import has_reached
-from avrare_estimators.weights import Quality, effective_size, quality, stratified_variance
+from avrare_estimators.weights import Quality, effective_size, quality
 
 DISTRUST = {
     "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered",
@@ -92,10 +92,7 @@ class RunOutcome:
 
     def variance(self, unit: float) -> float:
         """Return the variance of ``probability`` in units of ``unit``."""
-        return sum(
-            share**2 * stratified_variance(failing_weights(part) / unit, part.target_rows)
-            for share, part in self.parts
-        )
+        return variance_of_sum(self.parts, unit)
 
 
 def summarise(

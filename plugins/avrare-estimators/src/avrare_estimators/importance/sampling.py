@@ -25,7 +25,7 @@ from avrare.rollout.tape_law import CHOICES, TapeLaw
 from avrare.stack.closed_loop import SamplingLaw
 from avrare_estimators.importance.proposals import NoiseProposal
 from avrare_estimators.importance.tape_mixture import TapeMixture
-from avrare_estimators.weights import mixture_log_weights
+from avrare_estimators.weights import mixture_log_weights, stratified_variance
 
 _BLOCK = 256
 """Rows that a proposal draws at a time: it knows no addresses, and results must not depend on chunks."""
@@ -369,3 +369,16 @@ class Sample:
 def failing_weights(sample: Sample) -> Floats:
     """Return the weight (n,) of the failing rows, 0 for the others."""
     return np.where(sample.violated, np.exp(sample.log_weights), 0.0)
+
+
+def variance_of_sum(parts: Sequence[tuple[float, Sample]], unit: float) -> float:
+    """Return the variance of the sum of estimates, each times its share, in units of ``unit``.
+
+    Args:
+        parts: Shares and samples.
+        unit: What the estimates are divided by, such as their sum.
+    """
+    return sum(
+        share**2 * stratified_variance(failing_weights(sample) / unit, sample.target_rows)
+        for share, sample in parts
+    )
