@@ -78,7 +78,9 @@ def wanted(seeds: int | None, budgets: Sequence[int], quick: bool, only: str) ->
 def make(keys: Iterator[cells.Key], folder: Path, workers: int, minutes: float, limit: float) -> None:
     """Make the cells that are missing or had less time, in so many workers of each environment at most."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    known = {cell.key: cell for cell in cells.read(folder) if cell.time_limit >= limit}
+    kept_cells = cells.read(folder)
+    known = {cell.key: cell for cell in kept_cells if cell.time_limit >= limit}
+    seconds = {cell.question: cell.seconds for cell in kept_cells if cell.seed == 0}
     hopeless = {cell.question for cell in known.values() if cell.hopeless}
     missing = [key for key in keys if key not in known]
     absent = {TOOLS[key[0]].environment for key in missing if not interpreter(TOOLS[key[0]].environment)}
@@ -89,7 +91,9 @@ def make(keys: Iterator[cells.Key], folder: Path, workers: int, minutes: float, 
     print(f"{len(missing)} cells are missing, {len(known)} are there", flush=True)
     with ThreadPoolExecutor(workers) as pool:
         shares = [missing[row::workers] for row in range(workers)]
-        for future in [pool.submit(Runner(folder, limit, hopeless).run, share, end) for share in shares]:
+        for future in [
+            pool.submit(Runner(folder, limit, hopeless, seconds).run, share, end) for share in shares
+        ]:
             future.result()
 
 

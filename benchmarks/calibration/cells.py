@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 _NOT_ASKED = "not asked, as seed 0 had "
+PACE = 5.0
+"""Least ratio of the CPU seconds that an answer takes to those at a tenth of its budget."""
 Question = tuple[str, str, str, int]
 Key = tuple[str, str, str, int, int]
 
@@ -57,8 +59,20 @@ class Cell:
         """Return the reason of a cell whose first seed was given up after so many CPU seconds."""
         return _NOT_ASKED + Cell.out_of_time(seconds)
 
+    @staticmethod
+    def too_slow(seconds: float) -> str:
+        """Return the reason of a cell that took so many CPU seconds at a tenth of its budget."""
+        return f"not asked, as a tenth of the budget took {seconds:.0f} CPU seconds"
+
     @property
     def time_limit(self) -> float:
+        """CPU seconds that it had or would exceed; infinite where time is not why it has no answer."""
+        if found := re.fullmatch(r"not asked, as a tenth of the budget took (\d+) CPU seconds", self.reason):
+            return PACE * float(found[1])
+        return self.patience
+
+    @property
+    def patience(self) -> float:
         """CPU seconds after which it was given up; infinite where that is not why it has no answer."""
         found = re.fullmatch(r"no answer within (\d+) CPU seconds", self.cause)
         return float(found[1]) if found else math.inf

@@ -30,10 +30,15 @@ class Runner:
         folder: Of the cells.
         limit: CPU seconds of the worker after which an answer is given up.
         hopeless: Questions whose first seed was given up, to which it adds: their other seeds are not asked.
+        seconds: CPU seconds that the first seed of a question took: ten times its budget is not asked where
+            that is sure to take too long.
     """
 
-    def __init__(self, folder: Path, limit: float, hopeless: set[cells.Question] | None = None) -> None:
-        self.folder, self.limit = folder, limit
+    def __init__(
+        self, folder: Path, limit: float, hopeless: set[cells.Question] | None = None,
+        seconds: Mapping[cells.Question, float] | None = None,
+    ) -> None:  # fmt: skip
+        self.folder, self.limit, self.seconds = folder, limit, seconds or {}
         self.hopeless: set[cells.Question] = set() if hopeless is None else hopeless
         self.workers: dict[str, subprocess.Popen[str]] = {}
         self.versions: dict[str, str] = {}
@@ -56,7 +61,11 @@ class Runner:
         """Return the cell of a key; a worker that dies or takes too long has no answer."""
         environment = TOOLS[key[0]].environment
         task = dict(zip(("tool", "setting", "problem", "budget", "seed"), key, strict=True))
-        if key[:-1] in self.hopeless and task["seed"] > 0:
+        tool, setting, problem, budget, seed = key
+        slow = self.seconds.get((tool, setting, problem, budget // 10))
+        if slow is not None and cells.PACE * slow >= self.limit:
+            return _without_answer(task, self.versions.get(environment, ""), 0.0, cells.Cell.too_slow(slow))
+        if key[:-1] in self.hopeless and seed > 0:
             return _without_answer(
                 task, self.versions.get(environment, ""), 0.0, cells.Cell.not_asked(self.limit)
             )

@@ -174,7 +174,7 @@ def silent_lines(shown: Sequence[Row]) -> list[str]:
             found.setdefault((row.tool, reason), []).append(row.problem.name)
     if not found:
         return ["Every tool had an answer wherever it was asked."]
-    limits = [cell.time_limit for row in shown for cell in row.cells if math.isfinite(cell.time_limit)]
+    limits = [cell.patience for row in shown for cell in row.cells if math.isfinite(cell.patience)]
     given = _limits_text(limits) if limits else ""
     lines = [f"N stands for a number that differs.{given}", ""]
     lines += ["| tool | no answer, as | problems | such as |", "|---|---|---|---|"]
@@ -186,7 +186,8 @@ def silent_lines(shown: Sequence[Row]) -> list[str]:
 def _limits_text(limits: Sequence[float]) -> str:
     return (
         f" Time was up after {min(limits):.0f} to {max(limits):.0f} CPU seconds; "
-        "what was given up at its first seed was not asked again, and counts as given up at every seed."
+        "what took more than a fifth of that at a tenth of the budget was not asked, and what was given up "
+        "at its first seed was not asked again, and counts as given up at every seed."
     )
 
 

@@ -205,6 +205,20 @@ def test_a_question_whose_first_seed_was_given_up_is_not_asked_again(tmp_path, m
     assert not third.hopeless
 
 
+def test_a_question_that_was_slow_at_a_tenth_of_its_budget_is_not_asked(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "_START", 0.0)
+    question = ("avrare mc", "recommended", "walk_2.5", 1000)
+    keys = [(*question[:3], budget, seed) for budget in (10_000, 100_000) for seed in (0, 1)]
+    runner.Runner(tmp_path, 60.0, None, {question: 12.0}).run(keys[:2], float("inf"))
+    for found in cells.read(tmp_path):
+        assert found.reason == "not asked, as a tenth of the budget took 12 CPU seconds"
+        assert found.time_limit == 60.0  # asked by a run that gives more time
+        assert found.patience == float("inf")
+    asked = runner.Runner(tmp_path, 60.0, None, {question: 11.0})
+    assert "not asked" not in asked.cell(keys[0]).reason
+    assert "not asked" not in asked.cell(keys[2]).reason  # a hundredth of its budget says nothing
+
+
 def test_a_worker_that_hangs_is_told_from_one_that_works_too_long(tmp_path, monkeypatch):
     pipe = subprocess.PIPE
     sleeper = [sys.executable, "-c", "import time; time.sleep(60)"]
