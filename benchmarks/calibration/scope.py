@@ -69,9 +69,10 @@ def cells_text(rows: Sequence[Row], shown: Sequence[Row]) -> str:
     total, counts = sum(_counted(row) for row in rows), [_counted(row) for row in shown]
     share = total / possible()
     few, many = min(counts), max(counts)
+    part = f"{share:.0%}" if share >= 0.01 else "less than 1 %"
+    of_all = f"{total:,} of the {possible():,} answers of the full run ({part})"
     text = (
-        f"**These are {total:,} of the {possible():,} answers of the full run"
-        f" ({f'{share:.0%}' if share >= 0.01 else 'less than 1 %'}).** "
+        f"**These are {of_all if total < possible() else f'all {total:,} answers of the full run'}.** "
         f"The budget of {shown[0].budget:,} evaluations, in the setting *{RECOMMENDED}*, has {few} to {many} "
         f"answers of a tool on a problem, mostly {typical_seeds(shown)}; "
         "figures and *Who is first* are of these."
