@@ -10,7 +10,7 @@ from pathlib import Path
 
 _NOT_ASKED = "not asked, as seed 0 had "
 PACE = 5.0
-"""Least ratio of the CPU seconds that an answer takes to those at a tenth of its budget."""
+"""Least ratio that is assumed of the CPU seconds of an answer to those at a tenth of its budget."""
 Question = tuple[str, str, str, int]
 Key = tuple[str, str, str, int, int]
 

@@ -31,7 +31,7 @@ class Runner:
         limit: CPU seconds of the worker after which an answer is given up.
         hopeless: Questions whose first seed was given up, to which it adds: their other seeds are not asked.
         seconds: CPU seconds that the first seed of a question took: ten times its budget is not asked where
-            that is sure to take too long.
+            that would take five times as long, and so too long.
     """
 
     def __init__(
