@@ -223,6 +223,7 @@ class _Work:
             "pilot": max(200, self.aim.pilot),
             "stages": _STAGES,
             "fall_back": False,
+            "climb": True,
         }
         options |= {"check": _CHECK} if self.aim.goal is None else {"relative_error": self.aim.goal}
         try:

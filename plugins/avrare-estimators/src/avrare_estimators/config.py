@@ -279,6 +279,11 @@ class IsConfig(_WeightedConfig):
         "estimate; learned",
     )  # fmt: skip
 
+    climb: bool = Field(
+        default=False,
+        description="where failures are rarer than a proposal reaches well, sample a level on the way and go "
+        "on to failure by Markov chains; learned",
+    )
     fall_back: bool = Field(
         default=True,
         description="where learning finds nothing, draw from the target; false: end with an error, also "

@@ -107,6 +107,7 @@ class LevelPass:
         steps: Number of steps done at this level.
         samples: Samples of this level so far, (A C) each.
         fresh: (R N, steps + 1, noise_size) the first tapes, while they are asked for.
+        first: First level of a pilot, where it is given.
     """
 
     plan: Plan
@@ -125,6 +126,7 @@ class LevelPass:
     steps: int = 0
     samples: tuple[Points, ...] = ()
     fresh: Floats | None = None
+    first: float | None = None
 
     @staticmethod
     def begin(
@@ -166,13 +168,26 @@ class LevelPass:
         )  # fmt: skip
 
     @staticmethod
-    def begin_from(plan: Plan, shape: PassShape, kernel: Kernel, points: Points, share: Floats) -> LevelPass:
-        """Begin a pilot at given points (R N), which lie above levels of probability ``share`` (R,)."""
+    def begin_from(
+        plan: Plan, shape: PassShape, kernel: Kernel, points: Points, share: Floats,
+        schedule: tuple[LevelRecord, ...] | None = None, first: float | None = None,
+    ) -> LevelPass:  # fmt: skip
+        """Begin at given points (R N), which lie above levels of probability ``share`` (R,).
+
+        Args:
+            plan: The task.
+            shape: Size of the pass.
+            kernel: Kernel that moves the chains.
+            points: The points.
+            share: Probabilities; a run with 0 has ended.
+            schedule: Levels and kernels to follow; None for a pilot.
+            first: First level of a pilot; None: it finds its own.
+        """
         zeros = np.zeros(shape.runs, dtype=np.int64)
         return LevelPass(
-            plan, shape, kernel, None, weight=share, active=np.ones(shape.runs, dtype=bool),
+            plan, shape, kernel, schedule, weight=share, active=share > 0.0,
             error_weight=np.zeros(shape.runs), known=kernel.init(shape.runs), rollouts=zeros, errors=zeros,
-            population=points,
+            population=points, first=first,
         )._next_level()  # fmt: skip
 
     @property
@@ -270,6 +285,8 @@ class LevelPass:
 
     def _level(self, population: Points) -> tuple[Floats, Bools]:
         done = len(self.levels)
+        if self.schedule is None and not done and self.first is not None:
+            return np.full(self.shape.runs, self.first), self.active
         if self.schedule is None:
             key = population.key.reshape(self.shape.runs, -1)
             level, more = next_levels(key, self.shape.survivors)

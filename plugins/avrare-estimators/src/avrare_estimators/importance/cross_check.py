@@ -69,6 +69,7 @@ class CrossCheck:
 
     Attributes:
         sample: The sample to compare with.
+        largest: Logarithm of the largest weight that it knows.
         climb: The chains.
         budget: Rollouts left for the chains.
         scouts: (S, steps + 1, noise_size) failures on their way.
@@ -80,6 +81,7 @@ class CrossCheck:
     """
 
     sample: Sample
+    largest: float
     climb: LevelPass
     budget: int
     scouts: Floats
@@ -90,18 +92,24 @@ class CrossCheck:
     log_ratio: Floats | None = None
 
     @staticmethod
-    def begin(samples: Sequence[Sample], budget: int, most: int) -> CrossCheck | None:
+    def begin(
+        samples: Sequence[Sample], budget: int, most: int, estimate: float | None = None,
+        level: float = math.inf,
+    ) -> CrossCheck | None:  # fmt: skip
         """Begin the cross-check of the last of a run's samples.
 
         Args:
             samples: All samples of the run; the chains start at their target rows.
             budget: Rollouts to spend.
             most: Tapes of all chains together that fit into memory.
+            estimate: Probability to check; None: that of the last sample.
+            level: Score above which rows are known, besides those that fail.
 
         Returns:
             None where there is nothing to compare with, or too little to climb with.
         """
-        sample, estimate = samples[-1], _estimate(samples[-1])
+        sample = samples[-1]
+        estimate = _estimate(sample) if estimate is None else estimate
         places = _target_places(samples)
         scouts = _heaviest_failures(samples)
         budget -= GROUPS * _WEIGHED + len(scouts) * (_ROUNDS + 1)
@@ -112,7 +120,8 @@ class CrossCheck:
         shape = PassShape(GROUPS, chains, _LENGTH, 0, chains, _FLOOR, _first_stage(sample))
         starts, shares = _choose_starts(samples, places, shape.samples)
         climb = LevelPass.begin_from(sample.strata[0].plan, shape, PcnKernel(), starts, shares)
-        return CrossCheck(sample, climb, budget, scouts)._continue()
+        largest = float(sample.log_weights[sample.violated | (sample.score > level)].max())
+        return CrossCheck(sample, largest, climb, budget, scouts)._continue()
 
     def tell(self, rollouts: Rollouts) -> CrossCheck:
         """Continue the climb, or end with the weights of the failures."""
@@ -164,8 +173,7 @@ class CrossCheck:
         if self.found is None or self.log_ratio is None:
             return None
         group = self.found // self.climb.shape.samples
-        largest = self.sample.log_weights[self.sample.violated].max()
-        excess = mixture_log_weights(self.log_ratio, self.sample.share) - largest
+        excess = mixture_log_weights(self.log_ratio, self.sample.share) - self.largest
         far = excess > _EXCESS
         above = np.bincount(group, excess[: len(group)] > 0.0, minlength=GROUPS)
         unseen = above / np.maximum(np.bincount(group, minlength=GROUPS), 1)
@@ -179,9 +187,13 @@ class CrossCheck:
         )
 
 
-def rollouts_to_vouch(samples: Sequence[Sample]) -> int:
-    """Return the rollouts of a cross-check that mostly vouches for a right estimate."""
-    estimate, rows = _estimate(samples[-1]), sum(map(len, _target_places(samples)))
+def rollouts_to_vouch(samples: Sequence[Sample], estimate: float | None = None) -> int:
+    """Return the rollouts of a cross-check that mostly vouches for a right estimate.
+
+    ``estimate``: None: that of the last sample.
+    """
+    estimate = _estimate(samples[-1]) if estimate is None else estimate
+    rows = sum(map(len, _target_places(samples)))
     if not estimate or not rows:
         return 0
     climb = _levels(_ENOUGH_CHAINS, rows, estimate) * GROUPS * _ENOUGH_CHAINS * (_LENGTH - 1)

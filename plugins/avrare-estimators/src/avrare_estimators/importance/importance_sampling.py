@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from avrare.rollout.request import Request, Rollouts
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.config import CeConfig, IsConfig
 from avrare_estimators.cost import affordable_rollouts
+from avrare_estimators.importance.climb import Groups
 from avrare_estimators.importance.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
+from avrare_estimators.importance.entry import Entry
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
 from avrare_estimators.importance.sampling import (
@@ -40,10 +42,25 @@ _LEVELS = 2
 def build(config: IsConfig, scene: object | None = None) -> WeightedSampler:
     """Build the estimator of a scenario or a call."""
     if config.learns:
+        from avrare_estimators.importance.climbing_sampling import ClimbingSampling
         from avrare_estimators.importance.learned_sampling import LearnedSampling
 
-        return LearnedSampling(config)
+        return ClimbingSampling(config) if config.climb else LearnedSampling(config)
     return ImportanceSampling(config)
+
+
+class Task(Protocol):
+    """Sample, cross-check or climb under way.
+
+    Attributes:
+        pending: The rollouts asked for; None at the end.
+    """
+
+    @property
+    def pending(self) -> Request | None: ...  # noqa: D102
+
+    def tell(self, rollouts: Rollouts) -> Task:
+        """Continue with the rollouts asked for."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +71,7 @@ class SamplingState:
         plan: The task.
         rollouts: Rollouts of a sample; for ``is`` its cross-check included.
         source: The proposal in use.
-        task: The sample or cross-check under way; None when all is done.
+        task: What is under way; None when all is done.
         samples: Samples of the present run so far; the last is the final one, once learning has ended.
         stages: Learning stages of the present run, one entry each.
         finished: Runs done.
@@ -66,7 +83,7 @@ class SamplingState:
     plan: Plan
     rollouts: int
     source: Source
-    task: PartialSample | CrossCheck | None = None
+    task: Task | None = None
     samples: tuple[Sample, ...] = ()
     stages: tuple[dict[str, Any], ...] = ()
     finished: tuple[RunOutcome, ...] = ()
@@ -104,16 +121,22 @@ class WeightedSampler:
         task = state.task.tell(rollouts)
         state = replace(state, tally=state.tally.plus(rollouts), task=task)
         if task.pending is None:
-            if isinstance(task, CrossCheck):
-                state = self._finish_run(state, task.result())
-            else:
-                sample = task.sample()
-                samples = (*state.samples, sample.without_carries())
-                state = replace(state, samples=samples, fresh=state.fresh + sample.fresh)
-                if state.first is None:
-                    state = replace(state, first=np.where(sample.error, np.nan, sample.robustness))
-                state = self._sample_complete(state, sample)
+            state = self._task_complete(state)
         return state, self._info(state)
+
+    def _task_complete(self, state: SamplingState) -> SamplingState:
+        """Begin what comes after the task."""
+        task = state.task
+        if isinstance(task, CrossCheck):
+            return self._finish_run(state, task.result())
+        assert isinstance(task, PartialSample)
+        sample = task.sample()
+        return self._sample_complete(self._stored(state, sample), sample)
+
+    def _stored(self, state: SamplingState, sample: Sample) -> SamplingState:
+        samples = (*state.samples, sample.without_carries())
+        first = np.where(sample.error, np.nan, sample.robustness) if state.first is None else state.first
+        return replace(state, samples=samples, fresh=state.fresh + sample.fresh, first=first)
 
     def estimate(self, state: SamplingState) -> list[Result]:
         """Return the weighted mean, its interval, and the health of the weights."""
@@ -134,18 +157,27 @@ class WeightedSampler:
         raise NotImplementedError
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
+        return self._check(state, sample)
+
+    def _check(self, state: SamplingState, sample: Sample) -> SamplingState:
+        """Begin the cross-check of the final sample, or end the run without."""
         plain = sample.share == 1.0  # Monte Carlo needs none
         most = max(1, allowance(self.config.memory) // (CLIMB_TAPES * state.plan.tape_bytes))
-        check = None if plain else CrossCheck.begin(state.samples, self._check_rollouts(state), most)
+        check = None if plain else self._cross_check(state, most)
         state = replace(state, task=check)
         if check is not None and check.pending is not None:
             return state
         return self._finish_run(state, check.result() if check is not None else None)
 
+    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | None:
+        return CrossCheck.begin(state.samples, self._check_rollouts(state), most)
+
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample, doubts = state.samples[-1], self._doubts(state)
         checked = self.config.check > 0.0 and sample.share < 1.0
-        outcome = RunOutcome(sample, checked, result, state.stages, doubts, self._counted(state))
+        outcome = RunOutcome(
+            sample, checked, result, state.stages, doubts, self._counted(state), self._climbed(state)
+        )
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
@@ -168,6 +200,10 @@ class WeightedSampler:
     def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         """Return the samples of learning that count in the estimate, and their shares."""
         return ()
+
+    def _climbed(self, state: SamplingState) -> tuple[Entry, Groups] | None:
+        """Return where the final sample hands over to chains, and their groups."""
+        return None
 
     def _check_rollouts(self, state: SamplingState) -> int:
         share = self.config.check

@@ -77,7 +77,7 @@ class LearnedState(SamplingState):
 
     @property
     def rows(self) -> int:
-        """Rows drawn in this run."""
+        """Rollouts of this run, but for a cross-check."""
         return sum(len(sample.error) for sample in self.samples)
 
 
@@ -129,7 +129,7 @@ class LearnedSampling(WeightedSampler):
             artifacts = {FILE: described(frozen, self.names)}
         interval_at = result.interval_at
         if self.config.relative_error is not None and state.looks is not None:
-            rows = len(samples[0].error)
+            rows = self._size_at_look(state)
             interval_at = state.looks.interval(rows, interval_at)
             told["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
             if not told["goal_reached"] and rows < state.looks.runs[-1]:
@@ -137,6 +137,10 @@ class LearnedSampling(WeightedSampler):
                 told["ended_early"] = _AT_FLOOR.format(floor)
         diagnostics = {**result.diagnostics, **told}
         return [replace(result, interval_at=interval_at, diagnostics=diagnostics, artifacts=artifacts)]
+
+    def _size_at_look(self, state: LearnedState) -> int:
+        """Return the size, as looks count it, at which the only run has ended."""
+        return len(state.finished[0].sample.error)
 
     def _begin_run(self, state: SamplingState) -> LearnedState:
         assert isinstance(state, LearnedState)
@@ -186,7 +190,9 @@ class LearnedSampling(WeightedSampler):
         if state.looks is not None:
             return self._look(replace(state, final=(*state.final, sample)))
         lessons = state.lessons.add(sample)
-        state = replace(state, lessons=lessons, stages=(*state.stages, lessons.report()))
+        return self._after_stage(replace(state, lessons=lessons, stages=(*state.stages, lessons.report())))
+
+    def _after_stage(self, state: LearnedState) -> LearnedState:
         if self._learnt(state):
             # 2. What the stages have seen decides from where to draw, once and for all. Where some of them
             #    count, it is from the proposal: to leave them out for what they have seen would be a bias.
@@ -195,8 +201,8 @@ class LearnedSampling(WeightedSampler):
             if (plain or not (counts or has_reached(last))) and not self.config.fall_back:
                 reason = _WORTHLESS if plain and not is_stuck(state.stages) else _UNREACHED
                 raise GaveUp.after(state.tally, reason, "leave fall_back true, or use another estimator")
-            return self._begin_final(state, None if plain else lessons.final())
-        return self._learn(replace(state, lessons=lessons.learn()))
+            return self._begin_final(state, None if plain else state.lessons.final())
+        return self._learn(replace(state, lessons=state.lessons.learn()))
 
     def _learnt(self, state: LearnedState) -> bool:
         done = sum(stage["rollouts"] for stage in state.stages)
@@ -233,7 +239,7 @@ class LearnedSampling(WeightedSampler):
         if more and not is_at_floor(parts, counted):
             return self._draw(state, more)
         learning = state.samples[: len(state.samples) - len(state.final)]
-        return super()._sample_complete(replace(state, samples=(*learning, sample)), sample)
+        return self._check(replace(state, samples=(*learning, sample)), sample)
 
     def _draw(self, state: LearnedState, rows: int) -> LearnedState:
         assert isinstance(state.source, TapeSource)
@@ -256,8 +262,11 @@ class LearnedSampling(WeightedSampler):
         share = super()._check_rollouts(state)
         if self.config.relative_error is None or not self.config.check:
             return share
-        left = state.rollouts - sum(len(one.error) for one in state.samples)
-        return max(share, min(left, rollouts_to_vouch(state.samples)))
+        assert isinstance(state, LearnedState)
+        return max(share, min(state.rollouts - state.rows, self._rollouts_to_vouch(state)))
+
+    def _rollouts_to_vouch(self, state: LearnedState) -> int:
+        return rollouts_to_vouch(state.samples)
 
     def _doubts(self, state: SamplingState) -> dict[str, str]:
         assert isinstance(state, LearnedState)

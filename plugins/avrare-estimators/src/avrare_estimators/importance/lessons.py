@@ -83,6 +83,13 @@ class Lessons:
         return np.concatenate([sample.violated for sample in self.samples])
 
     @property
+    def key(self) -> Floats:
+        """(N,) order of the rows: by score, all failures on top; what broke down has -inf."""
+        score = np.concatenate([sample.score for sample in self.samples])
+        error = np.concatenate([sample.error for sample in self.samples])
+        return np.where(self.violated, np.inf, np.where(error, -np.inf, score))
+
+    @property
     def elite(self) -> tuple[Integers, Floats]:
         """Rows nearest to failure and their weights: all failures, or the fewest that are effective."""
         error = np.concatenate([sample.error for sample in self.samples])
@@ -106,6 +113,13 @@ class Lessons:
     def probability(self) -> float:
         """Estimate of the failure probability from all stages."""
         return float(np.where(self.violated, self.weights, 0.0).mean())
+
+    @property
+    def guessed_probability(self) -> float:
+        """Failure probability, or a guess where too few failures are known: a tenth of the elite's."""
+        if effective_size(self.weights[self.violated]) >= _FEW:
+            return self.probability
+        return float(self.elite[1].sum()) / len(self.violated) / 10.0
 
     def report(self) -> dict[str, Any]:
         """Return the entry of the newest stage."""

@@ -18,14 +18,17 @@ from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.importance.agreement import find_doubts, missed_probability
+from avrare_estimators.importance.climb import Groups
 from avrare_estimators.importance.cross_check import CrossCheckResult
+from avrare_estimators.importance.entry import Entry
 from avrare_estimators.importance.sampling import Sample, failing_weights, variance_of_sum
 from avrare_estimators.importance.stages import has_reached
+from avrare_estimators.in_turn import take_in_turn
 from avrare_estimators.weights import Quality, effective_size, quality
 
 DISTRUST = {
     "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered",
-    "stages_disagree",
+    "stages_disagree", "extinct",
 }  # fmt: skip
 """Warnings under which the interval does not rest on the weights."""
 
@@ -51,6 +54,7 @@ class RunOutcome:
     stages: tuple[dict[str, Any], ...]
     doubts: dict[str, str] = field(default_factory=dict)
     counted: tuple[tuple[float, Sample], ...] = ()
+    climbed: tuple[Entry, Groups] | None = None
 
     @cached_property
     def weights(self) -> Floats:
@@ -59,8 +63,11 @@ class RunOutcome:
 
     @cached_property
     def contributions(self) -> Floats:
-        """(n,) weight of the failing rows, 0 for the others."""
-        return failing_weights(self.sample)
+        """(n,) weight of the rows that fail, or from which chains may start; 0 for the others."""
+        if self.climbed is None:
+            return failing_weights(self.sample)
+        reached = self.sample.violated | (self.sample.score > self.climbed[0].level)
+        return np.where(reached & ~self.sample.error, self.weights, 0.0)
 
     @cached_property
     def parts(self) -> list[tuple[float, Sample]]:
@@ -71,27 +78,34 @@ class RunOutcome:
     @property
     def probability(self) -> float:
         """Estimate of the run, unbiased but for the cut at 1."""
+        if self.climbed is not None:
+            return min(1.0, self.climbed[1].mean)
         return min(1.0, sum(share * float(failing_weights(part).mean()) for share, part in self.parts))
 
     @property
     def error_weight(self) -> float:
         """Weight of the rows that broke down."""
+        if self.climbed is not None:
+            return self.climbed[1].error_weight
         return float(
             sum(share * np.where(p.error, np.exp(p.log_weights), 0.0).mean() for share, p in self.parts)
         )
 
     @property
     def plain(self) -> bool:
-        """All rows were drawn from the target: Monte Carlo."""
-        return self.sample.share == 1.0
+        """All rows were drawn from the target, and no chains follow: Monte Carlo."""
+        return self.sample.share == 1.0 and self.climbed is None
 
     @property
     def unreached(self) -> bool:
         """Learning ended short of failure."""
-        return bool(self.stages) and not has_reached(self.stages[-1]) and not self.plain
+        reached = self.plain or self.climbed is not None
+        return bool(self.stages) and not has_reached(self.stages[-1]) and not reached
 
     def variance(self, unit: float) -> float:
         """Return the variance of ``probability`` in units of ``unit``."""
+        if self.climbed is not None:
+            return self.climbed[1].variance(unit)
         return variance_of_sum(self.parts, unit)
 
 
@@ -165,6 +179,12 @@ def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info)
         found = health.check_weights(
             marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
         )
+    for run in runs:
+        if run.climbed is not None:
+            values = run.climbed[1].values
+            found |= health.check_runs(
+                values.tolist(), int((values == 0.0).sum()), [sum(run.climbed[1].roots)]
+            )
     if any(run.unreached for run in runs):
         found |= health.warn("unreached", stages=max(len(run.stages) for run in runs))
     for run in runs:
@@ -189,8 +209,11 @@ def _interval_of_weights(
 ) -> Callable[[float], Interval]:
     mean, errors = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
     freedom = len(runs) - 1 if len(runs) > 1 else max(1, int(marks.effective_failures) - 1)
-    relative = _relative_variance(runs, values)
-    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed)
+    relative, logs = _relative_variance(runs, values), None
+    if len(runs) == 1 and runs[0].climbed is not None:
+        groups = runs[0].climbed[1].values
+        freedom, logs = len(groups) - 1, intervals.cox(groups)
+    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed, logs=logs)
 
 
 def for_any_weights(mean: float, fresh: FreshRows, confidence: float) -> Interval:
@@ -217,9 +240,21 @@ def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
     }
     if any(run.counted for run in runs):
         found["shares"] = [[round(share, 4) for share, _ in run.parts] for run in runs]
+    if any(run.climbed for run in runs):
+        found["climb"] = [_describe_climb(*run.climbed) for run in runs if run.climbed is not None]
     if any(run.stages for run in runs):
         found["stages"] = [list(run.stages) for run in runs]
     return found
+
+
+def _describe_climb(entry: Entry, groups: Groups) -> dict[str, Any]:
+    return {
+        "level": entry.level,
+        "entered": float(groups.entered.mean()),
+        "groups": len(groups.values),
+        "roots": list(groups.roots),
+        "rollouts": groups.rollouts,
+    }
 
 
 def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
@@ -227,7 +262,23 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
     return rows if run.sample.source.replayable else rows[rows < run.sample.target_rows]
 
 
+def _climbed_failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info) -> Failures:
+    """Return failures at which chains have arrived, of all groups alike."""
+    found = [part for run in runs if run.climbed is not None for part in run.climbed[1].failures]
+    noise, robustness, weights, ancestors = (
+        np.concatenate([getattr(part, name) for part in found])
+        for name in ("noise", "robustness", "weights", "ancestors")
+    )
+    kept = take_in_turn(ancestors[:, 0], plan.kept_failures)
+    weights = weights[kept]
+    if weights.any():
+        weights *= float(np.mean([run.probability for run in runs])) / weights.sum()
+    return Failures(noise[kept], robustness[kept], tally.failures, weights, ancestors[kept])
+
+
 def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
+    if any(run.climbed for run in runs):
+        return _climbed_failures(plan, runs, tally)
     found = [_replayable(run, run.sample.violated) for run in runs]
     run_of = np.repeat(np.arange(len(runs)), [len(rows) for rows in found])
     chosen = spread(np.arange(len(run_of)), plan.kept_failures)
@@ -259,4 +310,7 @@ def _worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Wo
         least = float(run.sample.robustness[row[0]])
         if not least >= worst.robustness:
             worst = Worst(run.sample.tapes(row)[0][:, :noise_size], least)
+        for part in run.climbed[1].failures if run.climbed is not None else ():
+            if len(part.robustness) and part.robustness.min() < worst.robustness:
+                worst = Worst(part.noise[int(part.robustness.argmin())], float(part.robustness.min()))
     return worst

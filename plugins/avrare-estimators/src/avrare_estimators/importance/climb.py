@@ -1,0 +1,323 @@
+"""Climb: from a weighted sample of an entry level on to failure, by Markov chains on the noise tape.
+
+A group is a sample of its own: rows from proposal and target, whose weights give the probability to enter,
+and chains that start at rows that have entered, drawn in proportion to their weights. The chains pass nested
+levels as those of ``ess`` do, at levels and with kernels that a pilot has fixed. A group's product of shares
+is unbiased (a sequential Monte Carlo sampler: Del Moral, Doucet and Jasra 2006), groups are independent, and
+their scatter gives the error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.base import batch
+from avrare.estimation.plan import Plan
+from avrare.estimation.result import Failures
+from avrare.protocols import Floats
+from avrare.rollout.noise import NoiseSource
+from avrare.rollout.request import Integers, Request, Rollouts
+from avrare_estimators.ess.chains import Points
+from avrare_estimators.ess.kernels.pcn import PcnKernel
+from avrare_estimators.ess.level_pass import LevelPass, LevelRecord, PassShape
+from avrare_estimators.ess.state import distinct_failures
+from avrare_estimators.importance.entry import Entry
+from avrare_estimators.importance.lessons import Lessons
+from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource
+from avrare_estimators.weights import resample
+
+PILOT_CHAINS, LENGTH = 50, 10
+"""Chains of the pilot, and samples of a chain at a level, of which a tenth lies above the next level."""
+LEAST_GROUPS = 12
+_FEWEST_CHAINS, _MOST_CHAINS = 20, 400
+_FLOOR = 1e-18
+_PILOT_STAGE, _STAGE, _STAGES_OF_RUN = 2**28, 2**29, 2**24
+SAMPLE_TAPES = 4
+"""Tapes of each sample of a group at the peak: old, new, and the chains'."""
+
+
+@dataclass(frozen=True)
+class ClimbPilot:
+    """One group of chains that finds the levels above an entry, from rows that the lessons know.
+
+    Attributes:
+        entry: The entry.
+        level_pass: The chains.
+    """
+
+    entry: Entry
+    level_pass: LevelPass
+
+    @staticmethod
+    def begin(plan: Plan, lessons: Lessons, entry: Entry, run: int) -> ClimbPilot:
+        """Begin at rows of the lessons above the entry level."""
+        shape = _shape(1, PILOT_CHAINS, _PILOT_STAGE + run * _STAGES_OF_RUN)
+        rows = np.flatnonzero(lessons.key > entry.level)
+        chosen = rows[resample(lessons.weights[rows], shape.samples, 0.5)]
+        share = np.array([entry.probability])
+        points = points_of(lessons.samples, chosen)
+        began = LevelPass.begin_from(plan, shape, PcnKernel(), points, share, first=entry.level)
+        return ClimbPilot(entry, began)
+
+    @property
+    def pending(self) -> Request | None:
+        """The rollouts asked for; None at the end."""
+        return _asked(self.level_pass)
+
+    def tell(self, rollouts: Rollouts) -> ClimbPilot:
+        """Continue."""
+        return replace(self, level_pass=self.level_pass.tell(rollouts))
+
+    @property
+    def probability(self) -> float:
+        """Estimated probability of failure, from the same rows as that of the entry; 0 where it died out."""
+        return float(self.level_pass.probabilities[0])
+
+    @property
+    def variance(self) -> float:
+        """Relative variance that the chains add to a group of this size."""
+        last = self.level_pass
+        failed = last.failed
+        shares = [(float(record.share[0]), float(record.effective[0])) for record in last.levels[1:]]
+        shares.append((float(failed.mean()), float(last.effective(failed)[0])))
+        return sum((1.0 - share) / (share * effective) for share, effective in shares if share > 0.0)
+
+    @property
+    def moves(self) -> int:
+        """Rollouts of the chains of a group of this size."""
+        return len(self.level_pass.levels) * PILOT_CHAINS * (LENGTH - 1)
+
+    @property
+    def rollouts(self) -> int:
+        """Rollouts done."""
+        return self.moves
+
+    def cost(self) -> float:
+        """Return the relative variance times rollouts, sample and chains divided as is best."""
+        return (math.sqrt(self.entry.variance) + math.sqrt(self.variance * self.moves)) ** 2
+
+    def sized(self, goal: float | None, affordable: float) -> GroupSize:
+        """Return the size of the groups, and how many of them half of the work takes.
+
+        Args:
+            goal: Relative error to reach; None: the rollouts are spent.
+            affordable: Most rollouts of all groups.
+        """
+        rows = math.sqrt(self.entry.variance * self.moves / max(self.variance, 1e-9))
+        rows = min(max(rows, self.moves / 3.0), 10.0 * self.moves)
+        cost = rows + self.moves
+        total = affordable / cost
+        if goal is not None:
+            total = min(total, (self.entry.variance / rows + self.variance) / goal**2 / 2.0)
+        scale = total / LEAST_GROUPS
+        chains = int(min(max(scale * PILOT_CHAINS, _FEWEST_CHAINS), _MOST_CHAINS))
+        scale = chains / PILOT_CHAINS
+        return GroupSize(max(4, round(rows * scale)), chains, max(LEAST_GROUPS, math.ceil(total / scale)))
+
+    @property
+    def schedule(self) -> tuple[LevelRecord, ...]:
+        """Levels and kernels to follow."""
+        return self.level_pass.levels
+
+
+@dataclass(frozen=True)
+class GroupSize:
+    """Size of the groups that count.
+
+    Attributes:
+        rows: Rows of a group's sample.
+        chains: Chains of a group.
+        first: Groups before the first look.
+    """
+
+    rows: int
+    chains: int
+    first: int
+
+    def cost(self, levels: int) -> int:
+        """Return the rollouts of a group."""
+        return self.rows + levels * self.chains * (LENGTH - 1)
+
+    def bytes(self, plan: Plan) -> int:
+        """Return the memory of a group's chains."""
+        return SAMPLE_TAPES * self.chains * LENGTH * plan.tape_bytes
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups that are done.
+
+    Attributes:
+        values: (R,) estimate of each.
+        entered: (R,) probability to enter of each.
+        roots: Rows of the sample that each group's failures descend from.
+        error_weight: Mean weight of the rollouts that broke down.
+        rollouts: Rollouts of the chains.
+        failures: Failures of each batch.
+    """
+
+    values: Floats = field(default_factory=lambda: np.zeros(0))
+    entered: Floats = field(default_factory=lambda: np.zeros(0))
+    roots: tuple[int, ...] = ()
+    error_weight: float = 0.0
+    rollouts: int = 0
+    failures: tuple[Failures, ...] = ()
+
+    def __add__(self, other: Groups) -> Groups:
+        """Pool the groups of two batches."""
+        sizes = np.array([len(self.values), len(other.values)])
+        return Groups(
+            np.concatenate([self.values, other.values]),
+            np.concatenate([self.entered, other.entered]),
+            (*self.roots, *other.roots),
+            float(sizes @ (self.error_weight, other.error_weight) / sizes.sum()),
+            self.rollouts + other.rollouts,
+            (*self.failures, *other.failures),
+        )
+
+    @property
+    def mean(self) -> float:
+        """Estimate of the failure probability."""
+        return float(self.values.mean())
+
+    def variance(self, unit: float) -> float:
+        """Return the variance of the mean in units of ``unit``."""
+        return float((self.values / unit).var(ddof=1)) / len(self.values)
+
+
+@dataclass(frozen=True)
+class ClimbBatch:
+    """Groups under way together: first their samples, then their chains.
+
+    Attributes:
+        plan: The task.
+        entry: The entry.
+        schedule: Levels and kernels of the pilot.
+        size: Size of a group.
+        groups: Number of groups.
+        first: Number of groups before this batch.
+        run: Index of the run.
+        starts: The sample of all groups; None once it is complete.
+        sample: The complete sample.
+        entered: (groups,) probability to enter of each group.
+        level_pass: The chains.
+    """
+
+    plan: Plan
+    entry: Entry
+    schedule: tuple[LevelRecord, ...]
+    size: GroupSize
+    groups: int
+    first: int
+    run: int
+    starts: PartialSample | None
+    sample: Sample | None = None
+    entered: Floats = field(default_factory=lambda: np.zeros(0))
+    level_pass: LevelPass | None = None
+
+    @staticmethod
+    def begin(
+        plan: Plan, pilot: ClimbPilot, size: GroupSize, groups: int, first: int, run: int, stage: int,
+        defensive: float, wave: int,
+    ) -> ClimbBatch:  # fmt: skip
+        """Begin with the samples, addressed by (run, stage)."""
+        own = size.rows if pilot.entry.mixture is None else max(1, round(defensive * size.rows))
+        source = TapeSource(pilot.entry.mixture)
+        starts = PartialSample.begin(source, plan, run, stage, groups * size.rows, groups * own, wave)
+        return ClimbBatch(plan, pilot.entry, pilot.schedule, size, groups, first, run, starts)
+
+    @property
+    def pending(self) -> Request | None:
+        """The rollouts asked for; None at the end."""
+        if self.starts is not None:
+            return self.starts.pending
+        return _asked(self.level_pass) if self.level_pass is not None else None
+
+    def tell(self, rollouts: Rollouts) -> ClimbBatch:
+        """Continue the samples, or the chains."""
+        if self.starts is None:
+            assert self.level_pass is not None
+            return replace(self, level_pass=self.level_pass.tell(rollouts))
+        starts = self.starts.tell(rollouts)
+        after = replace(self, starts=starts)
+        return after if starts.pending is not None else after._begin_chains(starts.sample().without_carries())
+
+    def _begin_chains(self, sample: Sample) -> ClimbBatch:
+        # 1. The probability to enter, from the weights of each group's rows.
+        group = self._group(sample)
+        key = np.where(sample.violated, np.inf, np.where(sample.error, -np.inf, sample.score))
+        weight = np.where(key > self.entry.level, np.exp(sample.log_weights), 0.0)
+        entered = np.bincount(group, weight, minlength=self.groups) / self.size.rows
+        # 2. Rows that have entered, in proportion to their weights.
+        shape = _shape(self.groups, self.size.chains, _STAGE + self.run * _STAGES_OF_RUN)
+        noise = self.plan.noise
+        noise = NoiseSource(noise.seed, noise.noise_size, first_run=noise.first_run + self.first)
+        plan = replace(self.plan, noise=noise)
+        uniforms = noise.choices(np.arange(self.groups), shape.stage - 1, 0)
+        chosen = np.zeros((self.groups, shape.samples), dtype=np.int64)
+        for g in np.flatnonzero(entered):
+            rows = np.flatnonzero((group == g) & (weight > 0.0))
+            chosen[g] = rows[resample(weight[rows], shape.samples, uniforms[g])]
+        # 3. Chains from there, at the levels of the pilot.
+        schedule = tuple(
+            batch.take(record, np.zeros(self.groups, dtype=np.int64)) for record in self.schedule
+        )
+        points = points_of([sample], chosen.ravel())
+        chains = LevelPass.begin_from(plan, shape, PcnKernel(), points, entered, schedule)
+        return replace(self, starts=None, sample=sample, entered=entered, level_pass=chains)
+
+    def _group(self, sample: Sample) -> Integers:
+        """Return the group (n,) of each row: each has as many rows of the target, and of the proposal."""
+        parts = [np.arange(stratum.rows) // max(1, stratum.rows // self.groups) for stratum in sample.strata]
+        return np.concatenate(parts)
+
+    def result(self) -> Groups:
+        """Return the groups, once they are done."""
+        assert self.level_pass is not None
+        assert self.sample is not None
+        last, sample = self.level_pass, self.sample
+        roots = last.points.root.reshape(last.failed.shape)
+        alive = last.probabilities > 0.0
+        found = [
+            len(np.unique(row[failed])) if one else 0
+            for row, failed, one in zip(roots, last.failed, alive, strict=True)
+        ]
+        broken = float(np.where(sample.error, np.exp(sample.log_weights), 0.0).mean())
+        moves = self.size.chains * (LENGTH - 1)
+        passed = sum(int(record.passed.sum()) for record in last.levels)
+        return Groups(
+            last.probabilities, self.entered, tuple(found), broken + float(last.error_weight.mean()),
+            passed * moves, (distinct_failures(last, 0, self.first),),
+        )  # fmt: skip
+
+
+def points_of(samples: Sequence[Sample], rows: Integers) -> Points:
+    """Return points at rows of samples, counted through; their roots are the rows."""
+    different, place = np.unique(rows, return_inverse=True)
+    begin, tapes = 0, []
+    for sample in samples:
+        end = begin + len(sample.error)
+        tapes.append(sample.tapes(different[(different >= begin) & (different < end)] - begin))
+        begin = end
+
+    def pooled(name: str) -> Any:
+        return np.asarray(np.concatenate([getattr(sample, name) for sample in samples])[rows])
+
+    return Points(
+        np.concatenate(tapes)[place], pooled("score"), pooled("violated"), pooled("robustness"), rows,
+        np.zeros(len(rows)),
+    )  # fmt: skip
+
+
+def _shape(runs: int, chains: int, stage: int) -> PassShape:
+    return PassShape(runs, chains, LENGTH, 0, chains, _FLOOR, stage)
+
+
+def _asked(level_pass: LevelPass) -> Request | None:
+    proposal = level_pass.proposal
+    return None if proposal is None else Request.replay(proposal)

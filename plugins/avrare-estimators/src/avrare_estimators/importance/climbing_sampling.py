@@ -1,0 +1,174 @@
+"""Learned importance sampling that may hand over to chains short of failure.
+
+Learning ends once another stage would save less than it costs; from the best entry level on, groups of chains
+climb to failure (``climb``). Where that does not pay, all is as without.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from avrare.base.memory import allowance
+from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups, GroupSize
+from avrare_estimators.importance.coverage import find_coverage_doubts
+from avrare_estimators.importance.cross_check import CrossCheck, rollouts_to_vouch
+from avrare_estimators.importance.entry import Entry, best_entry, failure_entry
+from avrare_estimators.importance.importance_sampling import SamplingState
+from avrare_estimators.importance.learned_sampling import LearnedSampling, LearnedState
+from avrare_estimators.importance.lessons import Lessons
+from avrare_estimators.importance.sampling import Sample, wave_rows
+from avrare_estimators.looks import Looks
+
+_DOUBT = 1.5
+"""Factor by which a climb may cost more than its pilot says."""
+
+
+@dataclass(frozen=True)
+class ClimbingState(LearnedState):
+    """State of runs that learn, and may climb.
+
+    Attributes:
+        entries: Best entry level after each stage, until a pilot has begun.
+        pilot: Chains that have found the levels above an entry.
+        size: Size of the groups; None where the final sample goes to failure by itself.
+        groups: Groups that are done.
+    """
+
+    entries: tuple[Entry | None, ...] = ()
+    pilot: ClimbPilot | None = None
+    size: GroupSize | None = None
+    groups: Groups = field(default_factory=Groups)
+
+    @property
+    def rows(self) -> int:
+        """Rollouts of this run, but for a cross-check."""
+        return super().rows + self.groups.rollouts + (self.pilot.rollouts if self.pilot is not None else 0)
+
+    @property
+    def climbed(self) -> tuple[Entry, Groups] | None:
+        """Entry level and groups of a climb that counts."""
+        return (self.pilot.entry, self.groups) if self.pilot is not None and self.size is not None else None
+
+
+class ClimbingSampling(LearnedSampling):
+    """Estimator ``is`` with ``climb: true``."""
+
+    def _begin_run(self, state: SamplingState) -> LearnedState:
+        names = ("plan", "rollouts", "source", "finished", "tally", "first", "fresh")
+        return super()._begin_run(ClimbingState(**{name: getattr(state, name) for name in names}))
+
+    def _size_at_look(self, state: LearnedState) -> int:
+        climbed = state.finished[0].climbed
+        return len(climbed[1].values) if climbed is not None else super()._size_at_look(state)
+
+    def _share(self, state: LearnedState, rows: int) -> float:
+        """Return 0 where a climb is likelier than a sample of failures: it counts no stage."""
+        assert isinstance(state, ClimbingState)
+        likely = bool(state.entries) and state.entries[-1] is not None and state.entries[-1].climbs
+        return 0.0 if likely else super()._share(state, rows)
+
+    def _after_stage(self, state: LearnedState) -> LearnedState:
+        assert isinstance(state, ClimbingState)
+        if state.pilot is None and not any(state.shares):
+            state = replace(state, entries=(*state.entries, best_entry(state.lessons)))
+            entry = state.entries[-1]
+            if entry is not None and entry.climbs and (self._learnt(state) or self._has_learnt_enough(state)):
+                return replace(state, task=ClimbPilot.begin(state.plan, state.lessons, entry, state.run))
+        return super()._after_stage(state)
+
+    def _has_learnt_enough(self, state: ClimbingState) -> bool:
+        """Return whether the last stage has saved less of the climb than the next will cost."""
+        before, now = state.entries[-2:] if len(state.entries) > 1 else (None, None)
+        if before is None or now is None:
+            return False
+        known, goal = state.lessons.guessed_probability, self.config.relative_error
+        cost = now.cost(known)
+        rollouts = 1.0 / goal**2 if goal is not None else self._affordable(state) / cost
+        return (before.cost(known) - cost) * rollouts < self._stage_rows(state, 1)
+
+    def _task_complete(self, state: SamplingState) -> SamplingState:
+        assert isinstance(state, ClimbingState)
+        if isinstance(state.task, ClimbPilot):
+            return self._after_pilot(state, state.task)
+        if isinstance(state.task, ClimbBatch):
+            return self._after_batch(state, state.task)
+        return super()._task_complete(state)
+
+    def _after_pilot(self, state: ClimbingState, pilot: ClimbPilot) -> LearnedState:
+        # A pilot has found the levels, and what a climb costs. It pays, or learning goes on.
+        state = replace(state, pilot=pilot, task=None)
+        if not pilot.probability or _DOUBT * pilot.cost() > cost_without(state.lessons, pilot):
+            return super()._after_stage(state)
+        goal, affordable = self.config.relative_error, self._affordable(state)
+        size = pilot.sized(goal, affordable)
+        most = max(size.first, affordable // size.cost(len(pilot.schedule)))
+        return self._begin_batch(
+            replace(state, size=size, looks=Looks.until(goal, size.first, most)), pilot, size
+        )
+
+    def _begin_batch(self, state: ClimbingState, pilot: ClimbPilot, size: GroupSize) -> LearnedState:
+        assert state.looks is not None
+        done = len(state.groups.values)
+        room = max(1, allowance(self.config.memory) // (2 * size.bytes(state.plan)))
+        groups = min(room, state.looks.missing(done, lambda: relative_error(state.groups)))
+        stage = len(state.stages) + len(state.final)
+        wave = wave_rows(state.plan, self.config.memory)
+        task = ClimbBatch.begin(
+            state.plan, pilot, size, groups, done, state.run, stage, self.config.defensive, wave
+        )
+        return replace(state, task=task)
+
+    def _after_batch(self, state: ClimbingState, batch: ClimbBatch) -> SamplingState:
+        assert state.pilot is not None
+        assert state.size is not None
+        assert state.looks is not None
+        assert batch.sample is not None
+        groups, final = state.groups + batch.result(), (*state.final, batch.sample)
+        stored = self._stored(replace(state, groups=groups, final=final, task=None), batch.sample)
+        assert isinstance(stored, ClimbingState)
+        if state.looks.missing(len(groups.values), lambda: relative_error(groups)):
+            return self._begin_batch(stored, state.pilot, state.size)
+        learning = stored.samples[: len(stored.samples) - len(final)]
+        sample = Sample.join(final)
+        return self._check(replace(stored, samples=(*learning, sample)), sample)
+
+    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | None:
+        assert isinstance(state, ClimbingState)
+        if state.climbed is None:
+            return super()._cross_check(state, most)
+        entry, groups = state.climbed
+        return CrossCheck.begin(state.samples, self._check_rollouts(state), most, groups.mean, entry.level)
+
+    def _rollouts_to_vouch(self, state: LearnedState) -> int:
+        assert isinstance(state, ClimbingState)
+        if state.climbed is None:
+            return super()._rollouts_to_vouch(state)
+        return rollouts_to_vouch(state.samples, state.groups.mean)
+
+    def _climbed(self, state: SamplingState) -> tuple[Entry, Groups] | None:
+        assert isinstance(state, ClimbingState)
+        return state.climbed
+
+    def _doubts(self, state: SamplingState) -> dict[str, str]:
+        assert isinstance(state, ClimbingState)
+        if state.climbed is None:
+            return super()._doubts(state)
+        # What the sample has to cover are the rows that enter.
+        level = state.climbed[0].level
+        samples = tuple(one.reaching(level) for one in state.lessons.samples)
+        return find_coverage_doubts(
+            replace(state.lessons, samples=samples), state.samples[-1].reaching(level)
+        )
+
+
+def relative_error(groups: Groups) -> float:
+    """Return the standard error of the groups' mean over the mean; infinite without a failure."""
+    return math.sqrt(groups.variance(groups.mean)) if groups.mean else math.inf
+
+
+def cost_without(lessons: Lessons, pilot: ClimbPilot) -> float:
+    """Return the relative variance times rollouts of what is best without a climb."""
+    plain = 1.0 / pilot.probability - 1.0
+    direct = failure_entry(lessons)
+    return min(plain, direct.variance) if direct is not None else plain
