@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from avrare.base import batch
 from avrare.estimation.plan import Plan
 from avrare.estimation.result import Failures
 from avrare.protocols import Floats
@@ -24,21 +23,16 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ess.chains import Points
 from avrare_estimators.ess.kernels.pcn import PcnKernel
-from avrare_estimators.ess.level_pass import LevelPass, LevelRecord, PassShape
+from avrare_estimators.ess.level_pass import LevelPass, PassShape
 from avrare_estimators.ess.state import distinct_failures
 from avrare_estimators.importance.entry import Entry
 from avrare_estimators.importance.lessons import Lessons
+from avrare_estimators.importance.route import LENGTH, PILOT_CHAINS, GroupSize, Route
 from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource
-from avrare_estimators.weights import resample
+from avrare_estimators.weights import mixture_log_weights, resample
 
-PILOT_CHAINS, LENGTH = 50, 10
-"""Chains of the pilot, and samples of a chain at a level, of which a tenth lies above the next level."""
-LEAST_GROUPS = 12
-_FEWEST_CHAINS, _MOST_CHAINS = 20, 400
 _FLOOR = 1e-18
 _PILOT_STAGE, _STAGE, _STAGES_OF_RUN = 2**28, 2**29, 2**24
-SAMPLE_TAPES = 4
-"""Tapes of each sample of a group at the peak: old, new, and the chains'."""
 
 
 @dataclass(frozen=True)
@@ -73,79 +67,22 @@ class ClimbPilot:
         """Continue."""
         return replace(self, level_pass=self.level_pass.tell(rollouts))
 
-    @property
-    def probability(self) -> float:
-        """Estimated probability of failure, from the same rows as that of the entry; 0 where it died out."""
-        return float(self.level_pass.probabilities[0])
+    def route(self) -> Route:
+        """Return what the chains have found, once they are done."""
+        return Route.of(self.entry, self.level_pass)
 
-    @property
-    def variance(self) -> float:
-        """Relative variance that the chains add to a group of this size."""
-        last = self.level_pass
-        failed = last.failed
-        shares = [(float(record.share[0]), float(record.effective[0])) for record in last.levels[1:]]
-        shares.append((float(failed.mean()), float(last.effective(failed)[0])))
-        return sum((1.0 - share) / (share * effective) for share, effective in shares if share > 0.0)
+    def variance_without(self, defensive: float) -> float:
+        """Return the relative variance of one row of the best sample that goes to failure by itself.
 
-    @property
-    def moves(self) -> int:
-        """Rollouts of the chains of a group of this size."""
-        return len(self.level_pass.levels) * PILOT_CHAINS * (LENGTH - 1)
-
-    @property
-    def rollouts(self) -> int:
-        """Rollouts done."""
-        return self.moves
-
-    def cost(self) -> float:
-        """Return the relative variance times rollouts, sample and chains divided as is best."""
-        return (math.sqrt(self.entry.variance) + math.sqrt(self.variance * self.moves)) ** 2
-
-    def sized(self, goal: float | None, affordable: float) -> GroupSize:
-        """Return the size of the groups, and how many of them half of the work takes.
-
-        Args:
-            goal: Relative error to reach; None: the rollouts are spent.
-            affordable: Most rollouts of all groups.
+        The chains' failures judge the proposal: they are drawn from the target, whatever it covers.
         """
-        rows = math.sqrt(self.entry.variance * self.moves / max(self.variance, 1e-9))
-        rows = min(max(rows, self.moves / 3.0), 10.0 * self.moves)
-        cost = rows + self.moves
-        total = affordable / cost
-        if goal is not None:
-            total = min(total, (self.entry.variance / rows + self.variance) / goal**2 / 2.0)
-        scale = total / LEAST_GROUPS
-        chains = int(min(max(scale * PILOT_CHAINS, _FEWEST_CHAINS), _MOST_CHAINS))
-        scale = chains / PILOT_CHAINS
-        return GroupSize(max(4, round(rows * scale)), chains, max(LEAST_GROUPS, math.ceil(total / scale)))
-
-    @property
-    def schedule(self) -> tuple[LevelRecord, ...]:
-        """Levels and kernels to follow."""
-        return self.level_pass.levels
-
-
-@dataclass(frozen=True)
-class GroupSize:
-    """Size of the groups that count.
-
-    Attributes:
-        rows: Rows of a group's sample.
-        chains: Chains of a group.
-        first: Groups before the first look.
-    """
-
-    rows: int
-    chains: int
-    first: int
-
-    def cost(self, levels: int) -> int:
-        """Return the rollouts of a group."""
-        return self.rows + levels * self.chains * (LENGTH - 1)
-
-    def bytes(self, plan: Plan) -> int:
-        """Return the memory of a group's chains."""
-        return SAMPLE_TAPES * self.chains * LENGTH * plan.tape_bytes
+        last, reached = self.level_pass, self.route().reached
+        plain = 1.0 / reached - 1.0 if reached else math.inf
+        if self.entry.mixture is None or not reached:
+            return plain
+        ratio = self.entry.mixture.log_ratio_of(last.points.tape[last.points.violated])
+        weight = np.exp(mixture_log_weights(ratio, defensive))
+        return min(plain, float(weight.mean()) / reached - 1.0)
 
 
 @dataclass(frozen=True)
@@ -196,8 +133,7 @@ class ClimbBatch:
 
     Attributes:
         plan: The task.
-        entry: The entry.
-        schedule: Levels and kernels of the pilot.
+        route: The route.
         size: Size of a group.
         groups: Number of groups.
         first: Number of groups before this batch.
@@ -209,8 +145,7 @@ class ClimbBatch:
     """
 
     plan: Plan
-    entry: Entry
-    schedule: tuple[LevelRecord, ...]
+    route: Route
     size: GroupSize
     groups: int
     first: int
@@ -222,14 +157,14 @@ class ClimbBatch:
 
     @staticmethod
     def begin(
-        plan: Plan, pilot: ClimbPilot, size: GroupSize, groups: int, first: int, run: int, stage: int,
+        plan: Plan, route: Route, size: GroupSize, groups: int, first: int, run: int, stage: int,
         defensive: float, wave: int,
     ) -> ClimbBatch:  # fmt: skip
         """Begin with the samples, addressed by (run, stage)."""
-        own = size.rows if pilot.entry.mixture is None else max(1, round(defensive * size.rows))
-        source = TapeSource(pilot.entry.mixture)
+        own = size.rows if route.entry.mixture is None else max(1, round(defensive * size.rows))
+        source = TapeSource(route.entry.mixture)
         starts = PartialSample.begin(source, plan, run, stage, groups * size.rows, groups * own, wave)
-        return ClimbBatch(plan, pilot.entry, pilot.schedule, size, groups, first, run, starts)
+        return ClimbBatch(plan, route, size, groups, first, run, starts)
 
     @property
     def pending(self) -> Request | None:
@@ -251,7 +186,7 @@ class ClimbBatch:
         # 1. The probability to enter, from the weights of each group's rows.
         group = self._group(sample)
         key = np.where(sample.violated, np.inf, np.where(sample.error, -np.inf, sample.score))
-        weight = np.where(key > self.entry.level, np.exp(sample.log_weights), 0.0)
+        weight = np.where(key > self.route.entry.level, np.exp(sample.log_weights), 0.0)
         entered = np.bincount(group, weight, minlength=self.groups) / self.size.rows
         # 2. Rows that have entered, in proportion to their weights.
         shape = _shape(self.groups, self.size.chains, _STAGE + self.run * _STAGES_OF_RUN)
@@ -264,9 +199,7 @@ class ClimbBatch:
             rows = np.flatnonzero((group == g) & (weight > 0.0))
             chosen[g] = rows[resample(weight[rows], shape.samples, uniforms[g])]
         # 3. Chains from there, at the levels of the pilot.
-        schedule = tuple(
-            batch.take(record, np.zeros(self.groups, dtype=np.int64)) for record in self.schedule
-        )
+        schedule = self.route.schedule(self.groups)
         points = points_of([sample], chosen.ravel())
         chains = LevelPass.begin_from(plan, shape, PcnKernel(), points, entered, schedule)
         return replace(self, starts=None, sample=sample, entered=entered, level_pass=chains)

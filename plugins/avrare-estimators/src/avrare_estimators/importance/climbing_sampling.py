@@ -10,14 +10,17 @@ import math
 from dataclasses import dataclass, field, replace
 
 from avrare.base.memory import allowance
-from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups, GroupSize
+from avrare.estimation.result import Result
+from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups
 from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.cross_check import CrossCheck, rollouts_to_vouch
-from avrare_estimators.importance.entry import Entry, best_entry, failure_entry
+from avrare_estimators.importance.entry import Entry, best_entry
 from avrare_estimators.importance.importance_sampling import SamplingState
 from avrare_estimators.importance.learned_sampling import LearnedSampling, LearnedState
-from avrare_estimators.importance.lessons import Lessons
+from avrare_estimators.importance.proposal_file import FILE
+from avrare_estimators.importance.route import GroupSize, Route
 from avrare_estimators.importance.sampling import Sample, wave_rows
+from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.looks import Looks
 
 _DOUBT = 1.5
@@ -30,25 +33,27 @@ class ClimbingState(LearnedState):
 
     Attributes:
         entries: Best entry level after each stage, until a pilot has begun.
-        pilot: Chains that have found the levels above an entry.
+        route: What a pilot of chains has found; None before.
+        pilot_rollouts: Its rollouts.
         size: Size of the groups; None where the final sample goes to failure by itself.
         groups: Groups that are done.
     """
 
     entries: tuple[Entry | None, ...] = ()
-    pilot: ClimbPilot | None = None
+    route: Route | None = None
+    pilot_rollouts: int = 0
     size: GroupSize | None = None
     groups: Groups = field(default_factory=Groups)
 
     @property
     def rows(self) -> int:
         """Rollouts of this run, but for a cross-check."""
-        return super().rows + self.groups.rollouts + (self.pilot.rollouts if self.pilot is not None else 0)
+        return super().rows + self.groups.rollouts + self.pilot_rollouts
 
     @property
     def climbed(self) -> tuple[Entry, Groups] | None:
         """Entry level and groups of a climb that counts."""
-        return (self.pilot.entry, self.groups) if self.pilot is not None and self.size is not None else None
+        return (self.route.entry, self.groups) if self.route is not None and self.size is not None else None
 
 
 class ClimbingSampling(LearnedSampling):
@@ -57,6 +62,24 @@ class ClimbingSampling(LearnedSampling):
     def _begin_run(self, state: SamplingState) -> LearnedState:
         names = ("plan", "rollouts", "source", "finished", "tally", "first", "fresh")
         return super()._begin_run(ClimbingState(**{name: getattr(state, name) for name in names}))
+
+    def _begin_final(self, state: LearnedState, mixture: TapeMixture | None) -> LearnedState:
+        assert isinstance(state, ClimbingState)
+        route = self.file.routes.get(state.plan.names[0]) if self.file is not None else None
+        if route is None:
+            return super()._begin_final(state, mixture)
+        return self._begin_groups(replace(state, route=route), route)
+
+    def estimate(self, state: SamplingState) -> list[Result]:
+        """Return the estimate; the file of the proposal holds the route of a climb as well."""
+        assert isinstance(state, ClimbingState)
+        result = super().estimate(state)[0]
+        artifacts = result.artifacts
+        if FILE in artifacts and len(state.finished) == 1 and state.climbed is not None:
+            assert state.route is not None
+            content = {**artifacts[FILE], "climb": state.route.to_dict()}
+            result = replace(result, artifacts={**artifacts, FILE: content})
+        return [result]
 
     def _size_at_look(self, state: LearnedState) -> int:
         climbed = state.finished[0].climbed
@@ -70,7 +93,7 @@ class ClimbingSampling(LearnedSampling):
 
     def _after_stage(self, state: LearnedState) -> LearnedState:
         assert isinstance(state, ClimbingState)
-        if state.pilot is None and not any(state.shares):
+        if state.route is None and not any(state.shares):
             state = replace(state, entries=(*state.entries, best_entry(state.lessons)))
             entry = state.entries[-1]
             if entry is not None and entry.climbs and (self._learnt(state) or self._has_learnt_enough(state)):
@@ -97,17 +120,19 @@ class ClimbingSampling(LearnedSampling):
 
     def _after_pilot(self, state: ClimbingState, pilot: ClimbPilot) -> LearnedState:
         # A pilot has found the levels, and what a climb costs. It pays, or learning goes on.
-        state = replace(state, pilot=pilot, task=None)
-        if not pilot.probability or _DOUBT * pilot.cost() > cost_without(state.lessons, pilot):
+        route = pilot.route()
+        state = replace(state, route=route, pilot_rollouts=route.moves, task=None)
+        if not route.reached or _DOUBT * route.cost() > pilot.variance_without(self.config.defensive):
             return super()._after_stage(state)
-        goal, affordable = self.config.relative_error, self._affordable(state)
-        size = pilot.sized(goal, affordable)
-        most = max(size.first, affordable // size.cost(len(pilot.schedule)))
-        return self._begin_batch(
-            replace(state, size=size, looks=Looks.until(goal, size.first, most)), pilot, size
-        )
+        return self._begin_groups(state, route)
 
-    def _begin_batch(self, state: ClimbingState, pilot: ClimbPilot, size: GroupSize) -> LearnedState:
+    def _begin_groups(self, state: ClimbingState, route: Route) -> LearnedState:
+        goal, affordable = self.config.relative_error, self._affordable(state)
+        size = route.sized(goal, affordable)
+        looks = Looks.until(goal, size.first, max(size.first, affordable // size.cost))
+        return self._begin_batch(replace(state, size=size, looks=looks), route, size)
+
+    def _begin_batch(self, state: ClimbingState, route: Route, size: GroupSize) -> LearnedState:
         assert state.looks is not None
         done = len(state.groups.values)
         room = max(1, allowance(self.config.memory) // (2 * size.bytes(state.plan)))
@@ -115,12 +140,12 @@ class ClimbingSampling(LearnedSampling):
         stage = len(state.stages) + len(state.final)
         wave = wave_rows(state.plan, self.config.memory)
         task = ClimbBatch.begin(
-            state.plan, pilot, size, groups, done, state.run, stage, self.config.defensive, wave
+            state.plan, route, size, groups, done, state.run, stage, self.config.defensive, wave
         )
         return replace(state, task=task)
 
     def _after_batch(self, state: ClimbingState, batch: ClimbBatch) -> SamplingState:
-        assert state.pilot is not None
+        assert state.route is not None
         assert state.size is not None
         assert state.looks is not None
         assert batch.sample is not None
@@ -128,7 +153,7 @@ class ClimbingSampling(LearnedSampling):
         stored = self._stored(replace(state, groups=groups, final=final, task=None), batch.sample)
         assert isinstance(stored, ClimbingState)
         if state.looks.missing(len(groups.values), lambda: relative_error(groups)):
-            return self._begin_batch(stored, state.pilot, state.size)
+            return self._begin_batch(stored, state.route, state.size)
         learning = stored.samples[: len(stored.samples) - len(final)]
         sample = Sample.join(final)
         return self._check(replace(stored, samples=(*learning, sample)), sample)
@@ -165,10 +190,3 @@ class ClimbingSampling(LearnedSampling):
 def relative_error(groups: Groups) -> float:
     """Return the standard error of the groups' mean over the mean; infinite without a failure."""
     return math.sqrt(groups.variance(groups.mean)) if groups.mean else math.inf
-
-
-def cost_without(lessons: Lessons, pilot: ClimbPilot) -> float:
-    """Return the relative variance times rollouts of what is best without a climb."""
-    plain = 1.0 / pilot.probability - 1.0
-    direct = failure_entry(lessons)
-    return min(plain, direct.variance) if direct is not None else plain

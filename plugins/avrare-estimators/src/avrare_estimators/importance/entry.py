@@ -64,12 +64,6 @@ def best_entry(lessons: Lessons) -> Entry | None:
     return min(found, key=lambda one: one.effort, default=None)
 
 
-def failure_entry(lessons: Lessons) -> Entry | None:
-    """Return the sample of failures themselves from the newest proposal; None where too few are known."""
-    found = _entries(lessons, lessons.final()) if lessons.mixtures else []
-    return next((one for one in found if not one.climbs), None)
-
-
 def _entries(lessons: Lessons, mixture: TapeMixture | None) -> list[Entry]:
     """Return the entries for a sample from ``mixture``.
 

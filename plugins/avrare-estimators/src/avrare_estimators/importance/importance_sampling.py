@@ -21,6 +21,7 @@ from avrare_estimators.cost import affordable_rollouts
 from avrare_estimators.importance.climb import Groups
 from avrare_estimators.importance.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
 from avrare_estimators.importance.entry import Entry
+from avrare_estimators.importance.proposal_file import ProposalFile
 from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
 from avrare_estimators.importance.result import RunOutcome, summarise
 from avrare_estimators.importance.sampling import (
@@ -45,7 +46,9 @@ def build(config: IsConfig, scene: object | None = None) -> WeightedSampler:
         from avrare_estimators.importance.climbing_sampling import ClimbingSampling
         from avrare_estimators.importance.learned_sampling import LearnedSampling
 
-        return ClimbingSampling(config) if config.climb else LearnedSampling(config)
+        file = ProposalFile.read(config.learned) if config.learned is not None else None
+        climbs = file.routes if file is not None else config.climb
+        return ClimbingSampling(config, file) if climbs else LearnedSampling(config, file)
     return ImportanceSampling(config)
 
 

@@ -88,9 +88,9 @@ class LearnedSampling(WeightedSampler):
     config: IsConfig
     names: NoiseNames | None = None
 
-    def __init__(self, config: IsConfig) -> None:
+    def __init__(self, config: IsConfig, file: ProposalFile | None = None) -> None:
         self.config = config
-        self.file = ProposalFile.read(config.learned) if config.learned is not None else None
+        self.file = file
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem unchanged; its noise names are for the report."""

@@ -10,6 +10,7 @@ from typing import Any
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.plan import Plan
+from avrare_estimators.importance.route import Route
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.importance.words import NoiseNames
 
@@ -24,10 +25,12 @@ class ProposalFile:
 
     Attributes:
         mixtures: The proposals.
+        routes: Routes of the climbs from them, where there are any.
         path: Where they were read.
     """
 
     mixtures: Mapping[str, TapeMixture]
+    routes: Mapping[str, Route]
     path: str = FILE
 
     @staticmethod
@@ -46,7 +49,12 @@ class ProposalFile:
         for name, entry in content.items():
             if "potentials" not in entry:  # smc's digest is of more than the proposal
                 check_digest(entry, mixtures[name].digest, f"{path}: {name}")
-        return ProposalFile(mixtures, str(path))
+        routes = {
+            name: Route.from_dict(entry["climb"], mixtures[name])
+            for name, entry in content.items()
+            if "climb" in entry
+        }
+        return ProposalFile(mixtures, routes, str(path))
 
     def find(self, plan: Plan) -> TapeMixture:
         """Return the proposal of a plan's specification.

@@ -1,0 +1,153 @@
+"""Route of a climb: entry level, the levels on to failure, and how chains move between them.
+
+A pilot of chains finds it. It is kept with the proposal, so that another run climbs without learning.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.estimation.plan import Plan
+from avrare_estimators.ess.level_pass import LevelPass, LevelRecord
+from avrare_estimators.importance.entry import Entry
+from avrare_estimators.importance.tape_mixture import TapeMixture
+
+PILOT_CHAINS, LENGTH = 50, 10
+"""Chains of the pilot, and samples of a chain at a level, of which a tenth lies above the next level."""
+LEAST_GROUPS = 12
+_FEWEST_CHAINS, _MOST_CHAINS = 20, 400
+_SAMPLE_TAPES = 4
+"""Tapes of each sample of a group at the peak: old, new, and the chains'."""
+_NUMBERS = ("probability", "variance", "chain_variance", "reached")
+
+
+@dataclass(frozen=True)
+class Route:
+    """Levels that a pilot has found.
+
+    Attributes:
+        entry: The entry.
+        levels: Scores of the levels, that of the entry first.
+        angles: Size of the chains' steps at each level [rad].
+        chain_variance: Relative variance that ``PILOT_CHAINS`` chains add to a group.
+        reached: Estimated probability of failure, from the same rows as that of the entry; 0: not reached.
+    """
+
+    entry: Entry
+    levels: tuple[float, ...]
+    angles: tuple[float, ...]
+    chain_variance: float
+    reached: float
+
+    @staticmethod
+    def of(entry: Entry, pilot: LevelPass) -> Route:
+        """Return what an ended pilot of one group has found."""
+        failed = pilot.failed
+        shares = [(float(record.share[0]), float(record.effective[0])) for record in pilot.levels[1:]]
+        shares.append((float(failed.mean()), float(pilot.effective(failed)[0])))
+        variance = sum((1.0 - share) / (share * effective) for share, effective in shares if share > 0.0)
+        levels = tuple(float(record.level[0]) for record in pilot.levels)
+        angles = tuple(float(record.known[0]) for record in pilot.levels)
+        return Route(entry, levels, angles, variance, float(pilot.probabilities[0]))
+
+    @property
+    def moves(self) -> int:
+        """Rollouts of ``PILOT_CHAINS`` chains."""
+        return len(self.levels) * PILOT_CHAINS * (LENGTH - 1)
+
+    def cost(self) -> float:
+        """Return the relative variance times rollouts, sample and chains divided as is best."""
+        return (math.sqrt(self.entry.variance) + math.sqrt(self.chain_variance * self.moves)) ** 2
+
+    def sized(self, goal: float | None, affordable: float) -> GroupSize:
+        """Return the size of the groups, and how many of them half of the work takes.
+
+        Args:
+            goal: Relative error to reach; None: the rollouts are spent.
+            affordable: Most rollouts of all groups.
+        """
+        variance = self.entry.variance
+        rows = math.sqrt(variance * self.moves / max(self.chain_variance, 1e-9))
+        rows = min(max(rows, self.moves / 3.0), 10.0 * self.moves)
+        total = affordable / (rows + self.moves)
+        if goal is not None:
+            total = min(total, (variance / rows + self.chain_variance) / goal**2 / 2.0)
+        scale = total / LEAST_GROUPS
+        chains = int(min(max(scale * PILOT_CHAINS, _FEWEST_CHAINS), _MOST_CHAINS))
+        scale = chains / PILOT_CHAINS
+        first = max(LEAST_GROUPS, math.ceil(total / scale))
+        return GroupSize(max(4, round(rows * scale)), chains, first, len(self.levels))
+
+    def schedule(self, groups: int) -> tuple[LevelRecord, ...]:
+        """Return the levels and step sizes for groups that follow them."""
+        passed, none = np.ones(groups, dtype=bool), np.full(groups, np.nan)
+        return tuple(
+            LevelRecord(np.full(groups, level), passed, none, none, np.full(groups, angle), none, none)
+            for level, angle in zip(self.levels, self.angles, strict=True)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the route as JSON data; the proposal is told apart."""
+        return {
+            "levels": list(self.levels),
+            "angles": list(self.angles),
+            "probability": self.entry.probability,
+            "variance": self.entry.variance,
+            "chain_variance": self.chain_variance,
+            "reached": self.reached,
+        }
+
+    @staticmethod
+    def from_dict(content: Mapping[str, Any], mixture: TapeMixture) -> Route:
+        """Return the route of JSON data.
+
+        Raises:
+            UsageError: The data are damaged.
+        """
+        try:
+            levels, angles = (tuple(map(float, content[name])) for name in ("levels", "angles"))
+            probability, variance, chains, reached = (float(content[name]) for name in _NUMBERS)
+        except (KeyError, TypeError, ValueError) as error:
+            raise _damaged(f"{type(error).__name__}: {error}") from None
+        numbers = [*levels, *angles, probability, variance, chains, reached]
+        if not levels or len(levels) != len(angles) or not np.isfinite(numbers).all():
+            raise _damaged("levels and angles must be as many finite numbers")
+        if not (0.0 < probability <= 1.0 and min(variance, chains) >= 0.0 and min(angles) > 0.0):
+            raise _damaged("a number is out of its range")
+        return Route(Entry(levels[0], probability, variance, mixture), levels, angles, chains, reached)
+
+
+@dataclass(frozen=True)
+class GroupSize:
+    """Size of the groups that count.
+
+    Attributes:
+        rows: Rows of a group's sample.
+        chains: Chains of a group.
+        first: Groups before the first look.
+        levels: Levels at which the chains move.
+    """
+
+    rows: int
+    chains: int
+    first: int
+    levels: int
+
+    @property
+    def cost(self) -> int:
+        """Rollouts of a group."""
+        return self.rows + self.levels * self.chains * (LENGTH - 1)
+
+    def bytes(self, plan: Plan) -> int:
+        """Return the memory of a group's chains."""
+        return _SAMPLE_TAPES * self.chains * LENGTH * plan.tape_bytes
+
+
+def _damaged(reason: str) -> UsageError:
+    return UsageError(f"the climb of a learned proposal is damaged: {reason}", "learn it again")
