@@ -4,10 +4,11 @@
         [--report-only]
 
 A cell is a rule, a level, a relative error to reach and how: `auto`, or `reused`, which is `is` with the
-proposal that the `auto` of the same seed has learned. Cells are run seed by seed, cheap ones first, each
-result a line of benchmarks/results/rare_levels/CELL.jsonl; what is there is not made again. `--keep` writes
-the lines into docs/rare-events/levels.zip, from which a clone begins. The table of docs/rare-events.md is
-written in any case. Learned proposals stay in the results folder: without its proposal a seed is not reused.
+proposal (and the route of its climb) that the `auto` of the same seed has learned. Cells are run seed by
+seed, cheap ones first, each result a line of benchmarks/results/rare_levels/CELL.jsonl; what is there is not
+made again. `--keep` writes the lines into docs/rare-events/levels.zip, from which a clone begins. The table
+of docs/rare-events.md is written in any case. Learned proposals stay in the results folder: without its
+proposal a seed is not reused.
 
 Pilot and Monte Carlo of `auto` are answered by the truth (``studies/from_truth.py``), so results that it
 leaves to Monte Carlo cost only what was tried in vain.
@@ -94,12 +95,13 @@ def estimate(cell: Cell, number: int, proposals: Path) -> Outcome | None:
         result = avrare.estimate(problem, "is", seed=cell.seed(number), learned=str(learned), **options)
     else:
         return None
+    chosen = "is, climb" if "climb" in result.diagnostics else result.estimator
     tried = result.diagnostics.get("choice", {"tried": []})["tried"]
     return Outcome(
-        number, truth, result.estimator, result.probability, *result.interval, result.relative_error,
+        number, truth, chosen, result.probability, *result.interval, result.relative_error,
         result.simulated_steps / problem.steps,
         result.diagnostics.get("learning_rollouts", 0) + sum(one["rollouts"] for one in tried),
-        true_gain(problem, cell, learned) if result.estimator == "is" else None,
+        true_gain(problem, cell, learned) if chosen == "is" else None,
         tuple(result.health), round(time.process_time() - began, 1),
     )  # fmt: skip
 

@@ -28,14 +28,14 @@ class Outcome:
     Attributes:
         seed: Number of the result in its cell.
         truth: Known probability.
-        chosen: Estimator.
+        chosen: Estimator, and whether chains climbed.
         probability: Estimate.
         low: Lower end of the 95 % interval.
         high: Upper end.
         relative_error: Its own.
         rollouts: Cost in steps over those of a rollout, choice, learning and checks included.
         learning: Rollouts of choice and learning.
-        gain: Exact gain over Monte Carlo of rows that count, on the truth's failures.
+        gain: Exact gain over Monte Carlo of rows that count, on the truth's failures; None in a climb.
         health: Warnings.
         seconds: Processor time.
     """

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from avrare.base.memory import allowance
+from avrare.base.number_format import format_probability
 from avrare.estimation.result import Result
 from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups
 from avrare_estimators.importance.coverage import find_coverage_doubts
@@ -25,6 +26,11 @@ from avrare_estimators.looks import Looks
 
 _DOUBT = 1.5
 """Factor by which a climb may cost more than its pilot says."""
+
+_CLIMBED = (
+    "rollouts are sampled up to a level that a share of {} of them reaches, and Markov chains climb from "
+    "there to failure"
+)
 
 
 @dataclass(frozen=True)
@@ -74,12 +80,13 @@ class ClimbingSampling(LearnedSampling):
         """Return the estimate; the file of the proposal holds the route of a climb as well."""
         assert isinstance(state, ClimbingState)
         result = super().estimate(state)[0]
-        artifacts = result.artifacts
-        if FILE in artifacts and len(state.finished) == 1 and state.climbed is not None:
-            assert state.route is not None
-            content = {**artifacts[FILE], "climb": state.route.to_dict()}
-            result = replace(result, artifacts={**artifacts, FILE: content})
-        return [result]
+        told, artifacts = dict(result.diagnostics), dict(result.artifacts)
+        told["learning_rollouts"] += state.pilot_rollouts
+        if state.route is not None and state.climbed is not None:
+            told["note"] = _CLIMBED.format(format_probability(state.route.entry.probability))
+            if FILE in artifacts and len(state.finished) == 1:
+                artifacts[FILE] = {**artifacts[FILE], "climb": state.route.to_dict()}
+        return [replace(result, diagnostics=told, artifacts=artifacts)]
 
     def _size_at_look(self, state: LearnedState) -> int:
         climbed = state.finished[0].climbed
@@ -88,8 +95,8 @@ class ClimbingSampling(LearnedSampling):
     def _share(self, state: LearnedState, rows: int) -> float:
         """Return 0 where a climb is likelier than a sample of failures: it counts no stage."""
         assert isinstance(state, ClimbingState)
-        likely = bool(state.entries) and state.entries[-1] is not None and state.entries[-1].climbs
-        return 0.0 if likely else super()._share(state, rows)
+        entry = state.entries[-1] if state.entries and state.route is None else None
+        return 0.0 if entry is not None and entry.climbs else super()._share(state, rows)
 
     def _after_stage(self, state: LearnedState) -> LearnedState:
         assert isinstance(state, ClimbingState)
