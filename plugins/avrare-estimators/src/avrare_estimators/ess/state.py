@@ -67,14 +67,14 @@ class EssState:
         """Different failing tapes of the passes that count."""
         if self.kept is not None:
             return replace(self.kept, count=self.tally.failures)
-        return distinct_failures(self.level_pass, self.tally.failures)
+        return _distinct_failures(self.level_pass, self.tally.failures)
 
     def joined(self) -> EssState:
         """Return the state in which all batches are one ended pass."""
         if self.ended is None:
             return self
         assert self.kept is not None
-        new, most = distinct_failures(self.level_pass, 0, self.ended.shape.runs), self.plan.kept_failures
+        new, most = _distinct_failures(self.level_pass, 0, self.ended.shape.runs), self.plan.kept_failures
         whole = {name: np.concatenate([getattr(self.kept, name), getattr(new, name)]) for name in _ARRAYS}
         run = whole["ancestors"][:, 0]
         rows = take_in_turn(run, most)
@@ -110,14 +110,7 @@ class EssState:
         return Worst(tapes[row].copy(), float(robustness[row]))
 
 
-def distinct_failures(last: LevelPass, count: int, first_run: int = 0) -> Failures:
-    """Return the different failing tapes of an ended pass, at most as many as the plan keeps.
-
-    Args:
-        last: The pass.
-        count: Number of failing rollouts of the whole estimate.
-        first_run: Number of runs before those of the pass.
-    """
+def _distinct_failures(last: LevelPass, count: int, first_run: int = 0) -> Failures:
     # A chain that stays repeats its tape, which then weighs as often. A run's failures share its estimate.
     different: dict[bytes, int] = {}
     points, samples = last.points, last.shape.samples

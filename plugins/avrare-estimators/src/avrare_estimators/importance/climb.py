@@ -17,21 +17,22 @@ from typing import Any
 import numpy as np
 
 from avrare.estimation.plan import Plan
-from avrare.estimation.result import Failures
+from avrare.estimation.result import Failures, spread
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ess.chains import Points
 from avrare_estimators.ess.kernels.pcn import PcnKernel
 from avrare_estimators.ess.level_pass import LevelPass, PassShape
-from avrare_estimators.ess.state import distinct_failures
 from avrare_estimators.importance.entry import Entry
 from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.route import LENGTH, PILOT_CHAINS, GroupSize, Route
-from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource
+from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource
 from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
+_KEPT = 8
+"""Failures that are kept of a group."""
 _PILOT_STAGE, _STAGE, _STAGES_OF_RUN = 2**28, 2**29, 2**24
 
 
@@ -93,26 +94,25 @@ class Groups:
         values: (R,) estimate of each.
         entered: (R,) probability to enter of each.
         roots: Rows of the sample that each group's failures descend from.
-        error_weight: Mean weight of the rollouts that broke down.
+        errors: (R,) weight of the rollouts that broke down.
         rollouts: Rollouts of the chains.
-        failures: Failures of each batch.
+        failures: Some failures of each group that has any.
     """
 
     values: Floats = field(default_factory=lambda: np.zeros(0))
     entered: Floats = field(default_factory=lambda: np.zeros(0))
     roots: tuple[int, ...] = ()
-    error_weight: float = 0.0
+    errors: Floats = field(default_factory=lambda: np.zeros(0))
     rollouts: int = 0
     failures: tuple[Failures, ...] = ()
 
     def __add__(self, other: Groups) -> Groups:
         """Pool the groups of two batches."""
-        sizes = np.array([len(self.values), len(other.values)])
         return Groups(
             np.concatenate([self.values, other.values]),
             np.concatenate([self.entered, other.entered]),
             (*self.roots, *other.roots),
-            float(sizes @ (self.error_weight, other.error_weight) / sizes.sum()),
+            np.concatenate([self.errors, other.errors]),
             self.rollouts + other.rollouts,
             (*self.failures, *other.failures),
         )
@@ -141,6 +141,7 @@ class ClimbBatch:
         starts: The sample of all groups; None once it is complete.
         sample: The complete sample.
         entered: (groups,) probability to enter of each group.
+        errors: (groups,) weight of the rows that broke down.
         level_pass: The chains.
     """
 
@@ -153,6 +154,7 @@ class ClimbBatch:
     starts: PartialSample | None
     sample: Sample | None = None
     entered: Floats = field(default_factory=lambda: np.zeros(0))
+    errors: Floats = field(default_factory=lambda: np.zeros(0))
     level_pass: LevelPass | None = None
 
     @staticmethod
@@ -160,10 +162,15 @@ class ClimbBatch:
         plan: Plan, route: Route, size: GroupSize, groups: int, first: int, run: int, stage: int,
         defensive: float, wave: int,
     ) -> ClimbBatch:  # fmt: skip
-        """Begin with the samples, addressed by (run, stage)."""
-        own = size.rows if route.entry.mixture is None else max(1, round(defensive * size.rows))
-        source = TapeSource(route.entry.mixture)
-        starts = PartialSample.begin(source, plan, run, stage, groups * size.rows, groups * own, wave)
+        """Begin with the samples. Their addresses, (run, stage) and (run, stage + 1), know of no batch."""
+        source, target = TapeSource(route.entry.mixture), size.rows
+        if source.mixture is not None:
+            target = max(1, round(defensive * size.rows))
+        strata = (
+            Stratum(plan, run, stage, groups * target, True, first * target),
+            Stratum(plan, run, stage + 1, groups * (size.rows - target), False, first * (size.rows - target)),
+        )
+        starts = PartialSample.of(source, strata, wave)
         return ClimbBatch(plan, route, size, groups, first, run, starts)
 
     @property
@@ -192,41 +199,60 @@ class ClimbBatch:
         shape = _shape(self.groups, self.size.chains, _STAGE + self.run * _STAGES_OF_RUN)
         noise = self.plan.noise
         noise = NoiseSource(noise.seed, noise.noise_size, first_run=noise.first_run + self.first)
-        plan = replace(self.plan, noise=noise)
         uniforms = noise.choices(np.arange(self.groups), shape.stage - 1, 0)
         chosen = np.zeros((self.groups, shape.samples), dtype=np.int64)
         for g in np.flatnonzero(entered):
             rows = np.flatnonzero((group == g) & (weight > 0.0))
             chosen[g] = rows[resample(weight[rows], shape.samples, uniforms[g])]
         # 3. Chains from there, at the levels of the pilot.
-        schedule = self.route.schedule(self.groups)
         points = points_of([sample], chosen.ravel())
-        chains = LevelPass.begin_from(plan, shape, PcnKernel(), points, entered, schedule)
-        return replace(self, starts=None, sample=sample, entered=entered, level_pass=chains)
+        points = replace(points, root=self._place_in_group(sample)[chosen.ravel()])
+        chains = LevelPass.begin_from(
+            replace(self.plan, noise=noise), shape, PcnKernel(), points, entered,
+            self.route.schedule(self.groups),
+        )  # fmt: skip
+        broken = np.where(sample.error, np.exp(sample.log_weights), 0.0)
+        errors = np.bincount(group, broken, minlength=self.groups) / self.size.rows
+        return replace(self, starts=None, sample=sample, entered=entered, errors=errors, level_pass=chains)
 
     def _group(self, sample: Sample) -> Integers:
         """Return the group (n,) of each row: each has as many rows of the target, and of the proposal."""
-        parts = [np.arange(stratum.rows) // max(1, stratum.rows // self.groups) for stratum in sample.strata]
-        return np.concatenate(parts)
+        return np.concatenate(
+            [np.arange(one.rows) // max(1, one.rows // self.groups) for one in sample.strata]
+        )
+
+    def _place_in_group(self, sample: Sample) -> Integers:
+        """Return the number (n,) of each row in its group."""
+        target, proposal = (np.arange(one.rows) % max(1, one.rows // self.groups) for one in sample.strata)
+        return np.concatenate([target, sample.strata[0].rows // self.groups + proposal])
 
     def result(self) -> Groups:
         """Return the groups, once they are done."""
         assert self.level_pass is not None
         assert self.sample is not None
-        last, sample = self.level_pass, self.sample
-        roots = last.points.root.reshape(last.failed.shape)
-        alive = last.probabilities > 0.0
-        found = [
-            len(np.unique(row[failed])) if one else 0
-            for row, failed, one in zip(roots, last.failed, alive, strict=True)
-        ]
-        broken = float(np.where(sample.error, np.exp(sample.log_weights), 0.0).mean())
-        moves = self.size.chains * (LENGTH - 1)
+        last = self.level_pass
+        values, failed = last.probabilities, last.failed
+        root = last.points.root.reshape(failed.shape)
+        roots = [len(np.unique(root[g, failed[g]])) if values[g] else 0 for g in range(self.groups)]
         passed = sum(int(record.passed.sum()) for record in last.levels)
         return Groups(
-            last.probabilities, self.entered, tuple(found), broken + float(last.error_weight.mean()),
-            passed * moves, (distinct_failures(last, 0, self.first),),
+            values, self.entered, tuple(roots), self.errors + last.error_weight,
+            passed * self.size.chains * (LENGTH - 1),
+            tuple(self._failures(int(g)) for g in np.flatnonzero(values)),
         )  # fmt: skip
+
+    def _failures(self, group: int) -> Failures:
+        """Return some failures of a group, far apart in its chains, which share its estimate."""
+        assert self.level_pass is not None
+        last, size = self.level_pass, self.level_pass.shape.samples
+        rows = spread(group * size + np.flatnonzero(last.failed[group]), _KEPT)
+        tapes, place, counts = np.unique(
+            last.points.tape[rows], axis=0, return_index=True, return_counts=True
+        )
+        rows = rows[place]
+        ancestors = np.stack([np.full(len(rows), self.first + group), last.points.root[rows]], axis=1)
+        weights = counts / counts.sum() * last.probabilities[group]
+        return Failures(tapes, last.points.robustness[rows], 0, weights, ancestors)
 
 
 def points_of(samples: Sequence[Sample], rows: Integers) -> Points:

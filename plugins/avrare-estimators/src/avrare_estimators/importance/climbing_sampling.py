@@ -144,7 +144,7 @@ class ClimbingSampling(LearnedSampling):
         done = len(state.groups.values)
         room = max(1, allowance(self.config.memory) // (2 * size.bytes(state.plan)))
         groups = min(room, state.looks.missing(done, lambda: relative_error(state.groups)))
-        stage = len(state.stages) + len(state.final)
+        stage = len(state.stages)
         wave = wave_rows(state.plan, self.config.memory)
         task = ClimbBatch.begin(
             state.plan, route, size, groups, done, state.run, stage, self.config.defensive, wave

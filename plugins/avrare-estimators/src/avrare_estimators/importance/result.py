@@ -86,7 +86,7 @@ class RunOutcome:
     def error_weight(self) -> float:
         """Weight of the rows that broke down."""
         if self.climbed is not None:
-            return self.climbed[1].error_weight
+            return float(self.climbed[1].errors.mean())
         return float(
             sum(share * np.where(p.error, np.exp(p.log_weights), 0.0).mean() for share, p in self.parts)
         )
@@ -265,6 +265,9 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
 def _climbed_failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info) -> Failures:
     """Return failures at which chains have arrived, of all groups alike."""
     found = [part for run in runs if run.climbed is not None for part in run.climbed[1].failures]
+    if not found:
+        shape = (0, plan.steps + 1, plan.noise.noise_size)
+        return Failures(np.zeros(shape), np.zeros(0), tally.failures, np.zeros(0))
     noise, robustness, weights, ancestors = (
         np.concatenate([getattr(part, name) for part in found])
         for name in ("noise", "robustness", "weights", "ancestors")

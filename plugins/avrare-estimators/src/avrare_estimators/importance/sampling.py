@@ -258,7 +258,12 @@ class PartialSample:
         """Begin a sample of ``rows`` rows, ``target_rows`` of them from the target, in waves."""
         target = Stratum(plan, run, stage, target_rows, from_target=True)
         proposal = Stratum(plan, run, stage, rows - target_rows, from_target=False, first=target_rows)
-        return PartialSample(source, (target, proposal), wave)._next_wave()
+        return PartialSample.of(source, (target, proposal), wave)
+
+    @staticmethod
+    def of(source: Source, strata: tuple[Stratum, Stratum], wave: int) -> PartialSample:
+        """Begin a sample of given strata, those of the target first, in waves."""
+        return PartialSample(source, strata, wave)._next_wave()
 
     def tell(self, rollouts: Rollouts) -> PartialSample:
         """Store a wave and ask for the next."""
