@@ -1,0 +1,183 @@
+"""A climb: its entry level, its route, and groups that are unbiased whatever they were told."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from interruptions import estimate_through_interruptions
+from outlier_systems import outliers
+from scipy.stats import chi2
+
+import avrare
+from avrare.base.errors import UsageError
+from avrare_estimators.importance import climbing_sampling
+from avrare_estimators.importance.climb import Groups
+from avrare_estimators.importance.entry import Entry, best_entry
+from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons
+from avrare_estimators.importance.proposal_file import FILE, ProposalFile
+from avrare_estimators.importance.route import LENGTH, PILOT_CHAINS, Route
+from avrare_estimators.importance.sampling import Sample, Stratum, TapeSource
+
+LIMIT = 62.0
+P = float(chi2.sf(LIMIT, 24))
+QUICK = {"pilot": 600, "relative_error": 0.25, "rollouts": 100_000, "climb": True}
+
+
+def energetic():
+    """Return a problem whose failures need no noise in particular, and have a probability of 3e-5."""
+    return outliers(f"always (energy < {LIMIT})")
+
+
+def estimate(seed=0, **options):
+    return avrare.estimate(energetic(), "is", seed=seed, **{**QUICK, **options})
+
+
+@pytest.fixture(scope="module")
+def climbed():
+    return [estimate(seed) for seed in range(12)]
+
+
+def test_a_climb_is_unbiased_and_its_interval_holds_the_truth(climbed):
+    assert all("climb" in one.diagnostics for one in climbed)
+    found = np.array([one.probability for one in climbed]) / P
+    assert abs(found.mean() - 1.0) < 3.5 * found.std(ddof=1) / math.sqrt(len(found))
+    assert sum(one.interval[0] <= P <= one.interval[1] for one in climbed) >= 11
+    assert np.median([one.rollouts for one in climbed]) < 0.1 * (1.0 / P / 0.25**2)
+
+
+def test_a_climb_says_what_it_did_and_what_it_cost(climbed):
+    one = climbed[0]
+    told = one.diagnostics["climb"][0]
+    assert P < told["entered"] < 0.1
+    assert len(told["roots"]) == told["groups"] >= 12
+    rows = sum(one.diagnostics["rows"])
+    checked = one.diagnostics["check_rollouts"]
+    assert one.rollouts == one.diagnostics["learning_rollouts"] + rows + told["rollouts"] + checked
+    assert "Markov chains climb" in one.diagnostics["note"]
+    assert one.diagnostics["goal_reached"] == (one.relative_error <= 0.25)
+
+
+def test_failures_of_a_climb_fail_again_and_add_up_to_the_estimate(climbed):
+    one = climbed[0]
+    again = energetic().replay(one.failures.noise)
+    assert len(one.failures.noise) > 20
+    assert again.violated[:, 0].all()
+    np.testing.assert_allclose(again.robustness[:, 0], one.failures.robustness)
+    assert one.failures.weights.sum() == pytest.approx(one.probability)
+    assert one.worst.robustness <= one.failures.robustness.min()
+
+
+def test_a_climb_has_the_same_bits_in_small_batches_and_small_chunks(climbed, monkeypatch):
+    monkeypatch.setattr(climbing_sampling, "allowance", lambda memory: 0)  # one group at a time
+    other = avrare.estimate(outliers(f"always (energy < {LIMIT})", chunk=37), "is", seed=0, **QUICK)
+    assert other.probability == climbed[0].probability
+    assert other.interval == climbed[0].interval
+    assert other.diagnostics == climbed[0].diagnostics
+    np.testing.assert_array_equal(other.failures.noise, climbed[0].failures.noise)
+    np.testing.assert_array_equal(other.failures.weights, climbed[0].failures.weights)
+
+
+def test_a_climb_goes_on_after_interruptions(climbed, tmp_path):
+    def run(problem):
+        return avrare.estimate(problem, "is", seed=0, checkpoint=tmp_path / "state", **QUICK)
+
+    found, interruptions = estimate_through_interruptions(energetic, run, 100, 100)
+    assert interruptions > 3
+    assert found.probability == climbed[0].probability
+    assert found.rollouts == climbed[0].rollouts
+
+
+def test_a_learned_file_has_the_route_and_saves_the_way_to_it(climbed, tmp_path):
+    first = next(one for one in climbed if FILE in one.artifacts)
+    path = tmp_path / FILE
+    path.write_text(json.dumps({"specification": first.artifacts[FILE]}))
+    reused = [
+        avrare.estimate(energetic(), "is", seed=s, learned=str(path), relative_error=0.25) for s in range(4)
+    ]
+    assert all(one.diagnostics["learning_rollouts"] == 0 and "climb" in one.diagnostics for one in reused)
+    assert np.mean([one.probability for one in reused]) == pytest.approx(P, rel=0.5)
+    (route,) = ProposalFile.read(path).routes.values()
+    assert route.to_dict() == first.artifacts[FILE]["climb"]
+
+
+@pytest.mark.parametrize(
+    "change", [{"levels": []}, {"angles": [0.0]}, {"probability": 2.0}, {"variance": "?"}, {"reached": None}]
+)
+def test_a_damaged_route_is_refused(change):
+    whole = a_route().to_dict()
+    assert Route.from_dict(whole, None) == a_route()
+    with pytest.raises(UsageError, match="climb of a learned proposal is damaged"):
+        Route.from_dict({**whole, **change}, None)
+
+
+def a_route(variance=90.0, chain_variance=0.2):
+    return Route(Entry(-1.0, 1e-3, variance, None), (-1.0, -0.5), (0.2, 0.1), chain_variance, 1e-5)
+
+
+def test_groups_divide_the_work_as_their_variances_ask():
+    route = a_route()
+    size = route.sized(0.05, 1e9)
+    moves = size.levels * size.chains * (LENGTH - 1)
+    assert size.cost == size.rows + moves
+    # The best division: rows over moves is the ratio of the roots of variance per unit of either.
+    chains = route.chain_variance * PILOT_CHAINS / size.chains
+    assert size.rows / moves == pytest.approx(math.sqrt(90.0 / (chains * moves)), rel=0.05)
+    variance = 90.0 / size.rows + chains
+    assert size.first == pytest.approx(variance / 0.05**2 / 2.0, rel=0.1)
+    small = route.sized(0.5, 1e9)
+    assert (small.chains, small.first) == (20, 12)
+
+
+def test_the_groups_of_two_batches_are_pooled():
+    one, two = (Groups(np.array(v), np.array(v), (1,) * len(v), np.array(v), 10) for v in ([1.0, 3.0], [5.0]))
+    both = one + two
+    assert both.mean == 3.0
+    assert both.variance(3.0) == pytest.approx(4.0 / 9.0 / 3.0)
+    assert (both.roots, both.rollouts) == ((1, 1, 1), 20)
+
+
+def lessons(score, violated):
+    n = len(score)
+    strata = (Stratum(None, 0, 0, n, True), Stratum(None, 0, 0, 0, False))
+    zeros = np.zeros(n)
+    sample = Sample(TapeSource(None), strata, zeros, violated, violated & False, zeros, score, ())
+    return Lessons(0.25).add(sample)
+
+
+def test_an_entry_lies_where_the_sum_of_sample_and_chains_is_least():
+    score = np.random.default_rng(0).permutation(np.arange(10_000.0))
+    entry = best_entry(lessons(score, score > 9_995.0))
+    # The derivative of 1 / sqrt(p) + c log(p) is 0 at p = 1 / (4 c^2), c = sqrt(80) / log(10).
+    assert entry.probability == pytest.approx(math.log(10.0) ** 2 / 80.0 / 4.0, rel=0.2)
+    assert (score > entry.level).mean() == pytest.approx(entry.probability)
+    assert entry.climbs
+    assert entry.cost(1e-4) < 1e4
+
+
+def test_failures_that_are_frequent_are_sampled_without_chains():
+    score = np.random.default_rng(1).permutation(np.arange(10_000.0))
+    entry = best_entry(lessons(score, score >= 9_000.0))
+    assert not entry.climbs
+    assert entry.probability == pytest.approx(0.1)
+
+
+def test_levels_above_which_few_rows_are_known_are_no_entries():
+    score = np.arange(200.0)
+    entry = best_entry(lessons(score, score > 198.0))
+    assert entry.probability * 200 >= LEAST_ELITE
+    assert best_entry(lessons(score[:50], score[:50] > 48.0)) is None
+
+
+def test_a_group_of_which_no_row_enters_counts_as_zero(climbed, monkeypatch):
+    original = climbing_sampling.Route.sized
+
+    def tiny(route, goal, affordable):
+        return replace(original(route, goal, affordable), rows=8)
+
+    monkeypatch.setattr(climbing_sampling.Route, "sized", tiny)
+    found = estimate(1)
+    assert 0 in found.diagnostics["climb"][0]["roots"]
+    assert "extinct_runs" in found.health or "extinct" in found.health
+    assert found.interval[0] <= P <= found.interval[1]
