@@ -1,0 +1,95 @@
+"""Why a climb: what proposals gain on rare failures of the lane change, and how fast chains move there.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8]
+        [--angles 0.1,0.2]
+
+It takes the truth's rollouts whose robustness one in 1,000 reaches, a sample of the target. Proposals fitted
+to some of them are judged on half of those at 1e-4, which they have not seen: the gain over Monte Carlo is 1
+over the mean of p/q. Then chains start at all of them and stay at that level: of those that began at 1e-4 the
+share that is still there tells how much they remember; 0.1 is nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare.rollout.problem import Problem
+from avrare_estimators.ess.chains import rotated
+from avrare_estimators.importance.dictionary import fit
+from benchmarks.prune_proposal import DEFENSIVE, failing_tapes, gain
+from benchmarks.studies import truth
+from benchmarks.studies.levels import Level, read_level, truth_file
+
+SCENARIO = "lane_change"
+SIZES = (80, 150, 300, 500, 900)
+_ROWS = 250
+
+
+def tapes_at(rule: str, probability: float) -> tuple[Problem, Floats]:
+    """Return a rule at a level, and the tapes (M, T + 1, D) of the truth that reach it."""
+    problem, _ = read_level(SCENARIO, rule, probability)
+    (monitor,) = problem.monitors
+    assert isinstance(monitor, Level)
+    shape = (problem.steps + 1, problem.noise_size)
+    return problem, failing_tapes(truth_file(SCENARIO), rule, monitor.level, shape)
+
+
+def print_gains(common: Floats, rare: Floats, rng: np.random.Generator) -> None:
+    """Print the gain on half of the rare tapes of proposals fitted to some of the others."""
+    print("| rows at 1e-3 | gain at 1e-4, three draws |\n|---|---|")
+    for size in SIZES:
+        found = []
+        for _ in range(3):
+            held = rare[rng.permutation(len(rare))[: len(rare) // 2]]
+            rest = common[~np.isin(common[:, 1, 0], held[:, 1, 0])]
+            rows = rest[rng.permutation(len(rest))[:size]]
+            found.append(gain(fit(rows, np.ones(len(rows)), DEFENSIVE), held))
+        print(f"| {size} | {', '.join(f'{one:.1f}' for one in found)} |", flush=True)
+
+
+def print_mixing(problem: Problem, tapes: Floats, rare: float, angles: list[float], steps: int) -> None:
+    """Print what chains at the level of ``problem`` remember of the rare ones among their starts."""
+    print("| step [rad] | accepted | " + " | ".join(f"after {k + 1}" for k in range(steps)) + " |")
+    print(f"|{'---|' * (steps + 2)}")
+    first = robustness(problem, tapes)
+    began = first <= rare
+    for angle in angles:
+        rng = np.random.default_rng(1)
+        place, value, accepted, left = tapes, first, [], []
+        for _ in range(steps):
+            moved = rotated(place, rng.standard_normal(place.shape), np.full(len(place), angle))
+            there = robustness(problem, moved)
+            good = there <= 0.0
+            place, value = np.where(good[:, None, None], moved, place), np.where(good, there, value)
+            accepted.append(float(good.mean()))
+            left.append(float((value <= rare)[began].mean()))
+        told = " | ".join(f"{one:.2f}" for one in left)
+        print(f"| {angle:g} | {np.mean(accepted):.2f} | {told} |", flush=True)
+
+
+def robustness(problem: Problem, tapes: Floats) -> Floats:
+    """Return the robustness (M,) of tapes; infinite where a rollout breaks down."""
+    parts = [problem.replay(tapes[begin : begin + _ROWS]) for begin in range(0, len(tapes), _ROWS)]
+    return np.concatenate([np.where(one.error, np.inf, one.robustness[:, 0]) for one in parts])
+
+
+def main() -> None:
+    """Print both tables of a rule."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--rule", default="no_collision")
+    parser.add_argument("--steps", type=int, default=8)
+    parser.add_argument("--angles", default="0.1,0.2,0.4")
+    args = parser.parse_args()
+    problem, common = tapes_at(args.rule, 1e-3)
+    _, rare = tapes_at(args.rule, 1e-4)
+    print_gains(common, rare, np.random.default_rng(0))
+    tail = truth.read_tails(truth_file(SCENARIO))[args.rule]
+    apart = tail.threshold(1e-4) - tail.threshold(1e-3)
+    print_mixing(problem, common, apart, [float(one) for one in args.angles.split(",")], args.steps)
+
+
+if __name__ == "__main__":
+    main()
