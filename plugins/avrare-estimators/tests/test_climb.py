@@ -181,3 +181,32 @@ def test_a_group_of_which_no_row_enters_counts_as_zero(climbed, monkeypatch):
     assert 0 in found.diagnostics["climb"][0]["roots"]
     assert "extinct_runs" in found.health or "extinct" in found.health
     assert found.interval[0] <= P <= found.interval[1]
+
+
+class Fragile:
+    """The system of outliers, whose rollouts break down at one energy in some hundred."""
+
+    def __init__(self):
+        self.whole = energetic().system
+        self.noise_size = self.whole.noise_size
+
+    def initial(self, noise):
+        return self.whole.initial(noise)
+
+    def step(self, state, noise):
+        return self.whole.step(state, noise)
+
+    def signals(self, state):
+        signals = self.whole.signals(state)
+        broken = (signals["energy"] > 40.0) & (signals["energy"] * 97.0 % 1.0 < 0.2)
+        return {**signals, "energy": np.where(broken, np.nan, signals["energy"])}
+
+
+def test_rollouts_that_break_down_are_counted_and_raise_the_upper_end(climbed):
+    problem = avrare.Problem(Fragile(), avrare.stl(f"always (energy < {LIMIT})"), 8)
+    found = avrare.estimate(problem, "is", seed=0, **QUICK)
+    assert "climb" in found.diagnostics
+    assert found.errors > 100
+    # Failures lost to breakdowns may be all of the rollouts that broke down above the entry level.
+    assert found.interval[1] > 1.5 * climbed[0].interval[1]
+    assert found.interval[0] < P < found.interval[1]

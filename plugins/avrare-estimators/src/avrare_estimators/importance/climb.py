@@ -9,7 +9,6 @@ their scatter gives the error.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -31,6 +30,8 @@ from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum
 from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
+_DOUBT = 1.5
+"""Factor by which a climb may cost more than its pilot says."""
 _KEPT = 8
 """Failures that are kept of a group."""
 _PILOT_STAGE, _STAGE, _STAGES_OF_RUN = 2**28, 2**29, 2**24
@@ -72,18 +73,20 @@ class ClimbPilot:
         """Return what the chains have found, once they are done."""
         return Route.of(self.entry, self.level_pass)
 
-    def variance_without(self, defensive: float) -> float:
-        """Return the relative variance of one row of the best sample that goes to failure by itself.
+    def pays(self, defensive: float) -> bool:
+        """Return whether a climb is expected to cost less than Monte Carlo, and than a sample without chains.
 
-        The chains' failures judge the proposal: they are drawn from the target, whatever it covers.
+        The chains' failures judge what a row of such a sample is worth: they are drawn from the target,
+        whatever the proposal covers.
         """
-        last, reached = self.level_pass, self.route().reached
-        plain = 1.0 / reached - 1.0 if reached else math.inf
-        if self.entry.mixture is None or not reached:
-            return plain
-        ratio = self.entry.mixture.log_ratio_of(last.points.tape[last.points.violated])
+        route, points = self.route(), self.level_pass.points
+        if not route.reached or _DOUBT * route.cost() > 1.0 / route.reached - 1.0:
+            return False
+        if self.entry.mixture is None:
+            return True
+        ratio = self.entry.mixture.log_ratio_of(points.tape[points.violated])
         weight = np.exp(mixture_log_weights(ratio, defensive))
-        return min(plain, float(weight.mean()) / reached - 1.0)
+        return route.cost() < float(weight.mean()) / route.reached - 1.0
 
 
 @dataclass(frozen=True)

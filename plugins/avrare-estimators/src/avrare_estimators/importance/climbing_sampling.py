@@ -24,9 +24,6 @@ from avrare_estimators.importance.sampling import Sample, wave_rows
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.looks import Looks
 
-_DOUBT = 1.5
-"""Factor by which a climb may cost more than its pilot says."""
-
 _CLIMBED = (
     "rollouts are sampled up to a level that a share of {} of them reaches, and Markov chains climb from "
     "there to failure"
@@ -129,7 +126,7 @@ class ClimbingSampling(LearnedSampling):
         # A pilot has found the levels, and what a climb costs. It pays, or learning goes on.
         route = pilot.route()
         state = replace(state, route=route, pilot_rollouts=route.moves, task=None)
-        if not route.reached or _DOUBT * route.cost() > pilot.variance_without(self.config.defensive):
+        if not pilot.pays(self.config.defensive):
             return super()._after_stage(state)
         return self._begin_groups(state, route)
 
