@@ -70,7 +70,7 @@ def test_failures_of_a_climb_fail_again_and_add_up_to_the_estimate(climbed):
 
 
 def test_a_climb_has_the_same_bits_in_small_batches_and_small_chunks(climbed, monkeypatch):
-    monkeypatch.setattr(climbing_sampling, "allowance", lambda memory: 0)  # one group at a time
+    monkeypatch.setattr(climbing_sampling.ClimbingSampling, "_most_chains", lambda self, state: 50)
     other = avrare.estimate(outliers(f"always (energy < {LIMIT})", chunk=37), "is", seed=0, **QUICK)
     assert other.probability == climbed[0].probability
     assert other.interval == climbed[0].interval
@@ -118,7 +118,7 @@ def a_route(variance=90.0, chain_variance=0.2):
 
 def test_groups_divide_the_work_as_their_variances_ask():
     route = a_route()
-    size = route.sized(0.05, 1e9)
+    size = route.sized(0.05, 1e9, 10**6)
     moves = size.levels * size.chains * (LENGTH - 1)
     assert size.cost == size.rows + moves
     # The best division: rows over moves is the ratio of the roots of variance per unit of either.
@@ -126,7 +126,8 @@ def test_groups_divide_the_work_as_their_variances_ask():
     assert size.rows / moves == pytest.approx(math.sqrt(90.0 / (chains * moves)), rel=0.05)
     variance = 90.0 / size.rows + chains
     assert size.first == pytest.approx(variance / 0.05**2 / 2.0, rel=0.1)
-    small = route.sized(0.5, 1e9)
+    assert route.sized(0.05, 1e9, 30).chains == 30
+    small = route.sized(0.5, 1e9, 10**6)
     assert (small.chains, small.first) == (20, 12)
 
 
@@ -173,8 +174,8 @@ def test_levels_above_which_few_rows_are_known_are_no_entries():
 def test_a_group_of_which_no_row_enters_counts_as_zero(climbed, monkeypatch):
     original = climbing_sampling.Route.sized
 
-    def tiny(route, goal, affordable):
-        return replace(original(route, goal, affordable), rows=8)
+    def tiny(*arguments):
+        return replace(original(*arguments), rows=8)
 
     monkeypatch.setattr(climbing_sampling.Route, "sized", tiny)
     found = estimate(1)
@@ -210,3 +211,22 @@ def test_rollouts_that_break_down_are_counted_and_raise_the_upper_end(climbed):
     # Failures lost to breakdowns may be all of the rollouts that broke down above the entry level.
     assert found.interval[1] > 1.5 * climbed[0].interval[1]
     assert found.interval[0] < P < found.interval[1]
+
+
+def test_there_is_no_climb_where_its_chains_do_not_fit_into_memory():
+    found = estimate(memory=4.0, rollouts=20_000)
+    assert "climb" not in found.diagnostics
+    assert found.rollouts <= 20_000
+
+
+def test_more_runs_than_chains_have_addresses_for_are_refused():
+    with pytest.raises(UsageError, match="climb takes at most 16 runs"):
+        avrare.estimate(energetic(), "is", climb=True, runs=17)
+
+
+def test_several_runs_climb_each_by_its_own_route():
+    found = avrare.estimate(energetic(), "is", climb=True, runs=3, rollouts=8000, pilot=600)
+    assert len(found.diagnostics["climb"]) == 3
+    assert len({one["level"] for one in found.diagnostics["climb"]}) == 3
+    assert found.interval[0] <= P <= found.interval[1]
+    assert found.failures.weights.sum() == pytest.approx(found.probability)

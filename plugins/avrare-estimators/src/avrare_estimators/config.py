@@ -244,6 +244,10 @@ class _WeightedConfig(_Config):
     )  # fmt: skip
 
 
+MOST_CLIMBING_RUNS = 16
+"""Runs that have addresses of their own for the noise of their chains."""
+
+
 class IsConfig(_WeightedConfig):
     """Importance sampling from a proposal that is learnt on the noise tape, or given."""
 
@@ -311,6 +315,10 @@ class IsConfig(_WeightedConfig):
             self.__dict__["defensive"] = LEAST_DEFENSIVE
         if self.defensive < LEAST_DEFENSIVE:
             raise ValueError(f"defensive must be at least {LEAST_DEFENSIVE} for a learned proposal")
+        if self.climb and self.runs > MOST_CLIMBING_RUNS:
+            raise ValueError(
+                f"climb takes at most {MOST_CLIMBING_RUNS} runs, as the scatter of its groups is that of runs"
+            )
         if self.relative_error is not None:
             if self.runs > 1:
                 raise ValueError("relative_error is a stopping rule for a single run; leave runs at 1")

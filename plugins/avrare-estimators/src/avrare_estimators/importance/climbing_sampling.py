@@ -19,7 +19,7 @@ from avrare_estimators.importance.entry import Entry, best_entry
 from avrare_estimators.importance.importance_sampling import SamplingState
 from avrare_estimators.importance.learned_sampling import LearnedSampling, LearnedState
 from avrare_estimators.importance.proposal_file import FILE
-from avrare_estimators.importance.route import GroupSize, Route
+from avrare_estimators.importance.route import PILOT_CHAINS, GroupSize, Route, chain_bytes
 from avrare_estimators.importance.sampling import Sample, wave_rows
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.looks import Looks
@@ -100,9 +100,14 @@ class ClimbingSampling(LearnedSampling):
         if state.route is None and not any(state.shares):
             state = replace(state, entries=(*state.entries, best_entry(state.lessons)))
             entry = state.entries[-1]
-            if entry is not None and entry.climbs and (self._learnt(state) or self._has_learnt_enough(state)):
+            ready = self._learnt(state) or self._has_learnt_enough(state)
+            if entry is not None and entry.climbs and ready and self._most_chains(state) >= PILOT_CHAINS:
                 return replace(state, task=ClimbPilot.begin(state.plan, state.lessons, entry, state.run))
         return super()._after_stage(state)
+
+    def _most_chains(self, state: LearnedState) -> int:
+        """Return the chains of a group that fit into half of the memory."""
+        return allowance(self.config.memory) // (2 * chain_bytes(state.plan))
 
     def _has_learnt_enough(self, state: ClimbingState) -> bool:
         """Return whether the last stage has saved less of the climb than the next will cost."""
@@ -132,14 +137,14 @@ class ClimbingSampling(LearnedSampling):
 
     def _begin_groups(self, state: ClimbingState, route: Route) -> LearnedState:
         goal, affordable = self.config.relative_error, self._affordable(state)
-        size = route.sized(goal, affordable)
+        size = route.sized(goal, affordable, self._most_chains(state))
         looks = Looks.until(goal, size.first, max(size.first, affordable // size.cost))
         return self._begin_batch(replace(state, size=size, looks=looks), route, size)
 
     def _begin_batch(self, state: ClimbingState, route: Route, size: GroupSize) -> LearnedState:
         assert state.looks is not None
         done = len(state.groups.values)
-        room = max(1, allowance(self.config.memory) // (2 * size.bytes(state.plan)))
+        room = max(1, self._most_chains(state) // size.chains)
         groups = min(room, state.looks.missing(done, lambda: relative_error(state.groups)))
         stage = len(state.stages)
         wave = wave_rows(state.plan, self.config.memory)

@@ -65,12 +65,13 @@ class Route:
         """Return the relative variance times rollouts, sample and chains divided as is best."""
         return (math.sqrt(self.entry.variance) + math.sqrt(self.chain_variance * self.moves)) ** 2
 
-    def sized(self, goal: float | None, affordable: float) -> GroupSize:
+    def sized(self, goal: float | None, affordable: float, most: int) -> GroupSize:
         """Return the size of the groups, and how many of them half of the work takes.
 
         Args:
             goal: Relative error to reach; None: the rollouts are spent.
             affordable: Most rollouts of all groups.
+            most: Most chains of a group.
         """
         variance = self.entry.variance
         rows = math.sqrt(variance * self.moves / max(self.chain_variance, 1e-9))
@@ -79,7 +80,7 @@ class Route:
         if goal is not None:
             total = min(total, (variance / rows + self.chain_variance) / goal**2 / 2.0)
         scale = total / LEAST_GROUPS
-        chains = int(min(max(scale * PILOT_CHAINS, _FEWEST_CHAINS), _MOST_CHAINS))
+        chains = int(min(max(scale * PILOT_CHAINS, _FEWEST_CHAINS), _MOST_CHAINS, most))
         scale = chains / PILOT_CHAINS
         first = max(LEAST_GROUPS, math.ceil(total / scale))
         return GroupSize(max(4, round(rows * scale)), chains, first, len(self.levels))
@@ -144,9 +145,10 @@ class GroupSize:
         """Rollouts of a group."""
         return self.rows + self.levels * self.chains * (LENGTH - 1)
 
-    def bytes(self, plan: Plan) -> int:
-        """Return the memory of a group's chains."""
-        return _SAMPLE_TAPES * self.chains * LENGTH * plan.tape_bytes
+
+def chain_bytes(plan: Plan) -> int:
+    """Return the memory that each chain of a group takes at the peak."""
+    return _SAMPLE_TAPES * LENGTH * plan.tape_bytes
 
 
 def _damaged(reason: str) -> UsageError:
