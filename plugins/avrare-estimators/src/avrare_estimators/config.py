@@ -316,9 +316,7 @@ class IsConfig(_WeightedConfig):
         if self.defensive < LEAST_DEFENSIVE:
             raise ValueError(f"defensive must be at least {LEAST_DEFENSIVE} for a learned proposal")
         if self.climb and self.runs > MOST_CLIMBING_RUNS:
-            raise ValueError(
-                f"climb takes at most {MOST_CLIMBING_RUNS} runs, as the scatter of its groups is that of runs"
-            )
+            raise ValueError(f"climb takes at most {MOST_CLIMBING_RUNS} runs; it needs one, of many groups")
         if self.relative_error is not None:
             if self.runs > 1:
                 raise ValueError("relative_error is a stopping rule for a single run; leave runs at 1")

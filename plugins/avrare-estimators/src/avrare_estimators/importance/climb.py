@@ -30,8 +30,9 @@ from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum
 from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
-_DOUBT = 1.5
-"""Factor by which a climb may cost more than its pilot says."""
+_DOUBT, _FLATTERED = 1.5, 2.0
+"""Factors by which a climb may cost more than its pilot says, and a sample without chains: few failures
+seldom show what the proposal does not cover."""
 _KEPT = 8
 """Failures that are kept of a group."""
 _PILOT_STAGE, _STAGE, _STAGES_OF_RUN = 2**28, 2**29, 2**24
@@ -86,7 +87,7 @@ class ClimbPilot:
             return True
         ratio = self.entry.mixture.log_ratio_of(points.tape[points.violated])
         weight = np.exp(mixture_log_weights(ratio, defensive))
-        return route.cost() < float(weight.mean()) / route.reached - 1.0
+        return route.cost() < _FLATTERED * (float(weight.mean()) / route.reached - 1.0)
 
 
 @dataclass(frozen=True)
