@@ -79,9 +79,10 @@ def estimate(stack: Stack, estimator: str, seed: int) -> Outcome:
         result = from_truth.estimate(problem, truth, own, **AUTO)
     else:
         result = avrare.estimate(problem, estimator, seed=seed, **stack.ams)
+    chosen = "is, climb" if "climb" in result.diagnostics else result.estimator
     tried = result.diagnostics.get("choice", {"tried": []})["tried"]
     return Outcome(
-        seed, truth, result.estimator, result.probability, *result.interval, result.relative_error,
+        seed, truth, chosen, result.probability, *result.interval, result.relative_error,
         result.simulated_steps / problem.steps,
         result.diagnostics.get("learning_rollouts", 0) + sum(one["rollouts"] for one in tried),
         None, tuple(result.health), round(time.process_time() - began, 1),
