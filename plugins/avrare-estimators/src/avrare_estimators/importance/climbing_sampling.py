@@ -116,7 +116,7 @@ class ClimbingSampling(LearnedSampling):
             return False
         known, goal = state.lessons.guessed_probability, self.config.relative_error
         cost = now.cost(known)
-        rollouts = 1.0 / goal**2 if goal is not None else self._affordable(state) / cost
+        rollouts = 1.0 / goal**2 if goal is not None else self._affordable(state) / max(cost, 1e-9)
         return (before.cost(known) - cost) * rollouts < self._stage_rows(state, 1)
 
     def _task_complete(self, state: SamplingState) -> SamplingState:
