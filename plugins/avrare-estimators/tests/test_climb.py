@@ -229,5 +229,8 @@ def test_several_runs_climb_each_by_its_own_route():
     found = avrare.estimate(energetic(), "is", climb=True, runs=3, rollouts=8000, pilot=600)
     assert len(found.diagnostics["climb"]) == 3
     assert len({one["level"] for one in found.diagnostics["climb"]}) == 3
+    chains = sum(one["rollouts"] for one in found.diagnostics["climb"])
+    told = found.diagnostics
+    assert found.rollouts == told["learning_rollouts"] + sum(told["rows"]) + chains + told["check_rollouts"]
     assert found.interval[0] <= P <= found.interval[1]
     assert found.failures.weights.sum() == pytest.approx(found.probability)

@@ -26,7 +26,7 @@ from avrare_estimators.ess.level_pass import LevelPass, PassShape
 from avrare_estimators.importance.entry import Entry
 from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.route import LENGTH, PILOT_CHAINS, GroupSize, Route
-from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource
+from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource, failing_weights
 from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
@@ -196,8 +196,7 @@ class ClimbBatch:
     def _begin_chains(self, sample: Sample) -> ClimbBatch:
         # 1. The probability to enter, from the weights of each group's rows.
         group = self._group(sample)
-        key = np.where(sample.violated, np.inf, np.where(sample.error, -np.inf, sample.score))
-        weight = np.where(key > self.route.entry.level, np.exp(sample.log_weights), 0.0)
+        weight = failing_weights(sample.reaching(self.route.entry.level))
         entered = np.bincount(group, weight, minlength=self.groups) / self.size.rows
         # 2. Rows that have entered, in proportion to their weights.
         shape = _shape(self.groups, self.size.chains, _STAGE + self.run * _STAGES_OF_RUN)

@@ -38,6 +38,7 @@ class ClimbingState(LearnedState):
         entries: Best entry level after each stage, until a pilot has begun.
         route: What a pilot of chains has found; None before.
         pilot_rollouts: Its rollouts.
+        pilots: Rollouts of the pilots of all runs.
         size: Size of the groups; None where the final sample goes to failure by itself.
         groups: Groups that are done.
     """
@@ -45,6 +46,7 @@ class ClimbingState(LearnedState):
     entries: tuple[Entry | None, ...] = ()
     route: Route | None = None
     pilot_rollouts: int = 0
+    pilots: int = 0
     size: GroupSize | None = None
     groups: Groups = field(default_factory=Groups)
 
@@ -64,7 +66,9 @@ class ClimbingSampling(LearnedSampling):
 
     def _begin_run(self, state: SamplingState) -> LearnedState:
         names = ("plan", "rollouts", "source", "finished", "tally", "first", "fresh")
-        return super()._begin_run(ClimbingState(**{name: getattr(state, name) for name in names}))
+        pilots = state.pilots if isinstance(state, ClimbingState) else 0
+        fields = {name: getattr(state, name) for name in names}
+        return super()._begin_run(ClimbingState(**fields, pilots=pilots))
 
     def _begin_final(self, state: LearnedState, mixture: TapeMixture | None) -> LearnedState:
         assert isinstance(state, ClimbingState)
@@ -78,7 +82,7 @@ class ClimbingSampling(LearnedSampling):
         assert isinstance(state, ClimbingState)
         result = super().estimate(state)[0]
         told, artifacts = dict(result.diagnostics), dict(result.artifacts)
-        told["learning_rollouts"] += state.pilot_rollouts
+        told["learning_rollouts"] += state.pilots
         if state.route is not None and state.climbed is not None:
             told["note"] = _CLIMBED.format(format_probability(state.route.entry.probability))
             if FILE in artifacts and len(state.finished) == 1:
@@ -130,7 +134,8 @@ class ClimbingSampling(LearnedSampling):
     def _after_pilot(self, state: ClimbingState, pilot: ClimbPilot) -> LearnedState:
         # A pilot has found the levels, and what a climb costs. It pays, or learning goes on.
         route = pilot.route()
-        state = replace(state, route=route, pilot_rollouts=route.moves, task=None)
+        pilots = state.pilots + route.moves
+        state = replace(state, route=route, pilot_rollouts=route.moves, pilots=pilots, task=None)
         if not pilot.pays(self.config.defensive):
             return super()._after_stage(state)
         return self._begin_groups(state, route)

@@ -120,7 +120,7 @@ class CrossCheck:
         shape = PassShape(GROUPS, chains, _LENGTH, 0, chains, _FLOOR, _first_stage(sample))
         starts, shares = _choose_starts(samples, places, shape.samples)
         climb = LevelPass.begin_from(sample.strata[0].plan, shape, PcnKernel(), starts, shares)
-        largest = float(sample.log_weights[sample.violated | (sample.score > level)].max())
+        largest = float(sample.log_weights[sample.reaching(level).violated].max())
         return CrossCheck(sample, largest, climb, budget, scouts)._continue()
 
     def tell(self, rollouts: Rollouts) -> CrossCheck:

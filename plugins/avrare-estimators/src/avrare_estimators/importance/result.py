@@ -66,8 +66,7 @@ class RunOutcome:
         """(n,) weight of the rows that fail, or from which chains may start; 0 for the others."""
         if self.climbed is None:
             return failing_weights(self.sample)
-        reached = self.sample.violated | (self.sample.score > self.climbed[0].level)
-        return np.where(reached & ~self.sample.error, self.weights, 0.0)
+        return failing_weights(self.sample.reaching(self.climbed[0].level))
 
     @cached_property
     def parts(self) -> list[tuple[float, Sample]]:
