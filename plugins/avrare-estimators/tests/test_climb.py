@@ -14,10 +14,10 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare_estimators.importance import climbing_sampling
 from avrare_estimators.importance.climb import Groups
-from avrare_estimators.importance.entry import Entry, best_entry
+from avrare_estimators.importance.entry import LENGTH, Entry, best_entry, chain_variance, start_variance
 from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile
-from avrare_estimators.importance.route import LENGTH, PILOT_CHAINS, Route
+from avrare_estimators.importance.route import Route
 from avrare_estimators.importance.sampling import Sample, Stratum, TapeSource
 
 LIMIT = 62.0
@@ -70,7 +70,7 @@ def test_failures_of_a_climb_fail_again_and_add_up_to_the_estimate(climbed):
 
 
 def test_a_climb_has_the_same_bits_in_small_batches_and_small_chunks(climbed, monkeypatch):
-    monkeypatch.setattr(climbing_sampling.ClimbingSampling, "_most_chains", lambda self, state: 50)
+    monkeypatch.setattr(climbing_sampling.ClimbingSampling, "_most_chains", lambda self, state: 100)
     other = avrare.estimate(outliers(f"always (energy < {LIMIT})", chunk=37), "is", seed=0, **QUICK)
     assert other.probability == climbed[0].probability
     assert other.interval == climbed[0].interval
@@ -112,8 +112,8 @@ def test_a_damaged_route_is_refused(change):
         Route.from_dict({**whole, **change}, None)
 
 
-def a_route(variance=90.0, chain_variance=0.2):
-    return Route(Entry(-1.0, 1e-3, variance, None), (-1.0, -0.5), (0.2, 0.1), chain_variance, 1e-5)
+def a_route(variance=90.0, spread=20.0):
+    return Route(Entry(-1.0, 1e-3, variance, None), (-1.0, -0.5), (0.2, 0.1), spread, 1e-5)
 
 
 def test_groups_divide_the_work_as_their_variances_ask():
@@ -122,10 +122,11 @@ def test_groups_divide_the_work_as_their_variances_ask():
     moves = size.levels * size.chains * (LENGTH - 1)
     assert size.cost == size.rows + moves
     # The best division: rows over moves is the ratio of the roots of variance per unit of either.
-    chains = route.chain_variance * PILOT_CHAINS / size.chains
-    assert size.rows / moves == pytest.approx(math.sqrt(90.0 / (chains * moves)), rel=0.05)
-    variance = 90.0 / size.rows + chains
+    starts, chains = start_variance(90.0, 20.0), chain_variance(20.0) / size.chains
+    assert size.rows / moves == pytest.approx(math.sqrt(starts / (chains * moves)), rel=0.05)
+    variance = starts / size.rows + chains
     assert size.first == pytest.approx(variance / 0.05**2 / 2.0, rel=0.1)
+    assert size.first * size.cost == pytest.approx(route.cost() / 0.05**2 / 2.0, rel=0.1)
     assert route.sized(0.05, 1e9, 30).chains == 30
     small = route.sized(0.5, 1e9, 10**6)
     assert (small.chains, small.first) == (20, 12)
@@ -147,14 +148,21 @@ def lessons(score, violated):
     return Lessons(0.25).add(sample)
 
 
+def test_the_cost_of_a_climb_from_failure_itself_is_that_of_its_sample():
+    entry = Entry(math.inf, 1e-3, 90.0, None)
+    assert entry.cost(1e-3) == pytest.approx(90.0)
+    assert entry.cost(1e-4) > 2.0 * 90.0
+
+
 def test_an_entry_lies_where_the_sum_of_sample_and_chains_is_least():
     score = np.random.default_rng(0).permutation(np.arange(10_000.0))
-    entry = best_entry(lessons(score, score > 9_995.0))
-    # The derivative of 1 / sqrt(p) + c log(p) is 0 at p = 1 / (4 c^2), c = sqrt(80) / log(10).
-    assert entry.probability == pytest.approx(math.log(10.0) ** 2 / 80.0 / 4.0, rel=0.2)
-    assert (score > entry.level).mean() == pytest.approx(entry.probability)
+    known = lessons(score, score > 9_980.0)
+    entry = best_entry(known)
     assert entry.climbs
-    assert entry.cost(1e-4) < 1e4
+    assert (score > entry.level).mean() == pytest.approx(entry.probability)
+    assert entry.variance == pytest.approx(1.0 / entry.probability - 1.0)
+    others = [Entry(0.0, p, 1.0 / p - 1.0, None) for p in (0.3, 0.1, 0.05, 0.03, 0.01)]
+    assert entry.cost(2e-3) < 1.01 * min(one.cost(2e-3) for one in others)
 
 
 def test_failures_that_are_frequent_are_sampled_without_chains():

@@ -109,6 +109,13 @@ class ClimbingSampling(LearnedSampling):
                 return replace(state, task=ClimbPilot.begin(state.plan, state.lessons, entry, state.run))
         return super()._after_stage(state)
 
+    def _gives_up(self, state: LearnedState) -> bool:
+        """Return whether stages gain nothing, neither over Monte Carlo nor for a climb."""
+        assert isinstance(state, ClimbingState)
+        entry = state.entries[-1] if state.entries and state.route is None else None
+        gains = entry is not None and entry.climbs and not self._has_learnt_enough(state)
+        return super()._gives_up(state) and not gains
+
     def _most_chains(self, state: LearnedState) -> int:
         """Return the chains of a group that fit into half of the memory."""
         return allowance(self.config.memory) // (2 * chain_bytes(state.plan))
@@ -134,8 +141,10 @@ class ClimbingSampling(LearnedSampling):
     def _after_pilot(self, state: ClimbingState, pilot: ClimbPilot) -> LearnedState:
         # A pilot has found the levels, and what a climb costs. It pays, or learning goes on.
         route = pilot.route()
-        pilots = state.pilots + route.moves
-        state = replace(state, route=route, pilot_rollouts=route.moves, pilots=pilots, task=None)
+        rollouts = PILOT_CHAINS * route.moves
+        state = replace(
+            state, route=route, pilot_rollouts=rollouts, pilots=state.pilots + rollouts, task=None
+        )
         if not pilot.pays(self.config.defensive):
             return super()._after_stage(state)
         return self._begin_groups(state, route)

@@ -1,8 +1,8 @@
 """Entry level: how near to failure a weighted sample goes before Markov chains take over.
 
 A weighted sample reaches a level ever less exactly the rarer it is, above all by what its proposal does not
-cover. Chains that start above a level pay a fixed price for each factor of ten that is left to failure. The
-best level has the least sum of both.
+cover. Chains that start above a level lead to the more unlike ends the farther failure is: few of the rows
+that have entered have offspring that fails. The best level has the least sum of both costs.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from avrare.rollout.request import Integers
 from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons, ratios_of
 from avrare_estimators.importance.tape_mixture import TapeMixture
 
-_PER_DECADE = 80.0
-"""Relative variance times rollouts that chains are expected to take for a factor of ten in probability."""
-_PRICE = math.sqrt(_PER_DECADE) / math.log(10.0)
+LENGTH = 10
+"""Samples of a chain at a level, of which a tenth lies above the next level."""
+_PER_DECADE = 4.8
+"""Mean square of the offspring of a start over its squared mean, for each factor of ten in probability."""
 
 
 @dataclass(frozen=True)
@@ -43,25 +44,43 @@ class Entry:
         """Chains go on from here."""
         return self.level < math.inf
 
-    @property
-    def effort(self) -> float:
-        """Square root of relative variance times rollouts, less what is the same for all entries.
-
-        With a sample of cost a and chains of cost b, (sqrt a + sqrt b)^2 is what the best division between
-        them takes.
-        """
-        return math.sqrt(self.variance) + _PRICE * math.log(self.probability)
-
     def cost(self, probability: float) -> float:
         """Return the expected relative variance times rollouts of an estimate of ``probability``."""
-        return max(self.effort - _PRICE * math.log(min(probability, self.probability)), 0.0) ** 2
+        decades = max(math.log10(self.probability / probability), 0.0)
+        moves = max(decades, 1.0) * (LENGTH - 1)
+        return climb_cost(self.variance, _PER_DECADE**decades - 1.0, moves)
+
+
+def climb_cost(variance: float, spread: float, moves: float) -> float:
+    """Return the relative variance times rollouts of sample and chains, the work divided as is best.
+
+    Args:
+        variance: Relative variance of one row of the sample, for the probability to enter.
+        spread: Relative variance of the offspring of a start.
+        moves: Rollouts of a chain.
+    """
+    return (math.sqrt(start_variance(variance, spread)) + math.sqrt(chain_variance(spread) * moves)) ** 2
+
+
+def start_variance(variance: float, spread: float) -> float:
+    """Return the relative variance of one row of the sample, for the probability to fail.
+
+    Half of the spread is taken as what tells starts apart however many chains leave from each, the other half
+    as the chance of chains.
+    """
+    return variance + (variance + 1.0) * spread / 2.0
+
+
+def chain_variance(spread: float) -> float:
+    """Return the relative variance that one chain adds."""
+    return spread / 2.0
 
 
 def best_entry(lessons: Lessons) -> Entry | None:
-    """Return the entry of the least effort, from the target or the newest proposal; None without any."""
+    """Return the entry of the least cost, from the target or the newest proposal; None without any."""
     mixtures = [None, lessons.final()] if lessons.mixtures else [None]
     found = [one for mixture in mixtures for one in _entries(lessons, mixture)]
-    return min(found, key=lambda one: one.effort, default=None)
+    return min(found, key=lambda one: one.cost(lessons.guessed_probability), default=None)
 
 
 def _entries(lessons: Lessons, mixture: TapeMixture | None) -> list[Entry]:

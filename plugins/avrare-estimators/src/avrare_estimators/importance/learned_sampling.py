@@ -30,7 +30,14 @@ from avrare_estimators.importance.sampling import (
     variance_of_sum,
     wave_rows,
 )
-from avrare_estimators.importance.stages import LEAST_GAIN, has_reached, is_learnt, is_stuck, is_worthless
+from avrare_estimators.importance.stages import (
+    LEAST_GAIN,
+    gain_nothing,
+    has_reached,
+    is_learnt,
+    is_stuck,
+    is_worthless,
+)
 from avrare_estimators.importance.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.words import NoiseNames, describe_failures
 from avrare_estimators.looks import Looks
@@ -209,7 +216,12 @@ class LearnedSampling(WeightedSampler):
         affordable = done + self._stage_rows(state, 1) <= state.rollouts // _LEARNING_SHARE
         hopeless = not len(state.lessons.elite[0])
         hopeless |= not self.config.fall_back and is_stuck(state.stages)
-        return hopeless or not affordable or self._ends(state) or is_learnt(state.stages, self.config.stages)
+        ended = is_learnt(state.stages, self.config.stages) or self._gives_up(state)
+        return hopeless or not affordable or self._ends(state) or ended
+
+    def _gives_up(self, state: LearnedState) -> bool:
+        """Return whether stages gain nothing over Monte Carlo."""
+        return gain_nothing(state.stages)
 
     def _ends(self, state: LearnedState) -> bool:
         """Return whether the estimate is nearly done: another stage would cost more than it saves."""

@@ -15,16 +15,15 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
 from avrare_estimators.ess.level_pass import LevelPass, LevelRecord
-from avrare_estimators.importance.entry import Entry
+from avrare_estimators.importance.entry import LENGTH, Entry, chain_variance, climb_cost, start_variance
 from avrare_estimators.importance.tape_mixture import TapeMixture
 
-PILOT_CHAINS, LENGTH = 50, 10
-"""Chains of the pilot, and samples of a chain at a level, of which a tenth lies above the next level."""
+PILOT_CHAINS = 100
 LEAST_GROUPS = 12
 _FEWEST_CHAINS, _MOST_CHAINS = 20, 400
 _SAMPLE_TAPES = 4
 """Tapes of each sample of a group at the peak: old, new, and the chains'."""
-_NUMBERS = ("probability", "variance", "chain_variance", "reached")
+_NUMBERS = ("probability", "variance", "spread", "reached")
 
 
 @dataclass(frozen=True)
@@ -35,35 +34,34 @@ class Route:
         entry: The entry.
         levels: Scores of the levels, that of the entry first.
         angles: Size of the chains' steps at each level [rad].
-        chain_variance: Relative variance that ``PILOT_CHAINS`` chains add to a group.
+        spread: Relative variance of the offspring of a start, that is of its samples that fail.
         reached: Estimated probability of failure, from the same rows as that of the entry; 0: not reached.
     """
 
     entry: Entry
     levels: tuple[float, ...]
     angles: tuple[float, ...]
-    chain_variance: float
+    spread: float
     reached: float
 
     @staticmethod
     def of(entry: Entry, pilot: LevelPass) -> Route:
         """Return what an ended pilot of one group has found."""
-        failed = pilot.failed
-        shares = [(float(record.share[0]), float(record.effective[0])) for record in pilot.levels[1:]]
-        shares.append((float(failed.mean()), float(pilot.effective(failed)[0])))
-        variance = sum((1.0 - share) / (share * effective) for share, effective in shares if share > 0.0)
+        roots = np.unique(pilot.points.root, return_inverse=True)[1]
+        offspring = np.bincount(roots, (pilot.weights * pilot.failed).ravel())
+        spread = PILOT_CHAINS * (offspring**2).sum() / max(offspring.sum(), 1.0) ** 2 - 1.0
         levels = tuple(float(record.level[0]) for record in pilot.levels)
         angles = tuple(float(record.known[0]) for record in pilot.levels)
-        return Route(entry, levels, angles, variance, float(pilot.probabilities[0]))
+        return Route(entry, levels, angles, max(float(spread), 0.0), float(pilot.probabilities[0]))
 
     @property
     def moves(self) -> int:
-        """Rollouts of ``PILOT_CHAINS`` chains."""
-        return len(self.levels) * PILOT_CHAINS * (LENGTH - 1)
+        """Rollouts of a chain."""
+        return len(self.levels) * (LENGTH - 1)
 
     def cost(self) -> float:
         """Return the relative variance times rollouts, sample and chains divided as is best."""
-        return (math.sqrt(self.entry.variance) + math.sqrt(self.chain_variance * self.moves)) ** 2
+        return climb_cost(self.entry.variance, self.spread, self.moves)
 
     def sized(self, goal: float | None, affordable: float, most: int) -> GroupSize:
         """Return the size of the groups, and how many of them half of the work takes.
@@ -73,17 +71,17 @@ class Route:
             affordable: Most rollouts of all groups.
             most: Most chains of a group.
         """
-        variance = self.entry.variance
-        rows = math.sqrt(variance * self.moves / max(self.chain_variance, 1e-9))
+        variance, chains = start_variance(self.entry.variance, self.spread), chain_variance(self.spread)
+        # 1. Rows for each chain, as divides the work best.
+        rows = math.sqrt(variance * self.moves / max(chains, 1e-9))
         rows = min(max(rows, self.moves / 3.0), 10.0 * self.moves)
+        # 2. Chains of half of the work, divided among the groups.
         total = affordable / (rows + self.moves)
         if goal is not None:
-            total = min(total, (variance / rows + self.chain_variance) / goal**2 / 2.0)
-        scale = total / LEAST_GROUPS
-        chains = int(min(max(scale * PILOT_CHAINS, _FEWEST_CHAINS), _MOST_CHAINS, most))
-        scale = chains / PILOT_CHAINS
-        first = max(LEAST_GROUPS, math.ceil(total / scale))
-        return GroupSize(max(4, round(rows * scale)), chains, first, len(self.levels))
+            total = min(total, (variance / rows + chains) / goal**2 / 2.0)
+        size = int(min(max(total / LEAST_GROUPS, _FEWEST_CHAINS), _MOST_CHAINS, most))
+        first = max(LEAST_GROUPS, math.ceil(total / size))
+        return GroupSize(max(4, round(rows * size)), size, first, len(self.levels))
 
     def schedule(self, groups: int) -> tuple[LevelRecord, ...]:
         """Return the levels and step sizes for groups that follow them."""
@@ -100,7 +98,7 @@ class Route:
             "angles": list(self.angles),
             "probability": self.entry.probability,
             "variance": self.entry.variance,
-            "chain_variance": self.chain_variance,
+            "spread": self.spread,
             "reached": self.reached,
         }
 
@@ -113,15 +111,15 @@ class Route:
         """
         try:
             levels, angles = (tuple(map(float, content[name])) for name in ("levels", "angles"))
-            probability, variance, chains, reached = (float(content[name]) for name in _NUMBERS)
+            probability, variance, spread, reached = (float(content[name]) for name in _NUMBERS)
         except (KeyError, TypeError, ValueError) as error:
             raise _damaged(f"{type(error).__name__}: {error}") from None
-        numbers = [*levels, *angles, probability, variance, chains, reached]
+        numbers = [*levels, *angles, probability, variance, spread, reached]
         if not levels or len(levels) != len(angles) or not np.isfinite(numbers).all():
             raise _damaged("levels and angles must be as many finite numbers")
-        if not (0.0 < probability <= 1.0 and min(variance, chains) >= 0.0 and min(angles) > 0.0):
+        if not (0.0 < probability <= 1.0 and min(variance, spread) >= 0.0 and min(angles) > 0.0):
             raise _damaged("a number is out of its range")
-        return Route(Entry(levels[0], probability, variance, mixture), levels, angles, chains, reached)
+        return Route(Entry(levels[0], probability, variance, mixture), levels, angles, spread, reached)
 
 
 @dataclass(frozen=True)

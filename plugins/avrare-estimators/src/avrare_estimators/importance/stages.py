@@ -18,16 +18,15 @@ _RISING = 1.25
 
 
 def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
-    """Return whether learning ends after stages with these entries.
-
-    It ends once the elite are failures and their variance stalls, or where two stages have gained nothing
-    and the gain does not rise.
-    """
+    """Return whether stages with these entries are as many as allowed, or failures' variance has stalled."""
     if len(stages) > most:
         return True
     variances = [stage["relative_variance"] for stage in stages[1:] if stage["reached"]]
-    if len(variances) > 1 and variances[-1] > _STALLED * variances[-2]:
-        return True
+    return len(variances) > 1 and variances[-1] > _STALLED * variances[-2]
+
+
+def gain_nothing(stages: Sequence[dict[str, Any]]) -> bool:
+    """Return whether two stages in a row have gained nothing, and the gain does not rise."""
     last = stages[-2:]
     hopeless = len(stages) > 2 and all(is_worthless(stage) for stage in last)
     return hopeless and not (last[1]["gain"] or 0.0) > _RISING * (last[0]["gain"] or 0.0)

@@ -18,7 +18,7 @@ from avrare.rollout.tape_law import TapeLaw
 from avrare_estimators.config import SmcConfig
 from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
-from avrare_estimators.importance.stages import is_learnt, is_worthless
+from avrare_estimators.importance.stages import gain_nothing, is_learnt, is_worthless
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.learned_file import Learned
@@ -117,7 +117,8 @@ class Learning:
         state = replace(self, lessons=lessons, stages=(*self.stages, lessons.report()), paths=paths)
         # 1. The proposal on the tape, by the stages of `is`.
         hopeless = not len(lessons.elite[0])
-        learnt = self.config.proposal == "none" or is_learnt(state.stages, self.config.stages)
+        learnt = is_learnt(state.stages, self.config.stages) or gain_nothing(state.stages)
+        learnt = learnt or self.config.proposal == "none"
         if not (hopeless or learnt) and state._affords_stage:
             state = replace(state, lessons=lessons.learn())
             return state._sample(state._stage_rows, state.lessons.mixtures[-1])
