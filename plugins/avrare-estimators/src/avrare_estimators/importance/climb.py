@@ -23,9 +23,9 @@ from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ess.chains import Points
 from avrare_estimators.ess.kernels.pcn import PcnKernel
 from avrare_estimators.ess.level_pass import LevelPass, PassShape
-from avrare_estimators.importance.entry import Entry
+from avrare_estimators.importance.entry import LENGTH, Entry
 from avrare_estimators.importance.lessons import Lessons
-from avrare_estimators.importance.route import LENGTH, PILOT_CHAINS, GroupSize, Route
+from avrare_estimators.importance.route import PILOT_CHAINS, GroupSize, Route
 from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource, failing_weights
 from avrare_estimators.weights import mixture_log_weights, resample
 
