@@ -1,12 +1,13 @@
 """Why a climb: what proposals gain on rare failures of the lane change, and how fast chains move there.
 
     OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8]
-        [--angles 0.1,0.2]
+        [--angles 0.1,0.2] [--parts gains,mixing,offspring]
 
-It takes the truth's rollouts whose robustness one in 1,000 reaches, a sample of the target. Proposals fitted
-to some of them are judged on half of those at 1e-4, which they have not seen: the gain over Monte Carlo is 1
-over the mean of p/q. Then chains start at all of them and stay at that level: of those that began at 1e-4 the
-share that is still there tells how much they remember; 0.1 is nothing.
+It takes the truth's rollouts whose robustness one in 1,000 reaches, a sample of the target. Gains: proposals
+fitted to some of them are judged on half of those at 1e-4, which they have not seen: the gain over Monte
+Carlo is 1 over the mean of p/q. Mixing: chains start at all of them and stay at that level: of those that
+began at 1e-4 the share that is still there tells how much they remember; 0.1 is nothing. Offspring: how
+unlike the starts are in where chains lead from them, to 1e-4 and on to 1e-5.
 """
 
 from __future__ import annotations
@@ -70,6 +71,44 @@ def print_mixing(problem: Problem, tapes: Floats, rare: float, angles: list[floa
         print(f"| {angle:g} | {np.mean(accepted):.2f} | {told} |", flush=True)
 
 
+def print_offspring(
+    problem: Problem, tapes: Floats, rares: list[float], angle: float, moves: int = 9
+) -> None:
+    """Print the relative variance of the offspring of a start at ever rarer levels, all starts in one pass.
+
+    Args:
+        problem: The rule at the level of the starts.
+        tapes: The starts.
+        rares: Robustness of the rarer levels.
+        angle: Size of the chains' steps [rad].
+        moves: Moves of a chain at a level.
+    """
+    rng, level, starts = np.random.default_rng(0), 0.0, len(tapes)
+    place, value, root = tapes, robustness(problem, tapes), np.arange(starts)
+    print("| beyond | share of samples | starts with offspring | relative variance of the offspring |")
+    print("|---|---|---|---|")
+    for rare in rares:
+        places, values = [place], [value]
+        for _ in range(moves):
+            moved = rotated(place, rng.standard_normal(place.shape), np.full(len(place), angle))
+            there = robustness(problem, moved)
+            good = there <= level
+            place, value = np.where(good[:, None, None], moved, place), np.where(good, there, value)
+            places.append(place)
+            values.append(value)
+        beyond = np.array(values) <= rare
+        offspring = np.bincount(root, beyond.mean(axis=0), minlength=starts)
+        spread = offspring.var() / offspring.mean() ** 2
+        print(
+            f"| {rare:.3f} | {beyond.mean():.3f} | {np.count_nonzero(offspring)} | {spread:.1f} |", flush=True
+        )
+        sample, chain = np.nonzero(beyond)
+        chosen = rng.permutation(len(sample))[:starts]
+        level, root = rare, root[chain[chosen]]
+        place = np.array(places)[sample[chosen], chain[chosen]]
+        value = np.array(values)[sample[chosen], chain[chosen]]
+
+
 def robustness(problem: Problem, tapes: Floats) -> Floats:
     """Return the robustness (M,) of tapes; infinite where a rollout breaks down."""
     parts = [problem.replay(tapes[begin : begin + _ROWS]) for begin in range(0, len(tapes), _ROWS)]
@@ -77,18 +116,25 @@ def robustness(problem: Problem, tapes: Floats) -> Floats:
 
 
 def main() -> None:
-    """Print both tables of a rule."""
+    """Print the tables of a rule."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rule", default="no_collision")
     parser.add_argument("--steps", type=int, default=8)
     parser.add_argument("--angles", default="0.1,0.2,0.4")
+    parser.add_argument("--parts", default="gains,mixing,offspring")
     args = parser.parse_args()
+    angles = [float(one) for one in args.angles.split(",")]
     problem, common = tapes_at(args.rule, 1e-3)
     _, rare = tapes_at(args.rule, 1e-4)
-    print_gains(common, rare, np.random.default_rng(0))
     tail = truth.read_tails(truth_file(SCENARIO))[args.rule]
-    apart = tail.threshold(1e-4) - tail.threshold(1e-3)
-    print_mixing(problem, common, apart, [float(one) for one in args.angles.split(",")], args.steps)
+    apart = [tail.threshold(one) - tail.threshold(1e-3) for one in (1e-4, 1e-5)]
+    if "gains" in args.parts:
+        print_gains(common, rare, np.random.default_rng(0))
+    if "mixing" in args.parts:
+        print_mixing(problem, common, apart[0], angles, args.steps)
+    if "offspring" in args.parts:
+        for angle in angles:
+            print_offspring(problem, common, apart, angle)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare_estimators.importance import climbing_sampling
 from avrare_estimators.importance.climb import Groups
-from avrare_estimators.importance.entry import LENGTH, Entry, best_entry, chain_variance, start_variance
+from avrare_estimators.importance.entry import LENGTH, Entry, best_entry, start_variance
 from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons
 from avrare_estimators.importance.proposal_file import FILE, ProposalFile
 from avrare_estimators.importance.route import Route
@@ -112,8 +112,8 @@ def test_a_damaged_route_is_refused(change):
         Route.from_dict({**whole, **change}, None)
 
 
-def a_route(variance=90.0, spread=20.0):
-    return Route(Entry(-1.0, 1e-3, variance, None), (-1.0, -0.5), (0.2, 0.1), spread, 1e-5)
+def a_route(variance=90.0, lasting=6.0, chance=10.0):
+    return Route(Entry(-1.0, 1e-3, variance, None), (-1.0, -0.5), (0.2, 0.1), lasting, chance, 1e-5)
 
 
 def test_groups_divide_the_work_as_their_variances_ask():
@@ -122,7 +122,7 @@ def test_groups_divide_the_work_as_their_variances_ask():
     moves = size.levels * size.chains * (LENGTH - 1)
     assert size.cost == size.rows + moves
     # The best division: rows over moves is the ratio of the roots of variance per unit of either.
-    starts, chains = start_variance(90.0, 20.0), chain_variance(20.0) / size.chains
+    starts, chains = start_variance(90.0, 6.0), 10.0 / size.chains
     assert size.rows / moves == pytest.approx(math.sqrt(starts / (chains * moves)), rel=0.05)
     variance = starts / size.rows + chains
     assert size.first == pytest.approx(variance / 0.05**2 / 2.0, rel=0.1)

@@ -23,7 +23,13 @@ from avrare.estimation.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, StepOutcome
-from avrare_estimators.ess.levels import choose_seeds, effective_samples, next_levels, relative_weights
+from avrare_estimators.ess.levels import (
+    choose_seeds,
+    effective_samples,
+    lasting_variance,
+    next_levels,
+    relative_weights,
+)
 
 _STAGES_PER_LEVEL = 2**17
 """Addresses set aside for the steps of a level."""
@@ -69,6 +75,7 @@ class LevelRecord:
         known: What the kernel had learnt when the level was done.
         weight_size: (R,) effective size of the samples' weights; N where all are equal.
         largest_weight: (R,) share of the largest weight.
+        lasting: (R,) relative covariance of hits far apart in a chain; 0 where the samples form no chains.
     """
 
     level: Floats
@@ -78,12 +85,13 @@ class LevelRecord:
     known: Any
     weight_size: Floats
     largest_weight: Floats
+    lasting: Floats
 
     @staticmethod
     def missing(runs: int) -> LevelRecord:
         """Return the record of runs that had all ended before."""
         none = np.full(runs, np.nan)
-        return LevelRecord(none, np.zeros(runs, dtype=bool), none, none, (), none, none)
+        return LevelRecord(none, np.zeros(runs, dtype=bool), none, none, (), none, none, none)
 
 
 @dataclass(frozen=True)
@@ -233,6 +241,12 @@ class LevelPass:
             return effective_samples(hit[:, None], self.weights[:, None])
         return effective_samples(self.by_chain(hit), self.by_chain(self.weights))
 
+    def lasting(self, hit: Bools) -> Floats:
+        """Return the relative covariance (R,) of hits (R, N) far apart in a chain of the newest level."""
+        if not self.levels:
+            return np.zeros(self.shape.runs)
+        return lasting_variance(self.by_chain(hit), self.by_chain(self.weights))
+
     def by_chain(self, values: Any) -> Any:
         """Return an array (R N,) over the population as (R, P, C)."""
         return values.reshape(self.shape.runs, self.shape.length, self.shape.chains)
@@ -274,6 +288,7 @@ class LevelPass:
             self.effective(above), self.known,
             weights.sum(axis=1) ** 2 / np.maximum((weights**2).sum(axis=1), 1e-300),
             weights.max(axis=1) / shape.samples,
+            self.lasting(above),
         )  # fmt: skip
         active = passed & (weight > 0.0)
         zeros = np.zeros_like(self.rollouts)

@@ -20,7 +20,10 @@ from avrare_estimators.importance.tape_mixture import TapeMixture
 LENGTH = 10
 """Samples of a chain at a level, of which a tenth lies above the next level."""
 _PER_DECADE = 4.8
-"""Mean square of the offspring of a start over its squared mean, for each factor of ten in probability."""
+"""Mean square of the offspring of a start over its squared mean, for each factor of ten in probability.
+
+Half of what is above 1 is taken as the start's own, and half as the chance of its chain.
+"""
 
 
 @dataclass(frozen=True)
@@ -47,33 +50,25 @@ class Entry:
     def cost(self, probability: float) -> float:
         """Return the expected relative variance times rollouts of an estimate of ``probability``."""
         decades = max(math.log10(self.probability / probability), 0.0)
-        moves = max(decades, 1.0) * (LENGTH - 1)
-        return climb_cost(self.variance, _PER_DECADE**decades - 1.0, moves)
+        half = (_PER_DECADE**decades - 1.0) / 2.0
+        return climb_cost(self.variance, half, half, max(decades, 1.0) * (LENGTH - 1))
 
 
-def climb_cost(variance: float, spread: float, moves: float) -> float:
+def climb_cost(variance: float, lasting: float, chance: float, moves: float) -> float:
     """Return the relative variance times rollouts of sample and chains, the work divided as is best.
 
     Args:
         variance: Relative variance of one row of the sample, for the probability to enter.
-        spread: Relative variance of the offspring of a start.
+        lasting: Relative variance of the offspring of a start that is the start's own.
+        chance: Relative variance that one chain adds.
         moves: Rollouts of a chain.
     """
-    return (math.sqrt(start_variance(variance, spread)) + math.sqrt(chain_variance(spread) * moves)) ** 2
+    return (math.sqrt(start_variance(variance, lasting)) + math.sqrt(chance * moves)) ** 2
 
 
-def start_variance(variance: float, spread: float) -> float:
-    """Return the relative variance of one row of the sample, for the probability to fail.
-
-    Half of the spread is taken as what tells starts apart however many chains leave from each, the other half
-    as the chance of chains.
-    """
-    return variance + (variance + 1.0) * spread / 2.0
-
-
-def chain_variance(spread: float) -> float:
-    """Return the relative variance that one chain adds."""
-    return spread / 2.0
+def start_variance(variance: float, lasting: float) -> float:
+    """Return the relative variance of one row of the sample, for the probability to fail."""
+    return variance + (variance + 1.0) * lasting
 
 
 def best_entry(lessons: Lessons) -> Entry | None:

@@ -15,7 +15,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
 from avrare_estimators.ess.level_pass import LevelPass, LevelRecord
-from avrare_estimators.importance.entry import LENGTH, Entry, chain_variance, climb_cost, start_variance
+from avrare_estimators.importance.entry import LENGTH, Entry, climb_cost, start_variance
 from avrare_estimators.importance.tape_mixture import TapeMixture
 
 PILOT_CHAINS = 100
@@ -23,7 +23,7 @@ LEAST_GROUPS = 12
 _FEWEST_CHAINS, _MOST_CHAINS = 20, 400
 _SAMPLE_TAPES = 4
 """Tapes of each sample of a group at the peak: old, new, and the chains'."""
-_NUMBERS = ("probability", "variance", "spread", "reached")
+_NUMBERS = ("probability", "variance", "lasting", "chance", "reached")
 
 
 @dataclass(frozen=True)
@@ -34,25 +34,33 @@ class Route:
         entry: The entry.
         levels: Scores of the levels, that of the entry first.
         angles: Size of the chains' steps at each level [rad].
-        spread: Relative variance of the offspring of a start, that is of its samples that fail.
+        lasting: Relative variance of the offspring of a start that is the start's own: it stays however many
+            chains leave from there. Offspring are the samples that fail.
+        chance: Relative variance that one chain adds.
         reached: Estimated probability of failure, from the same rows as that of the entry; 0: not reached.
     """
 
     entry: Entry
     levels: tuple[float, ...]
     angles: tuple[float, ...]
-    spread: float
+    lasting: float
+    chance: float
     reached: float
 
     @staticmethod
     def of(entry: Entry, pilot: LevelPass) -> Route:
         """Return what an ended pilot of one group has found."""
-        roots = np.unique(pilot.points.root, return_inverse=True)[1]
-        offspring = np.bincount(roots, (pilot.weights * pilot.failed).ravel())
-        spread = PILOT_CHAINS * (offspring**2).sum() / max(offspring.sum(), 1.0) ** 2 - 1.0
+        failed = pilot.failed
+        shares = [(record.share[0], record.effective[0], record.lasting[0]) for record in pilot.levels[1:]]
+        shares.append((failed.mean(), pilot.effective(failed)[0], pilot.lasting(failed)[0]))
+        lasting, chance = 1.0, 0.0
+        for share, effective, own in shares:
+            if share > 0.0:
+                lasting *= 1.0 + float(own)
+                chance += PILOT_CHAINS * float((1.0 - share) / (share * effective))
         levels = tuple(float(record.level[0]) for record in pilot.levels)
         angles = tuple(float(record.known[0]) for record in pilot.levels)
-        return Route(entry, levels, angles, max(float(spread), 0.0), float(pilot.probabilities[0]))
+        return Route(entry, levels, angles, lasting - 1.0, chance, float(pilot.probabilities[0]))
 
     @property
     def moves(self) -> int:
@@ -61,7 +69,7 @@ class Route:
 
     def cost(self) -> float:
         """Return the relative variance times rollouts, sample and chains divided as is best."""
-        return climb_cost(self.entry.variance, self.spread, self.moves)
+        return climb_cost(self.entry.variance, self.lasting, self.chance, self.moves)
 
     def sized(self, goal: float | None, affordable: float, most: int) -> GroupSize:
         """Return the size of the groups, and how many of them half of the work takes.
@@ -71,14 +79,14 @@ class Route:
             affordable: Most rollouts of all groups.
             most: Most chains of a group.
         """
-        variance, chains = start_variance(self.entry.variance, self.spread), chain_variance(self.spread)
+        variance = start_variance(self.entry.variance, self.lasting)
         # 1. Rows for each chain, as divides the work best.
-        rows = math.sqrt(variance * self.moves / max(chains, 1e-9))
+        rows = math.sqrt(variance * self.moves / max(self.chance, 1e-9))
         rows = min(max(rows, self.moves / 3.0), 10.0 * self.moves)
         # 2. Chains of half of the work, divided among the groups.
         total = affordable / (rows + self.moves)
         if goal is not None:
-            total = min(total, (variance / rows + chains) / goal**2 / 2.0)
+            total = min(total, (variance / rows + self.chance) / goal**2 / 2.0)
         size = int(min(max(total / LEAST_GROUPS, _FEWEST_CHAINS), _MOST_CHAINS, most))
         first = max(LEAST_GROUPS, math.ceil(total / size))
         return GroupSize(max(4, round(rows * size)), size, first, len(self.levels))
@@ -87,7 +95,7 @@ class Route:
         """Return the levels and step sizes for groups that follow them."""
         passed, none = np.ones(groups, dtype=bool), np.full(groups, np.nan)
         return tuple(
-            LevelRecord(np.full(groups, level), passed, none, none, np.full(groups, angle), none, none)
+            LevelRecord(np.full(groups, level), passed, none, none, np.full(groups, angle), none, none, none)
             for level, angle in zip(self.levels, self.angles, strict=True)
         )
 
@@ -98,7 +106,8 @@ class Route:
             "angles": list(self.angles),
             "probability": self.entry.probability,
             "variance": self.entry.variance,
-            "spread": self.spread,
+            "lasting": self.lasting,
+            "chance": self.chance,
             "reached": self.reached,
         }
 
@@ -111,15 +120,17 @@ class Route:
         """
         try:
             levels, angles = (tuple(map(float, content[name])) for name in ("levels", "angles"))
-            probability, variance, spread, reached = (float(content[name]) for name in _NUMBERS)
+            probability, variance, lasting, chance, reached = (float(content[name]) for name in _NUMBERS)
         except (KeyError, TypeError, ValueError) as error:
             raise _damaged(f"{type(error).__name__}: {error}") from None
-        numbers = [*levels, *angles, probability, variance, spread, reached]
+        numbers = [*levels, *angles, probability, variance, lasting, chance, reached]
         if not levels or len(levels) != len(angles) or not np.isfinite(numbers).all():
             raise _damaged("levels and angles must be as many finite numbers")
-        if not (0.0 < probability <= 1.0 and min(variance, spread) >= 0.0 and min(angles) > 0.0):
+        if not (0.0 < probability <= 1.0 and min(variance, lasting, chance) >= 0.0 and min(angles) > 0.0):
             raise _damaged("a number is out of its range")
-        return Route(Entry(levels[0], probability, variance, mixture), levels, angles, spread, reached)
+        return Route(
+            Entry(levels[0], probability, variance, mixture), levels, angles, lasting, chance, reached
+        )
 
 
 @dataclass(frozen=True)
