@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare_estimators.importance import climbing_sampling
+from avrare_estimators.importance import climbing_sampling, learned_sampling
 from avrare_estimators.importance.climb import Groups
 from avrare_estimators.importance.entry import LENGTH, Entry, best_entry, start_variance
 from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons
@@ -57,6 +57,23 @@ def test_a_climb_says_what_it_did_and_what_it_cost(climbed):
     assert one.rollouts == one.diagnostics["learning_rollouts"] + rows + told["rollouts"] + checked
     assert "Markov chains climb" in one.diagnostics["note"]
     assert one.diagnostics["goal_reached"] == (one.relative_error <= 0.25)
+
+
+def test_a_pilot_promises_what_the_groups_cost(climbed):
+    ratios = []
+    for one in climbed:
+        route = Route.from_dict(one.artifacts[FILE]["climb"], None) if FILE in one.artifacts else None
+        if route is not None:
+            spent = sum(one.diagnostics["rows"]) + one.diagnostics["climb"][0]["rollouts"]
+            ratios.append(one.relative_error**2 * spent / route.cost())
+    assert len(ratios) >= 6
+    assert 0.5 < np.median(ratios) < 2.0
+
+
+def test_learning_goes_on_while_a_climb_gets_cheaper(monkeypatch):
+    monkeypatch.setattr(learned_sampling, "gain_nothing", lambda stages: True)
+    assert len(estimate(climb=False, rollouts=5000).diagnostics["stages"][0]) == 1
+    assert len(estimate().diagnostics["stages"][0]) > 1
 
 
 def test_failures_of_a_climb_fail_again_and_add_up_to_the_estimate(climbed):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from avrare_estimators.ess.levels import choose_seeds, effective_samples, next_levels, r_hat
+from avrare_estimators.ess.levels import choose_seeds, effective_samples, lasting_variance, next_levels, r_hat
 
 
 def _next(values, survivors):
@@ -54,6 +54,26 @@ def test_effective_size_detects_chains_that_stand_still():
     assert abs(effective_samples(independent).mean() / 2000 - 1) < 0.1
     assert abs(effective_samples(still).mean() / 200 - 1) < 0.1
     assert effective_samples(np.ones((1, 4, 5), dtype=bool)).tolist() == [20.0]
+
+
+def test_lasting_variance_is_that_of_chains_which_stand_still_and_0_of_independent_samples():
+    rng, ones = np.random.default_rng(1), np.ones((50, 10, 400))
+    independent = rng.uniform(size=ones.shape) < 0.2
+    still = np.repeat(rng.uniform(size=(50, 1, 400)) < 0.2, 10, axis=1)
+    assert lasting_variance(independent, ones).mean() < 0.03
+    assert abs(lasting_variance(still, ones).mean() / (1 / 0.2 - 1) - 1) < 0.1
+    assert lasting_variance(still[:, :1], ones[:, :1]).tolist() == [0.0] * 50
+    assert lasting_variance(np.zeros((1, 10, 4), dtype=bool), np.ones((1, 10, 4))).tolist() == [0.0]
+
+
+def test_lasting_variance_counts_each_hit_by_its_weight():
+    # One chain of two always hits, with three times the weight of the other, which never does.
+    hit = np.stack([np.ones((10,)), np.zeros((10,))], axis=1)[None] > 0
+    weights = np.stack([np.full((10,), 1.5), np.full((10,), 0.5)], axis=1)[None]
+    assert lasting_variance(hit, weights)[0] == 1.0
+    assert lasting_variance(hit, np.ones((1, 10, 2)))[0] == 1.0
+    half = np.concatenate([hit, ~hit], axis=1)[:, 5:15]
+    assert lasting_variance(half, np.ones((1, 10, 2)))[0] == 0.0
 
 
 def test_r_hat_is_one_for_independent_samples_only():
