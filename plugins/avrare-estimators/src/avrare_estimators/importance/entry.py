@@ -75,7 +75,8 @@ def best_entry(lessons: Lessons) -> Entry | None:
     """Return the entry of the least cost, from the target or the newest proposal; None without any."""
     mixtures = [None, lessons.final()] if lessons.mixtures else [None]
     found = [one for mixture in mixtures for one in _entries(lessons, mixture)]
-    return min(found, key=lambda one: one.cost(lessons.guessed_probability), default=None)
+    known = lessons.guessed_probability
+    return min(found, key=lambda one: one.cost(known), default=None)
 
 
 def _entries(lessons: Lessons, mixture: TapeMixture | None) -> list[Entry]:
