@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from avrare.base.memory import allowance
 from avrare.base.number_format import format_probability
 from avrare.estimation.result import Result
-from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups
+from avrare_estimators.importance.climb import FLATTERED, ClimbBatch, ClimbPilot, Groups
 from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.cross_check import CrossCheck, rollouts_to_vouch
 from avrare_estimators.importance.entry import Entry, best_entry
@@ -95,26 +95,33 @@ class ClimbingSampling(LearnedSampling):
 
     def _share(self, state: LearnedState, rows: int) -> float:
         """Return 0 where a climb is likelier than a sample of failures: it counts no stage."""
-        assert isinstance(state, ClimbingState)
-        entry = state.entries[-1] if state.entries and state.route is None else None
-        return 0.0 if entry is not None and entry.climbs else super()._share(state, rows)
+        return 0.0 if self._likely_entry(state) is not None else super()._share(state, rows)
 
     def _after_stage(self, state: LearnedState) -> LearnedState:
         assert isinstance(state, ClimbingState)
         if state.route is None and not any(state.shares):
             state = replace(state, entries=(*state.entries, best_entry(state.lessons)))
-            entry = state.entries[-1]
+            entry = self._likely_entry(state)
             ready = self._learnt(state) or self._has_learnt_enough(state)
-            if entry is not None and entry.climbs and ready and self._most_chains(state) >= PILOT_CHAINS:
+            if entry is not None and ready and self._most_chains(state) >= PILOT_CHAINS:
                 return replace(state, task=ClimbPilot.begin(state.plan, state.lessons, entry, state.run))
         return super()._after_stage(state)
 
     def _gives_up(self, state: LearnedState) -> bool:
         """Return whether stages gain nothing, neither over Monte Carlo nor for a climb."""
         assert isinstance(state, ClimbingState)
-        entry = state.entries[-1] if state.entries and state.route is None else None
-        gains = entry is not None and entry.climbs and not self._has_learnt_enough(state)
+        gains = self._likely_entry(state) is not None and not self._has_learnt_enough(state)
         return super()._gives_up(state) and not gains
+
+    def _likely_entry(self, state: LearnedState) -> Entry | None:
+        """Return the best entry of a climb yet to be tried; None where failures show a lower cost without."""
+        assert isinstance(state, ClimbingState)
+        entry = state.entries[-1] if state.entries and state.route is None else None
+        if entry is None or not entry.climbs:
+            return None
+        shown = state.lessons.shown_variance
+        cheaper = shown is not None and FLATTERED * shown < entry.cost(state.lessons.guessed_probability)
+        return None if cheaper else entry
 
     def _most_chains(self, state: LearnedState) -> int:
         """Return the chains of a group that fit into half of the memory."""
