@@ -30,7 +30,7 @@ from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum
 from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
-_DOUBT, FLATTERED = 1.5, 2.0
+_DOUBT, FLATTERED = 1.5, 3.0
 """Factors by which a climb may cost more than its pilot says, and a sample without chains: few failures
 seldom show what the proposal does not cover."""
 _KEPT = 8
