@@ -76,14 +76,6 @@ def test_learning_goes_on_while_a_climb_gets_cheaper(monkeypatch):
     assert len(estimate().diagnostics["stages"][0]) > 1
 
 
-def test_no_chains_are_tried_where_failures_show_that_a_sample_is_cheaper():
-    found = avrare.estimate(outliers("always (first < 4)"), "is", seed=0, **{**QUICK, "relative_error": 0.05})
-    (stages,) = found.diagnostics["stages"]
-    assert found.diagnostics["learning_rollouts"] == sum(stage["rollouts"] for stage in stages)
-    assert any(share for share in found.diagnostics["shares"][0][1:])
-    assert "climb" not in found.diagnostics
-
-
 def test_failures_of_a_climb_fail_again_and_add_up_to_the_estimate(climbed):
     one = climbed[0]
     again = energetic().replay(one.failures.noise)

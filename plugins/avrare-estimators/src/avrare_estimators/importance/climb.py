@@ -25,12 +25,12 @@ from avrare_estimators.ess.kernels.pcn import PcnKernel
 from avrare_estimators.ess.level_pass import LevelPass, PassShape
 from avrare_estimators.importance.entry import LENGTH, Entry
 from avrare_estimators.importance.lessons import Lessons
-from avrare_estimators.importance.route import PILOT_CHAINS, GroupSize, Route
+from avrare_estimators.importance.route import GroupSize, Route
 from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource, failing_weights
 from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
-_DOUBT, FLATTERED = 1.5, 3.0
+_DOUBT, _FLATTERED = 1.5, 3.0
 """Factors by which a climb may cost more than its pilot says, and a sample without chains: few failures
 seldom show what the proposal does not cover."""
 _KEPT = 8
@@ -51,9 +51,9 @@ class ClimbPilot:
     level_pass: LevelPass
 
     @staticmethod
-    def begin(plan: Plan, lessons: Lessons, entry: Entry, run: int) -> ClimbPilot:
+    def begin(plan: Plan, lessons: Lessons, entry: Entry, chains: int, run: int) -> ClimbPilot:
         """Begin at rows of the lessons above the entry level."""
-        shape = _shape(1, PILOT_CHAINS, _PILOT_STAGE + run * _STAGES_OF_RUN)
+        shape = _shape(1, chains, _PILOT_STAGE + run * _STAGES_OF_RUN)
         rows = np.flatnonzero(lessons.key > entry.level)
         chosen = rows[resample(lessons.weights[rows], shape.samples, 0.5)]
         share = np.array([entry.probability])
@@ -87,7 +87,7 @@ class ClimbPilot:
             return True
         ratio = self.entry.mixture.log_ratio_of(points.tape[points.violated])
         weight = np.exp(mixture_log_weights(ratio, defensive))
-        return route.cost() < FLATTERED * (float(weight.mean()) / route.reached - 1.0)
+        return route.cost() < _FLATTERED * (float(weight.mean()) / route.reached - 1.0)
 
 
 @dataclass(frozen=True)

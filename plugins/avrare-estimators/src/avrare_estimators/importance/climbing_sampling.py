@@ -12,18 +12,20 @@ from dataclasses import dataclass, field, replace
 from avrare.base.memory import allowance
 from avrare.base.number_format import format_probability
 from avrare.estimation.result import Result
-from avrare_estimators.importance.climb import FLATTERED, ClimbBatch, ClimbPilot, Groups
+from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups
 from avrare_estimators.importance.coverage import find_coverage_doubts
 from avrare_estimators.importance.cross_check import CrossCheck, rollouts_to_vouch
 from avrare_estimators.importance.entry import Entry, best_entry
 from avrare_estimators.importance.importance_sampling import SamplingState
 from avrare_estimators.importance.learned_sampling import LearnedSampling, LearnedState
 from avrare_estimators.importance.proposal_file import FILE
-from avrare_estimators.importance.route import PILOT_CHAINS, GroupSize, Route, chain_bytes
+from avrare_estimators.importance.route import FEWEST_CHAINS, PILOT_CHAINS, GroupSize, Route, chain_bytes
 from avrare_estimators.importance.sampling import Sample, wave_rows
 from avrare_estimators.importance.tape_mixture import TapeMixture
 from avrare_estimators.looks import Looks
 
+_ROLLOUTS_OF_CHAIN = 100
+"""Affordable rollouts for each chain of a pilot: it takes a tenth of them at a level."""
 _CLIMBED = (
     "rollouts are sampled up to a level that a share of {} of them reaches, and Markov chains climb from "
     "there to failure"
@@ -95,33 +97,31 @@ class ClimbingSampling(LearnedSampling):
 
     def _share(self, state: LearnedState, rows: int) -> float:
         """Return 0 where a climb is likelier than a sample of failures: it counts no stage."""
-        return 0.0 if self._likely_entry(state) is not None else super()._share(state, rows)
+        return 0.0 if self._untried_entry(state) is not None else super()._share(state, rows)
 
     def _after_stage(self, state: LearnedState) -> LearnedState:
         assert isinstance(state, ClimbingState)
         if state.route is None and not any(state.shares):
             state = replace(state, entries=(*state.entries, best_entry(state.lessons)))
-            entry = self._likely_entry(state)
+            entry = self._untried_entry(state)
             ready = self._learnt(state) or self._has_learnt_enough(state)
-            if entry is not None and ready and self._most_chains(state) >= PILOT_CHAINS:
-                return replace(state, task=ClimbPilot.begin(state.plan, state.lessons, entry, state.run))
+            chains = min(PILOT_CHAINS, self._affordable(state) // _ROLLOUTS_OF_CHAIN)
+            if entry is not None and ready and FEWEST_CHAINS <= chains <= self._most_chains(state):
+                task = ClimbPilot.begin(state.plan, state.lessons, entry, chains, state.run)
+                return replace(state, task=task)
         return super()._after_stage(state)
 
     def _gives_up(self, state: LearnedState) -> bool:
         """Return whether stages gain nothing, neither over Monte Carlo nor for a climb."""
         assert isinstance(state, ClimbingState)
-        gains = self._likely_entry(state) is not None and not self._has_learnt_enough(state)
+        gains = self._untried_entry(state) is not None and not self._has_learnt_enough(state)
         return super()._gives_up(state) and not gains
 
-    def _likely_entry(self, state: LearnedState) -> Entry | None:
-        """Return the best entry of a climb yet to be tried; None where failures show a lower cost without."""
+    def _untried_entry(self, state: LearnedState) -> Entry | None:
+        """Return the best entry of a climb yet to be tried, if there is one short of failure."""
         assert isinstance(state, ClimbingState)
         entry = state.entries[-1] if state.entries and state.route is None else None
-        if entry is None or not entry.climbs:
-            return None
-        shown = state.lessons.shown_variance
-        cheaper = shown is not None and FLATTERED * shown < entry.cost(state.lessons.guessed_probability)
-        return None if cheaper else entry
+        return entry if entry is not None and entry.climbs else None
 
     def _most_chains(self, state: LearnedState) -> int:
         """Return the chains of a group that fit into half of the memory."""
@@ -148,7 +148,7 @@ class ClimbingSampling(LearnedSampling):
     def _after_pilot(self, state: ClimbingState, pilot: ClimbPilot) -> LearnedState:
         # A pilot has found the levels, and what a climb costs. It pays, or learning goes on.
         route = pilot.route()
-        rollouts = PILOT_CHAINS * route.moves
+        rollouts = pilot.level_pass.shape.chains * route.moves
         state = replace(
             state, route=route, pilot_rollouts=rollouts, pilots=state.pilots + rollouts, task=None
         )

@@ -19,9 +19,9 @@ from avrare_estimators.importance.entry import LENGTH, Entry, climb_cost, start_
 from avrare_estimators.importance.tape_mixture import TapeMixture
 
 PILOT_CHAINS = 100
-"""Chains of the pilot: enough that a few of their starts have offspring two factors of ten away."""
+"""Chains of a pilot where they are affordable: some of their starts have offspring two factors of ten away."""
 LEAST_GROUPS = 12
-_FEWEST_CHAINS, _MOST_CHAINS = 20, 400
+FEWEST_CHAINS, _MOST_CHAINS = 20, 400
 _SAMPLE_TAPES = 4
 """Tapes of each sample of a group at the peak: old, new, and the chains'."""
 _NUMBERS = ("probability", "variance", "lasting", "chance", "reached")
@@ -58,7 +58,7 @@ class Route:
         for share, effective, own in shares:
             if share > 0.0:
                 lasting *= 1.0 + float(own)
-                chance += PILOT_CHAINS * float((1.0 - share) / (share * effective))
+                chance += pilot.shape.chains * float((1.0 - share) / (share * effective))
         levels = tuple(float(record.level[0]) for record in pilot.levels)
         angles = tuple(float(record.known[0]) for record in pilot.levels)
         return Route(entry, levels, angles, lasting - 1.0, chance, float(pilot.probabilities[0]))
@@ -88,7 +88,7 @@ class Route:
         total = affordable / (rows + self.moves)
         if goal is not None:
             total = min(total, (variance / rows + self.chance) / goal**2 / 2.0)
-        size = int(min(max(total / LEAST_GROUPS, _FEWEST_CHAINS), _MOST_CHAINS, most))
+        size = int(min(max(total / LEAST_GROUPS, FEWEST_CHAINS), _MOST_CHAINS, most))
         first = max(LEAST_GROUPS, math.ceil(total / size))
         return GroupSize(max(4, round(rows * size)), size, first, len(self.levels))
 
