@@ -19,7 +19,7 @@ from avrare_estimators.importance.entry import LENGTH, Entry, climb_cost, start_
 from avrare_estimators.importance.tape_mixture import TapeMixture
 
 PILOT_CHAINS = 100
-"""Chains of a pilot where they are affordable: some of their starts have offspring two factors of ten away."""
+"""Chains of a pilot where they are affordable: a few starts have offspring two factors of ten away."""
 LEAST_GROUPS = 12
 FEWEST_CHAINS, _MOST_CHAINS = 20, 400
 _SAMPLE_TAPES = 4
