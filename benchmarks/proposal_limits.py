@@ -16,7 +16,7 @@ import argparse
 
 import numpy as np
 
-from avrare.protocols import Floats
+from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare_estimators.ess.chains import rotated
 from avrare_estimators.importance.dictionary import fit
@@ -61,10 +61,7 @@ def print_mixing(problem: Problem, tapes: Floats, rare: float, angles: list[floa
         rng = np.random.default_rng(1)
         place, value, accepted, left = tapes, first, [], []
         for _ in range(steps):
-            moved = rotated(place, rng.standard_normal(place.shape), np.full(len(place), angle))
-            there = robustness(problem, moved)
-            good = there <= 0.0
-            place, value = np.where(good[:, None, None], moved, place), np.where(good, there, value)
+            place, value, good = moved(problem, place, value, 0.0, angle, rng)
             accepted.append(float(good.mean()))
             left.append(float((value <= rare)[began].mean()))
         told = " | ".join(f"{one:.2f}" for one in left)
@@ -90,10 +87,7 @@ def print_offspring(
     for rare in rares:
         places, values = [place], [value]
         for _ in range(moves):
-            moved = rotated(place, rng.standard_normal(place.shape), np.full(len(place), angle))
-            there = robustness(problem, moved)
-            good = there <= level
-            place, value = np.where(good[:, None, None], moved, place), np.where(good, there, value)
+            place, value, _ = moved(problem, place, value, level, angle, rng)
             places.append(place)
             values.append(value)
         beyond = np.array(values) <= rare
@@ -107,6 +101,16 @@ def print_offspring(
         level, root = rare, root[chain[chosen]]
         place = np.array(places)[sample[chosen], chain[chosen]]
         value = np.array(values)[sample[chosen], chain[chosen]]
+
+
+def moved(
+    problem: Problem, place: Floats, value: Floats, level: float, angle: float, rng: np.random.Generator
+) -> tuple[Floats, Floats, Bools]:
+    """Return chains, robustness and which have moved, after a step that stays at a robustness."""
+    proposed = rotated(place, rng.standard_normal(place.shape), np.full(len(place), angle))
+    there = robustness(problem, proposed)
+    good = there <= level
+    return np.where(good[:, None, None], proposed, place), np.where(good, there, value), good
 
 
 def robustness(problem: Problem, tapes: Floats) -> Floats:

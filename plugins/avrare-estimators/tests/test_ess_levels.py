@@ -67,13 +67,11 @@ def test_lasting_variance_is_that_of_chains_which_stand_still_and_0_of_independe
 
 
 def test_lasting_variance_counts_each_hit_by_its_weight():
-    # One chain of two always hits, with three times the weight of the other, which never does.
-    hit = np.stack([np.ones((10,)), np.zeros((10,))], axis=1)[None] > 0
-    weights = np.stack([np.full((10,), 1.5), np.full((10,), 0.5)], axis=1)[None]
-    assert lasting_variance(hit, weights)[0] == 1.0
-    assert lasting_variance(hit, np.ones((1, 10, 2)))[0] == 1.0
-    half = np.concatenate([hit, ~hit], axis=1)[:, 5:15]
-    assert lasting_variance(half, np.ones((1, 10, 2)))[0] == 0.0
+    # Both chains always hit, one with three times the weight of the other.
+    hit = np.ones((1, 10, 2), dtype=bool)
+    weights = np.tile([1.5, 0.5], (1, 10, 1))
+    assert lasting_variance(hit, weights)[0] == 0.25
+    assert lasting_variance(hit, np.ones((1, 10, 2)))[0] == 0.0
 
 
 def test_r_hat_is_one_for_independent_samples_only():
