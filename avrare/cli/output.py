@@ -97,8 +97,9 @@ UNFINISHED = "unfinished"
 def refuse_overwrite(out: Path, summary: str, names: Sequence[str], resume: bool = False) -> None:
     """Refuse a folder that holds ``summary``, a result of a scenario, or an interrupted run.
 
-    Several scenarios have their own folders in ``out``, which need not exist. A folder that a killed command
-    has left unfinished is taken, and to ``resume`` one with an interrupted run.
+    Several scenarios have their own folders in ``out``, which need not exist; the result of one alone, in
+    ``out`` itself, would be taken for theirs. A folder that a killed command has left unfinished is taken,
+    and to ``resume`` one with an interrupted run.
     """
     from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index, resume_hint
 
@@ -107,7 +108,7 @@ def refuse_overwrite(out: Path, summary: str, names: Sequence[str], resume: bool
         raise UsageError(f"{out}: contains an interrupted run", f"{resume_hint(out)}; else {hint}")
     if (out / UNFINISHED).exists():
         return
-    folders = [out / name for name in names] if len(names) > 1 else [out]
+    folders = [out, *(out / name for name in names if len(names) > 1)]
     for path in (out / summary, *(folder / "result.json" for folder in folders)):
         if path.exists():
             raise UsageError(f"{path}: contains the result of an earlier command", hint)

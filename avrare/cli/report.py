@@ -8,7 +8,8 @@ from pathlib import Path
 
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.cli.output import say
+from avrare.cli.output import print_warnings, say
+from avrare.estimation.checkpoint import FOLDER, INDEX, resume_hint
 from avrare.report.html.page import render_report
 
 
@@ -23,5 +24,9 @@ def execute(args: argparse.Namespace) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
     say(f"report in {path}")
+    for home in (folder, folder.parent):  # that of several scenarios is beside their folders
+        if (home / FOLDER / INDEX).exists():
+            text = f"{home}: contains an interrupted run as well; the report shows the result before it"
+            print_warnings([(text, resume_hint(home))])
     if args.open:
         webbrowser.open(path.resolve().as_uri())

@@ -328,6 +328,9 @@ def test_an_earlier_result_is_not_overwritten(drive, capsys):
     del before[Path("results/check.json")]
     assert {path: path.read_bytes() for path in Path("results").iterdir()} == before
     two = ["check", drive(BOUND % 0.1, "one"), "drive.yaml", "--quiet", "--out", "results"]
+    assert main(two) == 4
+    assert "results/result.json" in capsys.readouterr().err
+    Path("results/result.json").unlink()
     assert main(two) == 0
     assert Path("results/one/result.json").exists()
 
