@@ -1,13 +1,14 @@
 """Why a climb: what proposals gain on rare failures of the lane change, and how fast chains move there.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8]
-        [--angles 0.1,0.2] [--parts gains,mixing,offspring]
+    OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8] [--moves 9]
+        [--angles 0.1,0.2] [--parts gains,mixing,offspring,decided]
 
 It takes the truth's rollouts whose robustness one in 1,000 reaches, a sample of the target. Gains: proposals
 fitted to some of them are judged on half of those at 1e-4, which they have not seen: the gain over Monte
 Carlo is 1 over the mean of p/q. Mixing: chains start at all of them and stay at that level: of those that
 began at 1e-4 the share that is still there tells how much they remember; 0.1 is nothing. Offspring: how
-unlike the starts are in where chains lead from them, to 1e-4 and on to 1e-5.
+unlike the starts are in where chains lead from them, to 1e-4 and on to 1e-5. Decided: the noise after a
+step is drawn anew; the share that still reaches the level tells how much is decided by then.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from benchmarks.studies.levels import Level, read_level, truth_file
 
 SCENARIO = "lane_change"
 SIZES = (80, 150, 300, 500, 900)
+TIMES = (8, 16, 20, 24, 28, 32, 40, 48, 56, 64)
+"""Steps after which noise is drawn anew."""
 _ROWS = 250
 
 
@@ -68,9 +71,7 @@ def print_mixing(problem: Problem, tapes: Floats, rare: float, angles: list[floa
         print(f"| {angle:g} | {np.mean(accepted):.2f} | {told} |", flush=True)
 
 
-def print_offspring(
-    problem: Problem, tapes: Floats, rares: list[float], angle: float, moves: int = 9
-) -> None:
+def print_offspring(problem: Problem, tapes: Floats, rares: list[float], angle: float, moves: int) -> None:
     """Print the relative variance of the offspring of a start at ever rarer levels, all starts in one pass.
 
     Args:
@@ -103,6 +104,16 @@ def print_offspring(
         value = np.array(values)[sample[chosen], chain[chosen]]
 
 
+def print_decided(problem: Problem, tapes: Floats) -> None:
+    """Print the share of the tapes that stay at the level when the noise after a step is drawn anew."""
+    rng = np.random.default_rng(0)
+    print("| noise kept up to step | still at the level |\n|---|---|")
+    for time in TIMES:
+        mixed = tapes.copy()
+        mixed[:, time + 1 :] = rng.standard_normal(mixed[:, time + 1 :].shape)
+        print(f"| {time} | {np.mean(robustness(problem, mixed) <= 0.0):.2f} |", flush=True)
+
+
 def moved(
     problem: Problem, place: Floats, value: Floats, level: float, angle: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Bools]:
@@ -124,8 +135,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rule", default="no_collision")
     parser.add_argument("--steps", type=int, default=8)
+    parser.add_argument("--moves", type=int, default=9)
     parser.add_argument("--angles", default="0.1,0.2,0.4")
-    parser.add_argument("--parts", default="gains,mixing,offspring")
+    parser.add_argument("--parts", default="gains,mixing,offspring,decided")
     args = parser.parse_args()
     angles = [float(one) for one in args.angles.split(",")]
     problem, common = tapes_at(args.rule, 1e-3)
@@ -138,7 +150,9 @@ def main() -> None:
         print_mixing(problem, common, apart[0], angles, args.steps)
     if "offspring" in args.parts:
         for angle in angles:
-            print_offspring(problem, common, apart, angle)
+            print_offspring(problem, common, apart, angle, args.moves)
+    if "decided" in args.parts:
+        print_decided(problem, common[::4])
 
 
 if __name__ == "__main__":
