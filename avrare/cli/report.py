@@ -24,9 +24,9 @@ def execute(args: argparse.Namespace) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
     say(f"report in {path}")
-    for home in (folder, folder.parent):  # that of several scenarios is beside their folders
+    for home in dict.fromkeys((folder, folder.parent)):  # that of several scenarios is beside their folders
         if (home / FOLDER / INDEX).exists():
-            text = f"{home}: contains an interrupted run as well; the report shows the result before it"
+            text = f"{home}: contains an interrupted run as well, which the report does not show"
             print_warnings([(text, resume_hint(home))])
     if args.open:
         webbrowser.open(path.resolve().as_uri())

@@ -185,7 +185,7 @@ def test_a_report_tells_of_an_interrupted_run_in_its_folder(night, interrupted, 
     interrupted(2, night.scenario(), "--out", "twice")
     assert main(["report", "twice"]) == 0
     error = capsys.readouterr().err
-    assert "twice: contains an interrupted run as well; the report shows the result before it" in error
+    assert "twice: contains an interrupted run as well, which the report does not show" in error
     assert "avrare run --resume twice" in error
 
 
