@@ -1,6 +1,6 @@
 """Why a climb: what proposals gain on rare failures of the lane change, and how fast chains move there.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8] [--moves 9]
+    OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8]
         [--angles 0.1,0.2] [--parts gains,mixing,offspring,decided]
 
 It takes the truth's rollouts whose robustness one in 1,000 reaches, a sample of the target. Gains: proposals
@@ -71,7 +71,9 @@ def print_mixing(problem: Problem, tapes: Floats, rare: float, angles: list[floa
         print(f"| {angle:g} | {np.mean(accepted):.2f} | {told} |", flush=True)
 
 
-def print_offspring(problem: Problem, tapes: Floats, rares: list[float], angle: float, moves: int) -> None:
+def print_offspring(
+    problem: Problem, tapes: Floats, rares: list[float], angle: float, moves: int = 9
+) -> None:
     """Print the relative variance of the offspring of a start at ever rarer levels, all starts in one pass.
 
     Args:
@@ -135,7 +137,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rule", default="no_collision")
     parser.add_argument("--steps", type=int, default=8)
-    parser.add_argument("--moves", type=int, default=9)
     parser.add_argument("--angles", default="0.1,0.2,0.4")
     parser.add_argument("--parts", default="gains,mixing,offspring,decided")
     args = parser.parse_args()
@@ -150,7 +151,7 @@ def main() -> None:
         print_mixing(problem, common, apart[0], angles, args.steps)
     if "offspring" in args.parts:
         for angle in angles:
-            print_offspring(problem, common, apart, angle, args.moves)
+            print_offspring(problem, common, apart, angle)
     if "decided" in args.parts:
         print_decided(problem, common[::4])
 

@@ -180,13 +180,15 @@ def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
     assert len(night.saved("torn")) == 2
 
 
-def test_a_report_tells_of_an_interrupted_run_in_its_folder(night, interrupted, capsys):
+def test_a_report_tells_of_an_interrupted_run_in_its_folder_or_beside_it(night, interrupted, capsys):
     assert run(night.scenario(), "--out", "twice") == 0
     interrupted(2, night.scenario(), "--out", "twice")
-    assert main(["report", "twice"]) == 0
-    error = capsys.readouterr().err
-    assert "twice: contains an interrupted run as well, which the report does not show" in error
-    assert "avrare run --resume twice" in error
+    assert run(night.scenario(), "--out", "twice/one") == 0
+    for folder in ("twice", "twice/one"):
+        assert main(["report", folder]) == 0
+        error = capsys.readouterr().err
+        assert error.count("twice: contains an interrupted run as well, which the report does not show") == 1
+        assert "avrare run --resume twice" in error
 
 
 def test_a_run_that_saved_nothing_is_overwritten(night):
