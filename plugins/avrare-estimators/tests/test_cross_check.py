@@ -1,6 +1,7 @@
 """Weighted estimates do not vouch for themselves: target rows and a climb of their own must agree."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from avrare.estimation.fresh_rows import FreshRows
 from avrare.testing.problems import reference_problem
 from avrare_estimators.importance.agreement import find_doubts, missed_probability
 from avrare_estimators.importance.cross_check import GROUPS, CrossCheckResult
+from avrare_estimators.importance.result import for_any_weights, is_even
 
 LINE = reference_problem("b_linear_d100_p1e-4")
 OWN = (0.9e-4, 1.1e-4)
@@ -154,3 +156,20 @@ def test_the_climb_is_right_on_its_own(name):
     assert len(looks) >= 10
     means = np.array([np.mean(look["probabilities"]) for look in looks]) / problem.probability
     assert abs(means.mean() - 1.0) < 4.0 * means.std(ddof=1) / np.sqrt(len(means)) + 0.15  # a pilot's bias
+
+
+def test_an_interval_for_any_weights_is_never_narrower_than_the_weights_say():
+    """Few target rows have failed by chance: their upper end lies below that of the weights."""
+    unlucky, lucky = FreshRows(rows=8_625, failures=6), FreshRows(rows=8_625, failures=26)
+    by_weights = partial(intervals.log_normal, 1.66e-3, 0.002, freedom=200)
+    low, high = for_any_weights(1.66e-3, unlucky, by_weights, 0.95)
+    assert low == pytest.approx(0.025 * 1.66e-3)
+    assert high == by_weights(0.95)[1] > unlucky.interval(0.95)[1]
+    assert for_any_weights(1.66e-3, lucky, by_weights, 0.95)[1] == lucky.interval(0.95)[1]
+    assert for_any_weights(1.66e-3, unlucky, None, 0.95)[1] == 1.66e-3
+
+
+def test_weights_of_which_a_few_make_the_sum_widen_nothing():
+    assert is_even(1e-3, {"cross_check": "they differ"})
+    assert not is_even(1e-3, {"cross_check": "they differ", "weight_degenerate": "few"})
+    assert not is_even(0.0, {})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -135,7 +135,7 @@ def summarise(
     if all(run.plain for run in runs):
         interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
     elif DISTRUST & warnings.keys():
-        interval_at = partial(for_any_weights, mean, fresh)
+        interval_at = partial(for_any_weights, mean, fresh, interval_at if is_even(mean, warnings) else None)
     return build_result(
         plan,
         name,
@@ -215,14 +215,29 @@ def _interval_of_weights(
     return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed, logs=logs)
 
 
-def for_any_weights(mean: float, fresh: FreshRows, confidence: float) -> Interval:
+def is_even(mean: float, warnings: Container[str]) -> bool:
+    """Return whether the scatter of the weights says something of the error of their ``mean``."""
+    return mean > 0.0 and "weight_degenerate" not in warnings
+
+
+def for_any_weights(
+    mean: float, fresh: FreshRows, by_weights: Callable[[float], Interval] | None, confidence: float
+) -> Interval:
     """Return an interval that holds for any weights.
 
     The lower end is Markov's inequality: the estimate is unbiased and not negative, so it exceeds p / a with
-    probability at most a. The upper end is plain Monte Carlo on all rows drawn from the target.
+    probability at most a. The upper end is plain Monte Carlo on all rows drawn from the target; where few of
+    them have failed by chance, that of the weights is higher, and taken.
+
+    Args:
+        mean: Weighted estimate.
+        fresh: All rows drawn from the target.
+        by_weights: Interval by the weights; None where it says nothing.
+        confidence: Level.
     """
     tail = (1.0 - confidence) / 2.0
-    return tail * mean, max(fresh.interval(confidence)[1], mean)
+    own = by_weights(confidence)[1] if by_weights is not None else mean
+    return tail * mean, max(fresh.interval(confidence)[1], own)
 
 
 def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from avrare.rollout.request import Integers
 from avrare_estimators.importance.agreement import find_doubts
 from avrare_estimators.importance.coverage import find_differing
 from avrare_estimators.importance.proposal_file import FILE
-from avrare_estimators.importance.result import DISTRUST, for_any_weights
+from avrare_estimators.importance.result import DISTRUST, for_any_weights, is_even
 from avrare_estimators.importance.words import NoiseNames, describe_tapes
 from avrare_estimators.looks import Looks
 from avrare_estimators.smc.defended_mixture import DefendedMixture
@@ -148,7 +148,7 @@ def summarise(
         warnings |= find_doubts(mean, own, 0.0, fresh, [], plan.confidence)
         warnings |= _disagreement(learning, mean, relative)
     if DISTRUST & warnings.keys() and mean > 0.0 and fresh.rows:
-        interval_at = partial(for_any_weights, mean, fresh)
+        interval_at = partial(for_any_weights, mean, fresh, interval_at if is_even(mean, warnings) else None)
     diagnostics = _diagnostics(counted, learned, learning, names, plain)
     if looks.goal is not None:
         diagnostics |= looks.diagnostics(math.sqrt(relative))
