@@ -22,10 +22,10 @@ run: .venv/run.stamp  ## estimate how likely the lane change breaks its rules, a
 	@echo 'see it: $(BIN)/avrare report $(OUT)/lane_change --open'
 
 test: .venv/test.stamp  ## run the tests of the core and of every plugin, but for the slow ones
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 slow: .venv/test.stamp  ## run the slow tests: statistics over many seeds, fits, whole commands
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) -m slow
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m slow
 
 attack: .venv/test.stamp  ## attack everything that is read, kill runs; ATTACK='--inputs 100 --seconds 600' for less
 	PYTHONPATH=tests/support OMP_NUM_THREADS=1 $(BIN)/python -m attack $(ATTACK)

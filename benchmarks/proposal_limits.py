@@ -1,22 +1,26 @@
 """Why a climb: what proposals gain on rare failures of the lane change, and how fast chains move there.
 
     OMP_NUM_THREADS=1 python -m benchmarks.proposal_limits [--rule no_collision] [--steps 8]
-        [--angles 0.1,0.2] [--parts gains,mixing,offspring,decided]
+        [--angles 0.1,0.2] [--parts gains,mixing,offspring,decided,chances]
 
 It takes the truth's rollouts whose robustness one in 1,000 reaches, a sample of the target. Gains: proposals
 fitted to some of them are judged on half of those at 1e-4, which they have not seen: the gain over Monte
 Carlo is 1 over the mean of p/q. Mixing: chains start at all of them and stay at that level: of those that
 began at 1e-4 the share that is still there tells how much they remember; 0.1 is nothing. Offspring: how
 unlike the starts are in where chains lead from them, to 1e-4 and on to 1e-5. Decided: the noise after a
-step is drawn anew; the share that still reaches the level tells how much is decided by then.
+step is drawn anew; the share that still reaches the level tells how much is decided by then. Chances: the
+same for each of some failures, many times over: how likely it was to fail, given all that was at the step.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+from typing import Any
 
 import numpy as np
 
+from avrare.base import batch
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare_estimators.ess.chains import rotated
@@ -30,6 +34,9 @@ SIZES = (80, 150, 300, 500, 900)
 TIMES = (8, 16, 20, 24, 28, 32, 40, 48, 56, 64)
 """Steps after which noise is drawn anew."""
 _ROWS = 250
+_FAILURES, _REDRAWS = 80, 150
+"""Failures whose chances are estimated, and continuations of each."""
+_CHANCE_TIMES = (20, 28, 40, 48, 56, 64)
 
 
 def tapes_at(rule: str, probability: float) -> tuple[Problem, Floats]:
@@ -116,6 +123,47 @@ def print_decided(problem: Problem, tapes: Floats) -> None:
         print(f"| {time} | {np.mean(robustness(problem, mixed) <= 0.0):.2f} |", flush=True)
 
 
+def print_chances(problem: Problem, tapes: Floats) -> None:
+    """Print how likely failures were to fail, given all of the system's state at a step."""
+    rng = np.random.default_rng(0)
+    print("| step | failed before | mean chance of the others | 1/10 | 1/4 | 1/2 | 3/4 | 9/10 |")
+    print("|---|---|---|---|---|---|---|---|")
+    for time, carry in _states_at(problem, tapes, _CHANCE_TIMES).items():
+        hits = np.zeros(len(tapes))
+        size = max(1, _ROWS // len(tapes))
+        for _ in range(math.ceil(_REDRAWS / size)):
+            copies = batch.take(carry, np.repeat(np.arange(len(tapes)), size))
+            hits += _fails(problem, copies, time, rng).reshape(len(tapes), size).sum(axis=1)
+        chance = hits / (math.ceil(_REDRAWS / size) * size)
+        before = np.asarray(carry[2].violated)
+        others = chance[~before]
+        cuts = " | ".join(f"{cut:.3f}" for cut in np.quantile(others, (0.1, 0.25, 0.5, 0.75, 0.9)))
+        print(f"| {time} | {before.mean():.2f} | {others.mean():.3f} | {cuts} |", flush=True)
+
+
+def _states_at(problem: Problem, tapes: Floats, times: tuple[int, ...]) -> dict[int, Any]:
+    """Return state, monitor and verdict at each of ``times``."""
+    (monitor,), system, found = problem.monitors, problem.system, {}
+    state, watch = system.initial(tapes[:, 0]), monitor.start(len(tapes))
+    watch, verdict = monitor.update(watch, system.signals(state))
+    for time in range(1, max(times) + 1):
+        state = system.step(state, tapes[:, time])
+        watch, verdict = monitor.update(watch, system.signals(state))
+        if time in times:
+            found[time] = state, watch, verdict
+    return found
+
+
+def _fails(problem: Problem, carry: Any, time: int, rng: np.random.Generator) -> Bools:
+    """Return whether rollouts fail that go on after ``time`` with fresh noise."""
+    (monitor,), (state, watch, verdict) = problem.monitors, carry
+    shape = (len(verdict.robustness), problem.noise_size)
+    for _ in range(time, problem.steps):
+        state = problem.system.step(state, rng.standard_normal(shape))
+        watch, verdict = monitor.update(watch, problem.system.signals(state))
+    return np.asarray(verdict.violated)
+
+
 def moved(
     problem: Problem, place: Floats, value: Floats, level: float, angle: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Bools]:
@@ -154,6 +202,8 @@ def main() -> None:
             print_offspring(problem, common, apart, angle)
     if "decided" in args.parts:
         print_decided(problem, common[::4])
+    if "chances" in args.parts:
+        print_chances(problem, common[:: len(common) // _FAILURES][:_FAILURES])
 
 
 if __name__ == "__main__":

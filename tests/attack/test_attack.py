@@ -12,12 +12,12 @@ from attack.material import inside
 QUICK = {"scenarios": 60, "formulas": 80, "recorded drives (CSV)": 150}
 """Inputs of each kind in the default suite; they need nothing that takes long to make."""
 MANY = {
-    "scenarios": 400, "scenarios that run": 250, "formulas": 300, "rules files": 60,
-    "recorded drives (CSV)": 600, "recorded drives (CommonRoad)": 120, "run folders": 200, "checkpoints": 60,
-    "baselines": 100, "stored failures": 250, "failures as text": 200, "history databases": 300,
-    "models, policies and flows": 150, "catalogues, searches and what was learned": 120, "command lines": 250,
-    "OpenSCENARIO files": 80, "twins, ensembles, functions and syntheses": 80,
-    "tables to fit, and policies to convert": 100,
+    "scenarios": 200, "scenarios that run": 120, "formulas": 200, "rules files": 40,
+    "recorded drives (CSV)": 300, "recorded drives (CommonRoad)": 60, "run folders": 100, "checkpoints": 30,
+    "baselines": 50, "stored failures": 120, "failures as text": 100, "history databases": 150,
+    "models, policies and flows": 80, "catalogues, searches and what was learned": 60, "command lines": 120,
+    "OpenSCENARIO files": 40, "twins, ensembles, functions and syntheses": 40,
+    "tables to fit, and policies to convert": 50,
 }  # fmt: skip
 
 

@@ -204,7 +204,7 @@ def test_rules():
 @pytest.mark.parametrize("reference", [walk(0.74, 10), four_branch(4.9)], ids=["steps", "static"])
 def test_unbiased_where_the_choice_is_a_toss(reference):
     """Leave out pilot failures, which decide between two estimators."""
-    runs = [avrare.estimate(reference.problem(), "auto", seed=s, rollouts=5000) for s in range(30)]
+    runs = [avrare.estimate(reference.problem(), "auto", seed=s, rollouts=5000) for s in range(20)]
     share = np.mean([one.estimator == "mc" for one in runs])
     assert 0.1 < share < 0.9
     values = np.array([one.probability for one in runs])

@@ -146,7 +146,7 @@ def test_a_system_that_raises_on_every_row(system):
 @pytest.mark.parametrize("probability", [0.3, 0.02])
 def test_stopping_at_a_relative_error_is_unbiased_and_keeps_its_confidence(probability):
     problem = coin(probability)
-    results = [avrare.estimate(problem, seed=seed, relative_error=0.3, confidence=0.9) for seed in range(400)]
+    results = [avrare.estimate(problem, seed=seed, relative_error=0.3, confidence=0.9) for seed in range(200)]
     values = np.array([result.probability for result in results])
     error = values.std(ddof=1) / math.sqrt(len(values))
     assert abs(values.mean() - probability) < 4 * error

@@ -13,6 +13,7 @@ from avrare.testing.repeated_estimates import Study
 class TestEss(EstimatorConformance):
     estimator = "ess"
     options: ClassVar = {"chains": 30, "level_probability": 0.25}
+    seeds = Study(count_down(5, 9, "1/5"), 100)
 
 
 @pytest.mark.slow

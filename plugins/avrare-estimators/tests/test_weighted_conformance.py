@@ -13,16 +13,20 @@ from avrare.testing.repeated_estimates import Study
 class TestImportance(EstimatorConformance):
     estimator = "is"
     options: ClassVar = {"rollouts": 200, "proposal": {"gaussian": {"mean": 0.2}}, "check": 0.0}
-    studies = (Study(walk(1.0, 20)), Study(count_down(5, 9, "1/5")), Study(conjunction(-1.5)))
-    seeds = Study(walk(1.0, 20), 200, {"rollouts": 400})
+    studies = (
+        Study(walk(1.0, 20), 200),
+        Study(count_down(5, 9, "1/5"), 200),
+        Study(conjunction(-1.5), 200),
+    )
+    seeds = Study(walk(1.0, 20), 100, {"rollouts": 400})
 
 
 @pytest.mark.slow
 class TestCrossEntropy(EstimatorConformance):
     estimator = "ce"
     options: ClassVar = {"rollouts": 100, "check": 0.0}
-    studies = (Study(walk(1.0, 20)), Study(conjunction(-1.5)))
-    seeds = Study(walk(1.0, 20), 100, {"rollouts": 400})
+    studies = (Study(walk(1.0, 20), 150), Study(conjunction(-1.5), 150))
+    seeds = Study(walk(1.0, 20), 60, {"rollouts": 400})
     unsupported: ClassVar = {
         "test_budget_is_kept": "it learns in fewer stages than a budget must allow for",
         "test_unbiased_with_errors": "TestImportance runs it; the sample is the same",

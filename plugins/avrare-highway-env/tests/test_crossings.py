@@ -64,7 +64,7 @@ def test_copies_diverge_only_by_their_noise(loop):
     [("mc", {"rollouts": 8}), ("ams", {"particles": 6, "discard": 2, "runs": 1})],
 )
 def test_the_same_bits_in_one_process_and_in_two(scenario, estimator, options):
-    changed = ["steps=60", "chunk=3", 'specifications={near: {stl: "always (gap > 12.0)"}}']
+    changed = ["steps=40", "chunk=3", 'specifications={near: {stl: "always (gap > 12.0)"}}']
     problem = avrare.load(SCENARIOS / f"{scenario.name}.yaml", changed).problem("near")
     one, two = (avrare.estimate(problem, estimator, seed=2, workers=workers, **options) for workers in (1, 2))
     assert one.probability == two.probability

@@ -161,7 +161,7 @@ class _NoFormula:
 @pytest.mark.parametrize("name", ["a_beta_-2", "b_linear_d100_p1e-4", "g_eventually_c1.0"])
 def test_the_estimator_is_unbiased(name):
     problem = reference_problem(name)
-    found = avrare.estimate(problem.problem(), "ess_linear", seed=4, chains=50, runs=40)
+    found = avrare.estimate(problem.problem(), "ess_linear", seed=4, chains=50, runs=25)
     values = found.run_probabilities
     error = values.std(ddof=1) / np.sqrt(len(values))
     assert abs(values.mean() - problem.probability) < 4.0 * error
