@@ -9,8 +9,9 @@ from avrare.base.errors import UsageError, did_you_mean
 MESSAGES = {
     "errors": "{errors} of {rollouts} rollouts ended in an error, more than {allowed:.1%} allowed: {message}",
     "extinct": "all {runs} runs died out before they reached a failure: only the upper bound from "
-    "their first rollouts is known; use more particles or fewer discards",
-    "extinct_runs": "{extinct} of {runs} runs died out and count as 0; use more particles or fewer discards",
+    "their first rollouts is known; use more particles or fewer discards (in `ess`, more chains)",
+    "extinct_runs": "{extinct} of {runs} runs died out and count as 0; use more particles or fewer discards "
+    "(in `ess`, more chains)",
     "single_run": "only one run: its interval relies on its genealogy and is too narrow for rare events",
     "few_roots": "half of the runs descend from fewer than {least} first particles: use more particles "
     "or chains",

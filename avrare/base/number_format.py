@@ -82,9 +82,19 @@ def describe_blind_bound(bound: float) -> str:
     return f"failures that the score does not lead to could be as likely as {format_narrow(bound)}"
 
 
+def describe_stop(used: int, failures: int) -> str:
+    """Return the sentence on the rollouts that an estimate rests on, where more were simulated."""
+    return f"its goal was reached after {used} rollouts, of which {failures} failed: the others do not count"
+
+
 def format_percent(share: float) -> str:
     """Return ``95 %``."""
     return f"{100.0 * share:.4g} %"
+
+
+def format_confidence(confidence: float) -> str:
+    """Return ``95%``, with as many digits as the confidence has."""
+    return f"{100.0 * confidence:.12g}%"
 
 
 def describe_share(share: float) -> str:

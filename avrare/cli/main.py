@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 from avrare.base import version
+from avrare.base.error_place import find_place
 from avrare.base.errors import AvrareError, ExitCode, OutOfMemory, PluginError, UsageError, did_you_mean
 from avrare.base.visible_text import spell_controls
 
@@ -218,13 +219,11 @@ def _system_error(error: OSError) -> UsageError:
 
 
 def _report_bug(error: Exception, full: bool) -> None:
-    import traceback
-
     if full:
+        import traceback
+
         _tell(traceback.format_exc())
     words = " ".join(str(error).split())
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{frame.filename}:{frame.lineno} in {frame.name}"
-    line = f"this is a bug in avrare: {type(error).__name__}: {words} ({place})"
+    line = f"this is a bug in avrare: {type(error).__name__}: {words} ({find_place(error)})"
     hint = [] if full else ["hint: run the command again with --traceback and report the output"]
     _tell(spell_controls(line), *hint)

@@ -47,6 +47,9 @@ def execute(args: argparse.Namespace) -> int:
         name, specification = _specification(args, recording, scenario)
     warnings = _warnings(args, specification, recording)
     print_warnings((warning.message, warning.hint) for warning in warnings)
+    print_warnings(
+        (text, "the verdict is of what was recorded") for text in _clipped(specification, recording)
+    )
     scored = monitor_recording(name, specification, recording)
     if args.out is not None:
         _write(scored, Path(args.out))
@@ -146,6 +149,15 @@ def _warnings(args: argparse.Namespace, specification: Any, recording: Any) -> S
         return stl(args.stl, dt=recording.dt, warn=False).warnings
     formula = find_formula(specification)
     return formula.warnings if formula is not None else ()
+
+
+def _clipped(specification: Any, recording: Any) -> list[str]:
+    formula = find_formula(specification)
+    span = nodes.bounded_span(formula.node) if formula is not None else 0
+    if span < recording.samples:
+        return []
+    text = f"the formula looks {span} samples ahead, and the recording has only {recording.samples}"
+    return [f"{text}: windows are clipped at its end"]
 
 
 def _missing_scene(recording: Any, what: str) -> UsageError:

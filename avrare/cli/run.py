@@ -14,6 +14,7 @@ from typing import Any
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, ScenarioError, UsageError
+from avrare.base.number_format import format_confidence
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.budget import Budget
@@ -45,12 +46,19 @@ from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.safe_mode import is_safe
 from avrare.scenario.schema import Scenario
+from avrare.scenario.validation import UNKNOWN_KEY
 
 _OPTIONS = {
     "seed": "--seed", "cross_check": "--cross-check", "estimator.learned": "--learned",
     "estimator.relative_error": "--until relative_error", "estimator.threshold": "--until threshold",
 }  # fmt: skip
 """Keys of a scenario that an option sets, with the option."""
+_HAVE = {
+    "--learned": "add --estimator is, smc or ams: the one that has written the file",
+    "--until relative_error": "choose mc, is, smc, ams or ess with --estimator",
+    "--until threshold": "only mc stops at a threshold: add --estimator mc",
+}
+"""Which estimators have the option."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -98,17 +106,20 @@ def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
     try:
         return load_scenarios(args, _overrides(args))
     except ScenarioError as error:
-        problems = [(_by_option(text, args), hint) for text, hint in error.problems]
+        problems = [_by_option(text, hint, args) for text, hint in error.problems]
         raise ScenarioError(problems, error.exit_code) from None
 
 
-def _by_option(text: str, args: argparse.Namespace) -> str:
+def _by_option(text: str, hint: str | None, args: argparse.Namespace) -> tuple[str, str | None]:
     # What an option has set is not told as a --set that nobody has written.
     written = {one.partition("=")[0].strip() for one in args.set}
     for key, option in _OPTIONS.items():
         if key not in written and text.startswith(f"--set {key}: "):
-            return option + text.removeprefix(f"--set {key}")
-    return text
+            reason = text.removeprefix(f"--set {key}: ")
+            if reason.startswith(UNKNOWN_KEY) and option in _HAVE:
+                return f"{option}: the scenario's estimator has no such option", _HAVE[option]
+            return f"{option}: {reason}", hint
+    return text, hint
 
 
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
@@ -271,7 +282,8 @@ def _show(
         say(*verdict_lines(definition.name, results))
         return
     console = make_console(mode)
-    settings = f"{definition.estimator.plugin}, seed {definition.seed}, {definition.confidence:.0%} intervals"
+    confidence = format_confidence(definition.confidence)
+    settings = f"{definition.estimator.plugin}, seed {definition.seed}, {confidence} intervals"
     title = f"{definition.name}  {settings}"
     print_table(console, result_table(title, results))
     print_lines(console, note_lines(results), "yellow")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from avrare.analysis.rates.catalogue import is_catalogue, load_catalogue
+from avrare.base.error_place import find_place
 from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.scenario.load import load
@@ -46,9 +46,8 @@ def first_steps(scenario: Scenario) -> Iterator[None]:
     except (AvrareError, MemoryError):
         raise
     except (Exception, SystemExit) as error:
-        frame = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{scenario.path}: the stack breaks down in its first steps: {type(error).__name__}: {error}"
-        raise PluginError(f"{text} ({frame.filename}:{frame.lineno} in {frame.name})") from error
+        raise PluginError(f"{text} ({find_place(error)})") from error
 
 
 def _refuse_options(path: str, args: argparse.Namespace) -> None:

@@ -175,7 +175,10 @@ class Registry:
         if others:
             return PluginError(f"unknown {kind} {name!r}", f"{name!r} is a {others[0]}; {self._list(kind)}")
         known = {*self.names(kind), *(word for where, word in FIRST_PARTY if where == kind)}
-        return PluginError(f"unknown {kind} {name!r}", did_you_mean(name, known) or self._list(kind))
+        hint = did_you_mean(name, known) or self._list(kind)
+        if broken := [f"{row.origin} ({row.detail})" for row in self._rows if row.status == "broken"]:
+            hint += f"; failed to load: {', '.join(broken)}"
+        return PluginError(f"unknown {kind} {name!r}", hint)
 
     def _list(self, kind: str) -> str:
         names = self.names(kind)

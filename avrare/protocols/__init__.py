@@ -41,6 +41,7 @@ from avrare.protocols.abilities import (
     forward_abilities,
 )
 from avrare.protocols.kinds import (
+    PROTOCOLS,
     Bools,
     Controller,
     Estimator,
@@ -54,9 +55,11 @@ from avrare.protocols.kinds import (
     System,
     Tracker,
     Verdict,
+    missing_members,
 )
 
 __all__ = [
+    "PROTOCOLS",
     "AdaptsToTarget",
     "Bools",
     "Controller",
@@ -101,4 +104,5 @@ __all__ = [
     "find_scene",
     "find_simulator",
     "forward_abilities",
+    "missing_members",
 ]

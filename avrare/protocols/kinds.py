@@ -188,3 +188,22 @@ class Executor(Protocol[WorkT, ChunkT, OutcomeT]):
 
     def close(self) -> None:
         """Stop the workers."""
+
+
+PROTOCOLS: dict[str, type[Any]] = {
+    "simulator": Simulator,
+    "perception": PerceptionErrorModel,
+    "tracker": Tracker,
+    "controller": Controller,
+    "specification": Specification,
+    "estimator": Estimator,
+    "executor": Executor,
+}
+"""Protocol of each kind, whose members a part must have."""
+
+
+def missing_members(kind: str, part: object) -> list[str]:
+    """Return the members of its kind's protocol that a part lacks."""
+    protocol = PROTOCOLS[kind]
+    members = [*protocol.__annotations__, *(name for name in vars(protocol) if not name.startswith("_"))]
+    return [name for name in members if not hasattr(part, name)]

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError, UsageError
@@ -21,7 +20,6 @@ from avrare.protocols import (
     DrawsUnderLaw,
     Floats,
     ReportsFaults,
-    Signals,
     Specification,
     System,
     WeighsRollouts,
@@ -30,6 +28,7 @@ from avrare.protocols import (
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer, draw_lineage
+from avrare.stack.array_checks import check_rows, check_signals
 from avrare.stack.features import monitor_features, system_features
 
 Sample = tuple[Any, dict[str, Any], Bools]
@@ -195,10 +194,10 @@ class _Simulation:
         return self._sample(self.system.step(state, noise), len(noise))
 
     def _sample(self, state: Any, n: int) -> Sample:
-        signals = _check_signals(self.system.signals(state), n)
+        signals = check_signals(self.system.signals(state), n)
         faulty = np.zeros(n, dtype=bool)
         if self.reporting is not None:
-            faulty |= _check_rows("faults(state)", np.asarray(self.reporting.faults(state)), n).astype(bool)
+            faulty |= check_rows("faults(state)", np.asarray(self.reporting.faults(state)), n).astype(bool)
         for values in signals.values():
             faulty |= _is_nan(values)
         return state, signals, faulty
@@ -249,7 +248,7 @@ class _Simulation:
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
         unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
         if unknown.any():
-            text = "the formula has no value: the difference of two infinite signals, or 0/0"
+            text = "the formula has no value: log or sqrt of a negative number, infinity - infinity, or 0/0"
             self._tell(text, rows[unknown])
             self._drop(rows[unknown], t)
             carry, rows = batch.take(carry, ~unknown), rows[~unknown]
@@ -368,22 +367,3 @@ def _describe_faults(signals: Mapping[str, Any], rows: Bools) -> Iterator[tuple[
         found = [name for name, there in zip(signals, way[1:], strict=True) if there]
         nan = f"NaN in signal{'s' * (len(found) > 1)} {', '.join(found)}"
         yield nan if found else "fault reported by the system", places[(broken == way[:, None]).all(axis=0)]
-
-
-def _check_signals(signals: Signals, n: int) -> dict[str, Any]:
-    if not isinstance(signals, Mapping):
-        raise UsageError(
-            f"signals(state) returned {type(signals).__name__}, not a mapping from names to arrays",
-            'return a dict such as {"x": state.x}',
-        )
-    return {name: _check_rows(f"signal {name!r}", values, n) for name, values in signals.items()}
-
-
-def _check_rows(what: str, values: Any, n: int) -> NDArray[Any]:
-    if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
-        shape = getattr(values, "shape", type(values).__name__)
-        raise UsageError(
-            f"{what} has shape {shape}, but a batch of {n} particles needs ({n},) or ({n}, ...)",
-            "return NumPy arrays with one entry a particle",
-        )
-    return values

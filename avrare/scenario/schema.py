@@ -37,7 +37,7 @@ _BOUND = re.compile(r"\s*(<=|<)?\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*")
 
 def _slug(text: str) -> str:
     if not re.fullmatch(_SLUG, text) or len(text) > 100:
-        raise ValueError("a name may contain letters, digits, '_', '-' and inner '.', at most 100 of them")
+        raise ValueError("a name may contain a-z, A-Z, digits, '_', '-' and inner '.', at most 100 of them")
     return text
 
 

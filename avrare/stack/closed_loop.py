@@ -30,7 +30,14 @@ from avrare.protocols import (
     find_ability,
 )
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
-from avrare.stack.features import HasFeatures, flattened, plan_features, track_features, vehicle_features
+from avrare.stack.features import (
+    HasFeatures,
+    check_features,
+    flattened,
+    plan_features,
+    track_features,
+    vehicle_features,
+)
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
 
@@ -187,7 +194,7 @@ class ClosedLoop:
 
 def _declared(part: Any, state: Any) -> Floats | None:
     declaring = find_ability(part, HasFeatures) if state is not None else None
-    return np.asarray(declaring.features(state), dtype=np.float64) if declaring is not None else None
+    return check_features(part, declaring.features(state)) if declaring is not None else None
 
 
 @dataclass(frozen=True)

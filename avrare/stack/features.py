@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Prediction
 from avrare.protocols import Floats, HasMargin, HasPlan, Signals, Specification, find_ability
 
@@ -29,8 +30,17 @@ def system_features(system: Any, state: Any) -> Floats:
     """Return the features (N, F) that a system declares, else its signals."""
     declaring = find_ability(system, HasFeatures)
     if declaring is not None:
-        return np.asarray(declaring.features(state), dtype=np.float64)
+        return check_features(system, declaring.features(state))
     return flattened(system.signals(state))
+
+
+def check_features(part: Any, values: Any) -> Floats:
+    """Return declared features as floats (N, F); a ``UsageError`` tells of another shape."""
+    found = np.asarray(values, dtype=np.float64)
+    if found.ndim != 2:
+        text = f"features of {type(part).__name__} have shape {found.shape}, not (N, F)"
+        raise UsageError(text, "return a NumPy array with one row a particle, or leave `features` out")
+    return found
 
 
 def monitor_features(specification: Specification, state: Any, robustness: Floats, score: Floats) -> Floats:

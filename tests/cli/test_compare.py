@@ -189,3 +189,15 @@ def test_quiet_against_another_version(capsys):
     words = ["--against", LANE_CHANGE, "--budget", "rollouts=3", "--set", "scenario.steps=3", "--quiet"]
     assert main(["compare", LANE_CHANGE, *words, "--specification", "no_collision"]) == 0
     assert capsys.readouterr().out == "no_collision: same, 0 (-0.56 .. +0.56)\n"
+
+
+def test_versions_that_differ_in_more_than_the_stack_are_told(capsys):
+    tank = str(Path(__file__).parents[2] / "scenarios" / "double_integrator.yaml")
+    words = ["compare", tank, "--against", tank, "--budget", "rollouts=20", "--set", "scenario.steps=5"]
+    assert main(words) == 0
+    assert "that of the stack alone" not in capsys.readouterr().out
+    rule = 'against.specifications.clear.stl="always (x < 0.5)"'
+    assert main([*words, "--set", rule, "--set", "against.simulator.initial.mean=[0.1, 0, 1, 0]"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "clear: the two versions judge by different rules: the change is not that of the stack" in out
+    assert "the two versions have different simulators" in out

@@ -52,7 +52,7 @@ def test_a_number_with_a_unit_is_no_number_of_a_formula(text):
         (("--seed", "-1"), "--seed: should be greater"),
         (("--until", "relative_error=-1"), "--until relative_error: should be greater"),
         (("--until", "threshold=7"), "--until threshold: should be less"),
-        (("--learned", "learned.json"), "--learned: unknown key"),
+        (("--learned", "learned.json"), "--learned: the scenario's estimator has no such option"),
         (("--set", "seed=-1"), "--set seed: should be greater"),
     ],
 )

@@ -56,6 +56,11 @@ def test_a_signal_that_keeps_a_formula(gaps, monitor):
     assert verdict in " ".join(out.split())
 
 
+def test_a_window_beyond_the_recording_is_told(gaps, monitor):
+    _, _, err = monitor(gaps, "--stl", "always[0,50s] (gap > -100)")
+    assert "looks 100 samples ahead, and the recording has only 7" in err
+
+
 def test_a_formula_that_is_undecided_at_first(gaps, monitor):
     code, out, _ = monitor(gaps, "--stl", "eventually[1:2s] (gap < 1.5)", "--json")
     found = json.loads(out)

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 import avrare
-from avrare.base.number_format import format_probability
+from avrare.base.number_format import format_confidence, format_probability
 from avrare.estimation.plan import Info
 from avrare.estimation.result import CrossCheckResult
 from avrare.report.terminal.console import make_console, make_table, print_lines, print_table
@@ -101,8 +101,10 @@ def test_a_cross_check_has_a_line_below_the_table(problem):
 @pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])
 def test_a_goal_that_was_not_reached_is_reported(problem, goal):
     (line,) = note_lines([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
-    assert "give more rollouts" in line
-    assert note_lines([avrare.estimate(problem, "mc", threshold=0.9, seed=3)]) == []
+    assert "raise `rollouts` of the estimator" in line
+    (line,) = note_lines([avrare.estimate(problem, "mc", threshold=0.9, seed=3)])
+    assert line.startswith("its goal was reached after ")
+    assert line.endswith("the others do not count")
 
 
 @pytest.mark.parametrize(
@@ -132,3 +134,7 @@ def test_a_name_cannot_command_the_terminal(mode, capsys):
         assert text not in out
     for text in ("\\x1b[2J", "\\x1b[31", "\\x1b]0;owned", "bad \\x1b[31mname", "\\x9b1m"):
         assert text in out
+
+
+def test_a_confidence_keeps_its_digits():
+    assert [format_confidence(one) for one in (0.95, 0.999, 0.57, 0.0001)] == ["95%", "99.9%", "57%", "0.01%"]

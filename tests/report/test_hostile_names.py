@@ -103,8 +103,17 @@ def comparison_of(name, problem):
 
 
 def paired_of(name):
-    counts, scenario = PairedCounts(name, 1, 2, 3, 4, 1), SimpleNamespace(confidence=0.95)
-    return PairedComparison((name, name), (scenario,), (counts,), 11, 0)
+    first, second = (
+        SimpleNamespace(
+            confidence=0.95,
+            blocks={},
+            cheap=None,
+            resolved={"specifications": {name: rule}, "simulator": rule},
+        )
+        for rule in "ab"
+    )
+    counts = PairedCounts(name, 1, 2, 3, 4, 1)
+    return PairedComparison((name, name), (first, second), (counts,), 11, 0)
 
 
 def entries_of(name):

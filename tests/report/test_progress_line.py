@@ -236,3 +236,10 @@ def test_a_plain_line_foretells_a_long_estimate_with_its_first_chunk(problem, ca
             progress(Info(rollouts=1, goal=goal))
             progress(Info(rollouts=2, goal=goal))
         assert capsys.readouterr().err.count(" left") == lines
+
+
+def test_the_first_chunk_after_a_resumption_foretells_nothing(problem, capsys):
+    with Progress("walk", problem, "plain") as progress:
+        progress.resume(12.0)
+        progress(Info(rollouts=1, goal=10**6))
+    assert capsys.readouterr().err == ""

@@ -18,6 +18,8 @@ from avrare.testing.problems import reference_problem
 REFERENCE_PREFIX = "problem:"
 ENOUGH_FAILURES = 100
 """Failures that make a Monte Carlo estimate precise enough to compare with: a relative error of 10 %."""
+POOLED = "pooled monte carlo"
+"""Source of a truth that is made of the repetitions of Monte Carlo."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class GroundTruth:
     """Failure probability in (0, 1)."""
 
     probability: float
-    # "exact", "given", "monte carlo" (a long run of its own) or "pooled monte carlo" (the repetitions)
+    # "exact", "given", "monte carlo" (a long run of its own) or POOLED (the repetitions)
     source: str
     interval: Interval | None = None  # if the probability is estimated and not pooled
     failures: int | None = None  # that it rests on, if it is estimated

@@ -163,7 +163,7 @@ def compare_pairs(
         raise UsageError(
             "the two scenarios cannot share their noise: "
             + " and ".join(f"{steps} steps of {size} numbers" for steps, size in shapes),
-            "steps, simulator and perception must be alike; compare two `avrare run` results instead",
+            "give both as many steps, and parts that read as much noise: the same simulator and perception",
         )
     outcomes = [
         _simulate(problem, rollouts, seed, executor, watch(number) if watch else lambda info: None)

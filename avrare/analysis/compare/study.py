@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from avrare.analysis.compare.case import ENOUGH_FAILURES, ComparisonCase, GroundTruth
+from avrare.analysis.compare.case import ENOUGH_FAILURES, POOLED, ComparisonCase, GroundTruth
 from avrare.analysis.compare.estimator_options import Arm, make_arm
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.budget import Budget
@@ -143,7 +143,7 @@ def _pool_monte_carlo(results: Sequence[ArmResult]) -> GroundTruth | None:
     if failures < ENOUGH_FAILURES:
         return None
     mean = sum(one.probability for one in repetitions) / len(repetitions)
-    return GroundTruth(mean, "pooled monte carlo", None, failures) if mean < 1.0 else None
+    return GroundTruth(mean, POOLED, None, failures) if mean < 1.0 else None
 
 
 def _run_repetitions(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from avrare.analysis.compare.case import POOLED
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
 from avrare.analysis.compare.repetition_statistics import Summary, find_disagreements, summarise
 from avrare.analysis.compare.study import ArmResult, Comparison
@@ -14,10 +15,16 @@ from avrare.scenario.fingerprint import fingerprint
 
 
 def summarise_arms(comparison: Comparison) -> list[Summary | None]:
-    """Return the statistics of each estimator; None for one that was refused."""
-    steps, confidence = comparison.case.problem.steps, comparison.case.confidence
+    """Return the statistics of each estimator; None for one that was refused.
+
+    Where the truth is made of repetitions of Monte Carlo, these are not judged by it.
+    """
+    steps, confidence, truth = comparison.case.problem.steps, comparison.case.confidence, comparison.truth
+    pooled = truth is not None and truth.source == POOLED
     return [
-        None if arm.refusal else summarise(arm.repetitions, comparison.truth, steps, confidence)
+        None
+        if arm.refusal
+        else summarise(arm.repetitions, None if pooled and arm.arm.name == "mc" else truth, steps, confidence)
         for arm in comparison.arms
     ]
 

@@ -10,6 +10,7 @@ import numpy as np
 from avrare.base.errors import AvrareError
 from avrare.base.number_format import (
     describe_blind_bound,
+    describe_stop,
     format_percent,
     format_typeset,
     format_typeset_interval,
@@ -114,6 +115,8 @@ def _render_facts(entry: StoredEstimate) -> Markup:
     if check := entry.cross_check:
         notes.append(f"{check.text} ({check.rollouts:,} rollouts, {check.seconds:,.1f} s)")
     diagnostics = entry.diagnostics or {}
+    used = diagnostics.get("used_rollouts", entry.rollouts)
+    notes += [describe_stop(used, entry.failures)] if used < entry.rollouts else []
     notes += [diagnostics["choice"]["text"]] if "choice" in diagnostics else []
     notes += [cause["text"] for cause in diagnostics.get("learnt", ())]
     notes += [diagnostics["model"]["text"]] if "model" in diagnostics else []

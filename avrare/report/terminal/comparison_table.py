@@ -8,7 +8,7 @@ from typing import NamedTuple
 from rich.markup import escape
 from rich.table import Table
 
-from avrare.analysis.compare.case import ENOUGH_FAILURES, GroundTruth
+from avrare.analysis.compare.case import ENOUGH_FAILURES, POOLED, GroundTruth
 from avrare.analysis.compare.repetition_statistics import (
     MIN_REPETITIONS,
     Accuracy,
@@ -16,7 +16,7 @@ from avrare.analysis.compare.repetition_statistics import (
     find_disagreements,
 )
 from avrare.analysis.compare.study import ArmResult, Comparison
-from avrare.base.number_format import format_amount, format_narrow
+from avrare.base.number_format import format_amount, format_confidence, format_narrow
 from avrare.base.visible_text import escape_markdown, spell_line
 from avrare.estimation.result import Interval
 from avrare.report.documents.comparison_documents import summarise_arms
@@ -53,7 +53,7 @@ def headline(comparison: Comparison) -> list[str]:
     p = "p unknown" if truth is None else f"p = {format_narrow(truth.probability, 4)} ({truth.source})"
     budget = f"{design.budget.amount:,.0f} {design.budget.kind} for each estimate"
     seeds = f"{design.repeat} repetition{'s' * (design.repeat > 1)} from seed {design.seed}"
-    return [f"{case.title}  {p}", f"{budget}, {seeds}, {case.confidence:.0%} intervals"]
+    return [f"{case.title}  {p}", f"{budget}, {seeds}, {format_confidence(case.confidence)} intervals"]
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -126,8 +126,8 @@ def _truth_notes(truth: GroundTruth | None) -> list[str]:
         return []
     error = truth.failures**-0.5
     line = f"the truth is a Monte Carlo estimate from {truth.failures} failures: relative error {error:.0%}"
-    if truth.source.startswith("pooled"):
-        line += ", made of the mc repetitions themselves: theirs do not test it"
+    if truth.source == POOLED:
+        line += ", made of the mc repetitions themselves, which are not judged by it"
     return [line]
 
 

@@ -6,8 +6,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.analysis.compare.paired_comparison import PairedComparison
-from avrare.base.number_format import format_probability, format_signed, format_signed_interval
+from avrare.base.number_format import (
+    format_confidence,
+    format_probability,
+    format_signed,
+    format_signed_interval,
+)
 from avrare.report.terminal.console import make_table
+from avrare.scenario.fingerprint import comparable
 
 _FEW_DIFFERENCES = 10  # rollouts with different outcomes below which a note asks for more
 _COLOURS = {"worse": "red", "better": "green", "same": "green", "not known": "yellow"}
@@ -22,7 +28,7 @@ def headline(paired: PairedComparison) -> str:
 
 def paired_table(paired: PairedComparison) -> Table:
     """Return one row per specification."""
-    level = f"{paired.confidence:.0%} interval"
+    level = f"{format_confidence(paired.confidence)} interval"
     numbers = ("first", "second", "change", level, "mended", "newly failing", "p-value")
     table = make_table(None, ["specification"], numbers)
     table.add_column("", no_wrap=True)
@@ -49,7 +55,7 @@ def summary_lines(paired: PairedComparison) -> list[str]:
 
 def note_lines(paired: PairedComparison) -> list[str]:
     """Return remarks for the reader of the table."""
-    lines = []
+    lines = _note_other_changes(paired)
     for counts in paired.counts:
         if 0 < counts.different < _FEW_DIFFERENCES:
             few = f"{counts.different} rollout{'s' * (counts.different > 1)}"
@@ -59,3 +65,14 @@ def note_lines(paired: PairedComparison) -> list[str]:
         counts_text = f"{errors} of {paired.rollouts} rollouts ended in an error"
         lines.append(f"{counts_text}: the intervals allow for both outcomes")
     return lines
+
+
+def _note_other_changes(paired: PairedComparison) -> list[str]:
+    """Return which rules differ, and whether the simulators do: what follows is not the stack's change."""
+    first, second = map(comparable, paired.scenarios)
+    rules = [one.specification for one in paired.counts]
+    changed = [name for name in rules if first["specifications"][name] != second["specifications"][name]]
+    lines = [f"{', '.join(changed)}: the two versions judge by different rules"] if changed else []
+    if first["simulator"] != second["simulator"]:
+        lines.append("the two versions have different simulators")
+    return [f"{line}: the change is not that of the stack alone" for line in lines]

@@ -72,7 +72,8 @@ class Progress:
         first, seconds = not self.info.rollouts, time.monotonic() - self.began
         self.info = info
         self._left.see(info, seconds)
-        return first and self._left.most(info, seconds) >= _PLAIN_INTERVAL
+        # After a resumption the first chunk is one of many that arrive at once, and says nothing of the pace.
+        return first and self._left.steady and self._left.most(info, seconds) >= _PLAIN_INTERVAL
 
     def __call__(self, info: Info) -> None:
         """Show the newest state."""

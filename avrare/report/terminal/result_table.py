@@ -8,7 +8,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.analysis.history.entry import HistoryEntry, find_breaks
-from avrare.base.number_format import describe_blind_bound, format_interval, format_probability
+from avrare.base.number_format import (
+    describe_blind_bound,
+    describe_stop,
+    format_interval,
+    format_probability,
+)
 from avrare.estimation.result import Result
 from avrare.report.terminal.console import colour_verdict, make_table
 
@@ -50,11 +55,10 @@ def note_lines(results: Sequence[Result]) -> list[str]:
         for name, message in result.health.items():
             lines.setdefault(f"warning {name}: {message}", []).append(result.specification)
         if result.diagnostics.get("goal_reached") is False:
-            more = (
-                "raise `most_runs` or the budget" if "looks" in result.diagnostics else "give more rollouts"
-            )
-            text = f"the run ended before it reached `relative_error` or `threshold`: {more}"
-            text = result.diagnostics.get("ended_early", text)
+            text = result.diagnostics.get("ended_early") or _describe_end(result)
+            lines.setdefault(text, []).append(result.specification)
+        elif "used_rollouts" in result.diagnostics and result.diagnostics["used_rollouts"] < result.rollouts:
+            text = describe_stop(result.diagnostics["used_rollouts"], result.failures.count)
             lines.setdefault(text, []).append(result.specification)
         if note := result.diagnostics.get("note"):
             lines.setdefault(note, []).append(result.specification)
@@ -66,6 +70,19 @@ def note_lines(results: Sequence[Result]) -> list[str]:
                 text = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in shown)
                 lines.setdefault(text + total * of_solver, []).append(result.specification)
     return _name_specifications(lines, results)
+
+
+def _describe_end(result: Result) -> str:
+    """Return why an estimate ended short of its goal, and what to do."""
+    in_runs = "looks" in result.diagnostics
+    if "used_rollouts" in result.diagnostics:  # Monte Carlo stops at a number of failures
+        found = f"with {result.failures.count} failures"
+    elif not result.probability:
+        found = "without reaching a failure"
+    else:
+        found = f"at a relative error of {result.relative_error:.0%}"
+    more = f"raise `{'most_runs' if in_runs else 'rollouts'}` of the estimator, or the budget"
+    return f"the run ended after {result.rollouts} rollouts, {found}, before it reached its goal: {more}"
 
 
 def blind_lines(results: Sequence[Result]) -> list[str]:

@@ -7,7 +7,7 @@ import pickle
 import subprocess
 import sys
 from importlib.metadata import entry_points
-from typing import Any, Literal, get_args, get_origin
+from typing import Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -106,8 +106,8 @@ def options_pickle(subject: Subject) -> None:
 
 def factory_builds(subject: Subject) -> None:
     """The factory builds the part from its defaults, the options given, or its model's example."""
-    part, members = subject.build(), _members(subject.kind)
-    missing = [name for name in members if not hasattr(part, name)]
+    part, members = subject.build(), protocols.PROTOCOLS[subject.kind].__annotations__
+    missing = protocols.missing_members(subject.kind, part)
     assert not missing, f"a {subject.kind} needs {', '.join(missing)}"
     if "noise_size" in members:
         assert isinstance(part.noise_size, int), f"noise_size is {part.noise_size!r}, not an integer"
@@ -121,22 +121,6 @@ DIMENSIONS = frozenset(
     {"dt", "speed", "acceleration", "distance", "length", "width", "height", "radius", "duration", "mass"}
 )
 """Last words of option names that need a unit."""
-
-PROTOCOLS: dict[str, type[Any]] = {
-    "simulator": protocols.Simulator,
-    "perception": protocols.PerceptionErrorModel,
-    "tracker": protocols.Tracker,
-    "controller": protocols.Controller,
-    "specification": protocols.Specification,
-    "estimator": protocols.Estimator,
-    "executor": protocols.Executor,
-}
-"""Protocol of each kind, whose members a part must have."""
-
-
-def _members(kind: str) -> list[str]:
-    protocol = PROTOCOLS[kind]
-    return [*protocol.__annotations__, *(name for name in vars(protocol) if not name.startswith("_"))]
 
 
 def _models_with_nested(model: type[BaseModel]) -> list[type[BaseModel]]:

@@ -220,6 +220,7 @@ def test_stops_at_a_relative_error():
     result = estimate(exact.problem(), relative_error=0.2, rollouts=40_000)
     assert result.relative_error <= 0.2
     assert result.diagnostics["goal_reached"]
+    assert " sigma in sum at " in result.diagnostics["learnt"][0]["text"]
     assert result.rollouts < 20_000
     assert result.interval[0] <= exact.probability <= result.interval[1]
 

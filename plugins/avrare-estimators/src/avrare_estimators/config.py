@@ -142,7 +142,9 @@ class AmsConfig(_GrowingConfig):
     @model_validator(mode="after")
     def _discard_fewer_than_all(self) -> AmsConfig:
         if self.discard >= self.particles:
-            raise ValueError(f"discard ({self.discard}) must be less than particles ({self.particles})")
+            given = "" if "discard" in self.model_fields_set else ", its default"
+            text = f"discard ({self.discard}{given}) must be less than particles ({self.particles}): set both"
+            raise ValueError(text)
         return self
 
 

@@ -41,19 +41,21 @@ class ProposalFile:
             UsageError: It cannot be read, or holds no proposals.
         """
         if not Path(path).is_file():
-            raise UsageError(f"learned: {path}: no such file", AGAIN)
+            reason = "not a file" if Path(path).exists() else "no such file"
+            raise UsageError(f"learned: {path}: {reason}", AGAIN)
         content = read_json(Path(path), AGAIN)
         if not content or not all(isinstance(entry, dict) for entry in content.values()):
             raise UsageError(f"learned: {path}: holds no proposals", AGAIN)
-        mixtures = {name: TapeMixture.from_dict(entry) for name, entry in content.items()}
+        mixtures, routes = {}, {}
         for name, entry in content.items():
+            try:
+                mixtures[name] = TapeMixture.from_dict(entry)
+                if "climb" in entry:
+                    routes[name] = Route.from_dict(entry["climb"], mixtures[name])
+            except UsageError as error:
+                raise UsageError(f"learned: {path}: {name}: {error.message}", AGAIN) from None
             if "potentials" not in entry:  # smc's digest is of more than the proposal
                 check_digest(entry, mixtures[name].digest, f"{path}: {name}")
-        routes = {
-            name: Route.from_dict(entry["climb"], mixtures[name])
-            for name, entry in content.items()
-            if "climb" in entry
-        }
         return ProposalFile(mixtures, routes, str(path))
 
     def find(self, plan: Plan) -> TapeMixture:

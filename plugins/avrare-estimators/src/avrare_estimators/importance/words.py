@@ -146,7 +146,8 @@ def _tell(explained: Explained, bundle: list[int], shares: Floats, names: NoiseN
         atom, weight = np.concatenate(atoms), shares.T.reshape(-1)
         first, last = _span(mixture.atoms, atom, weight)
         noise.append(names.noise[mixture.atoms.channel[atom[0]]])
-        parts.append(f"{noise[-1]} {_how(np.concatenate(sizes), weight)} {names.span(first, last)}")
+        how = _how(np.concatenate(sizes), weight) + _summed(mixture.atoms, atom, weight)
+        parts.append(f"{noise[-1]} {how} {names.span(first, last)}")
         spans.append((first, last))
     return {
         "noise": noise, "from": [first for first, _ in spans], "to": [last for _, last in spans],
@@ -158,6 +159,12 @@ def _span(atoms: Atoms, index: Integers, weight: Floats) -> tuple[int, int]:
     """Return the steps between which 80 % of the atoms' shares lie."""
     first, last = (np.asarray(part[index], dtype=np.float64) for part in (atoms.first, atoms.last))
     return int(_quantile(first, weight, 0.1)), int(_quantile(last, weight, 0.9))
+
+
+def _summed(atoms: Atoms, index: Integers, weight: Floats) -> str:
+    """Return `` in sum`` where most directions have several steps: no single number need be large there."""
+    several = atoms.first[index] < atoms.last[index]
+    return " in sum" if weight[several].sum() > 0.5 * weight.sum() else ""
 
 
 def _how(sizes: Floats, weights: Floats) -> str:

@@ -70,7 +70,8 @@ class LearnedFile:
             UsageError: It cannot be read, or holds nothing.
         """
         if not Path(path).is_file():
-            raise UsageError(f"learned: {path}: no such file", AGAIN)
+            reason = "not a file" if Path(path).exists() else "no such file"
+            raise UsageError(f"learned: {path}: {reason}", AGAIN)
         content = read_json(Path(path), AGAIN)
         if not content or not all(isinstance(entry, dict) for entry in content.values()):
             raise UsageError(f"learned: {path}: holds nothing that was learnt", AGAIN)

@@ -1,0 +1,37 @@
+"""Checks of the arrays that the parts of a stack return: one entry for each particle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.protocols import Signals
+
+
+def check_signals(signals: Signals, n: int) -> dict[str, Any]:
+    """Return signals by name, each an array (n, ...).
+
+    Raises:
+        UsageError: They are no mapping, or one has another shape.
+    """
+    if not isinstance(signals, Mapping):
+        raise UsageError(
+            f"signals(state) returned {type(signals).__name__}, not a mapping from names to arrays",
+            'return a dict such as {"x": state.x}',
+        )
+    return {name: check_rows(f"signal {name!r}", values, n) for name, values in signals.items()}
+
+
+def check_rows(what: str, values: Any, n: int) -> NDArray[Any]:
+    """Return ``values``, an array (n, ...); a ``UsageError`` names ``what`` has another shape."""
+    if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
+        shape = getattr(values, "shape", type(values).__name__)
+        raise UsageError(
+            f"{what} has shape {shape}, but a batch of {n} particles needs ({n},) or ({n}, ...)",
+            "return NumPy arrays with one entry a particle",
+        )
+    return values
