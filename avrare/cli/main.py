@@ -129,6 +129,8 @@ def _dispatch(words: list[str]) -> int:
         return int(ExitCode.PASS)
     name = words[place]
     args = command_parser(name).parse_args(words[place + 1 :])
+    if getattr(args, "out", None) == "":
+        raise UsageError("--out is empty", "is a variable of the shell unset? name a folder, or leave --out out")
     if not getattr(args, "safe", False):
         return _execute(name, args)
     from avrare.scenario.safe_mode import safe_mode

@@ -66,6 +66,7 @@ def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):
         ("run", "t.yaml", "--budget", "rollouts=0"),
         ("run", "t.yaml", "--budget", "rollouts"),
         ("run", "--resume", "nothere"),
+        ("run", "t.yaml", "--out", ""),
         ("validate", "."),
         ("monitor", "nothere.csv", "--rule", "R_G1"),
         ("monitor", "t.yaml", "--rule", "R_G1"),

@@ -36,7 +36,7 @@ def off(id, **options):
 @pytest.mark.parametrize("id", ["a_beta_-2", "c_fourbranch_k7", "i_lognormal_prod_d1", "i_exp_sum_d10_c30.0"])
 @pytest.mark.parametrize("kernel", ["pcn", "shrink", "surrogate"])
 def test_mean_over_true(id, kernel):
-    assert abs(off(id, kernel=kernel, runs=200, seed=2, **SMALL)) < 4.0
+    assert abs(off(id, kernel=kernel, runs=120, seed=2, **SMALL)) < 4.0
 
 
 @pytest.mark.slow
