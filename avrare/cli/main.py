@@ -130,7 +130,7 @@ def _dispatch(words: list[str]) -> int:
     name = words[place]
     args = command_parser(name).parse_args(words[place + 1 :])
     if getattr(args, "out", None) == "":
-        raise UsageError("--out is empty", "is a variable of the shell unset? name a folder, or leave --out out")
+        raise UsageError("--out is empty", "name a folder, or leave --out out; is a shell variable unset?")
     if not getattr(args, "safe", False):
         return _execute(name, args)
     from avrare.scenario.safe_mode import safe_mode
