@@ -76,8 +76,6 @@ def _check(args: argparse.Namespace, batch: bool) -> None:
         raise UsageError("--failure requires a run folder as FILE")
     if len(chosen) > 1:
         raise UsageError(f"{' and '.join(chosen)} cannot be combined", "give one of them")
-    if args.out == "":
-        raise UsageError("--out must be a folder, not ''")
     if args.set and args.rule is None and args.stl is None:
         raise UsageError("--set requires --rule or --stl", "it sets options of the rule")
     if args.specification is not None and not Path(args.file).is_dir() and args.scenario is None:

@@ -254,7 +254,7 @@ def test_files_of_the_result(gaps, monitor, tmp_path):
         ([DRIVE, "--rule", "R_G1", *LANES, "--access-ramp", ""], 4, "--access-ramp should name lanes 0 to 2"),
         ([DRIVE, "--rule", "R_G1", "--lanes", ""], 4, "--lanes should be numbers"),
         ([DRIVE, "--rule", "R_G1", *LANES, "--ego", ""], 4, "no vehicle is called ''"),
-        ([DRIVE, "--rule", "R_G1", *LANES, "--out", ""], 4, "--out must be a folder"),
+        ([DRIVE, "--rule", "R_G1", *LANES, "--out", ""], 4, "--out is empty"),
         ([DRIVE, "--rule", "R_G1", "--scenario", ""], 4, "'': no such file"),
         ([DRIVE, "--rule", "R_G9", *LANES], 4, "did you mean 'R_G1', 'R_G2', 'R_G3' or 'R_G4'?"),
         ([DRIVE, "--stl", "always (distance(ego, van) > 2)"], 4, "predicates of vehicles need a road"),
