@@ -20,7 +20,7 @@ class TestEss(EstimatorConformance):
 class TestShrink(EstimatorConformance):
     estimator = "ess"
     options: ClassVar = {"chains": 15, "level_probability": 0.25, "kernel": "shrink"}
-    studies = (Study(walk(1.0, 20), 600), Study(count_down(5, 9, "1/5"), 800))
+    studies = (Study(walk(1.0, 20), 300), Study(count_down(5, 9, "1/5"), 400))
     unsupported: ClassVar = {
         "test_interval_covers": "TestEss runs it; kernels share the interval",
         "test_impossible": "TestEss runs it; deep levels take their time",
