@@ -43,7 +43,7 @@ def test_a_climb_is_unbiased_and_its_interval_holds_the_truth(climbed):
     assert all("climb" in one.diagnostics for one in climbed)
     found = np.array([one.probability for one in climbed]) / P
     assert abs(found.mean() - 1.0) < 3.5 * found.std(ddof=1) / math.sqrt(len(found))
-    assert sum(one.interval[0] <= P <= one.interval[1] for one in climbed) >= 7
+    assert sum(one.interval[0] <= P <= one.interval[1] for one in climbed) == 8
     assert np.median([one.rollouts for one in climbed]) < 0.1 * (1.0 / P / 0.25**2)
 
 

@@ -254,5 +254,5 @@ def test_pilots_leave_the_estimate_unbiased(name):
     task, options = SHORT.problem(), {**SMALL[name], "grow": True}
     values = [avrare.estimate(task, name, seed=seed, **options).probability for seed in range(50)]
     error = np.std(values, ddof=1) / math.sqrt(50)
-    assert error < 0.08 * SHORT.probability
+    assert error < 0.06 * SHORT.probability
     assert abs(np.mean(values) - SHORT.probability) < 4 * error
