@@ -18,7 +18,7 @@ from avrare.rollout.twin import Twin
 from avrare.scenario.load import load as read_scenario
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Formula, Scenario, ScoreFormula
-from avrare.stack.builder import Stack, build_stack, check_start
+from avrare.stack.builder import Stack, build_block, build_stack, check_start
 
 
 def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool = False) -> LoadedScenario:
@@ -92,8 +92,7 @@ class LoadedScenario:
 
     def estimator(self) -> Any:
         """Build the scenario's estimator."""
-        block = self.definition.estimator
-        return block.component.load_factory()(block.config, self.scene)
+        return build_block(self.definition.estimator, self.scene)
 
 
 class ScenarioProblem(Problem):

@@ -1,6 +1,7 @@
 """What a plugin's own code gets wrong is told as its mistake, with the place: it is no bug of avrare."""
 
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +10,13 @@ import pytest
 from avrare import UsageError
 from avrare.base.errors import PluginError
 from avrare.plugin import Component
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.load import load
 from avrare.scenario.schema import Block
 from avrare.stack.builder import build_block
 from avrare.stack.features import check_features
 
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 SOURCES = {
     "syntax": ("x = = 1", "cannot be loaded: SyntaxError: invalid syntax", "odd_part.py:1"),
     "name": ("x = y", "cannot be loaded: NameError: name 'y' is not defined", "odd_part.py:1 in <module>"),
@@ -68,3 +72,13 @@ def test_a_missing_library_is_to_be_installed(build):
 def test_features_of_another_shape_are_refused(values):
     with pytest.raises(UsageError, match=r"features of object have shape .*, not \(N, F\)"):
         check_features(object(), values)
+
+
+def test_an_estimator_that_cannot_be_built_is_told_too(monkeypatch):
+    def broken(config, scene):
+        raise ValueError("no rollouts today")
+
+    monkeypatch.setattr("avrare.estimation.monte_carlo.build", broken)
+    scenario = load(str(SCENARIOS / "double_integrator.yaml"), ("estimator={plugin: mc}",))
+    with pytest.raises(PluginError, match="estimator 'mc' of avrare cannot be built: ValueError: no roll"):
+        LoadedScenario(scenario).estimator()
