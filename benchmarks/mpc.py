@@ -1,20 +1,11 @@
 """Is the riccati backend of the controller `mpc` the controller that the casadi backend is, and how fast?
 
     OMP_NUM_THREADS=1 python benchmarks/mpc.py [SCENARIO] [--rollouts 60] [--set KEY=VALUE ...]
-    OMP_NUM_THREADS=1 python benchmarks/mpc.py [SCENARIO] --paired 5000 [--pair casadi ipopt]
-        [--set KEY=VALUE ...]
 
-The first form drives lane changes with the casadi backend and solves every programme of every later step
-again from the same warm start: by ipopt to a tolerance of 1e-9 (the reference), by the casadi backend's
-solver, and by the riccati backend. "Same" is a cost within 1e-3 of the reference, absolutely or relatively;
-"better" is lower; "lost" is a plan that is said to be found and leaves a hard bound.
-
-The second form drives each noise tape with both backends (or with ipopt instead of fatrop, which shows how
-far two solvers of the same kind part) and compares their failures of each rule: pairs on
-which they differ, and McNemar's exact test. It works in blocks, each a file in the results folder, named
-after the scenario's fingerprint; what is there is not run again: it may be stopped and resumed, and blocks
-of 250 may be shared out, or compared in part, with --first and --last. The fingerprint knows options and
-versions, not the solver's code: after a change of that, use another folder.
+Drives lane changes with the casadi backend and solves every programme of every later step again from the same
+warm start: by ipopt to a tolerance of 1e-9 (the reference), by the casadi backend's solver, and by the
+riccati backend. "Same" is a cost within 1e-3 of the reference, absolutely or relatively; "better" is lower;
+"lost" is a plan that is said to be found and leaves a hard bound.
 """
 
 from __future__ import annotations
@@ -34,9 +25,7 @@ from avrare.rollout.engine import simulate
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
-from avrare.scenario.schema import Scenario
 from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.nlp import build_problem, pack_parameters
@@ -44,13 +33,7 @@ from avrare_mpc.plan import from_variables, shift, start_of, to_variables
 from avrare_mpc.riccati.solver import RiccatiSolver
 
 SCENARIO = Path(__file__).parent.parent / "scenarios" / "lane_change_published.yaml"
-RESULTS = Path(__file__).parent / "results" / "mpc"
-SYSTEMS = {
-    "casadi": ["controller.backend=casadi"],
-    "riccati": ["controller.backend=riccati"],
-    "ipopt": ["controller.backend=casadi", "controller.solver=ipopt"],
-}
-SAME, SLACK, BLOCK = 1e-3, 1e-6, 250
+SAME, SLACK = 1e-3, 1e-6
 Floats = NDArray[np.float64]
 
 
@@ -204,111 +187,15 @@ def _spread(values: Floats) -> str:
     )
 
 
-def paired(scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
-    """Run the blocks that are missing of the scenarios, one for each system."""
-    results.mkdir(parents=True, exist_ok=True)
-    built: dict[str, LoadedScenario] = {}
-    for block in blocks:
-        for scenario in scenarios:
-            file = results / block_file(scenario, seed, block)
-            if not file.exists():
-                own = built.setdefault(fingerprint(scenario), LoadedScenario(scenario))
-                drive_block(own, seed, block, file)
-
-
-def block_file(scenario: Scenario, seed: int, block: int) -> str:
-    """Return the path of a block's outcome."""
-    return f"{scenario.name}_{fingerprint(scenario)[:8]}_{seed}_{block:04d}.npz"
-
-
-def drive_block(scenario: LoadedScenario, seed: int, block: int, file: Path) -> None:
-    """Drive ``BLOCK`` rollouts of one system, into ``file``."""
-    problem = scenario.problem(scenario.specifications)
-    noise, index = NoiseSource(seed, problem.noise_size), np.arange(block * BLOCK, (block + 1) * BLOCK)
-    began = time.process_time()
-    monitors = tuple(scenario.stack.specifications.values())
-    outcome = simulate(
-        scenario.stack.loop,
-        monitors,
-        problem.steps,
-        noise,
-        Request.from_start(np.zeros_like(index), index),
-        scored=False,
-    )
-    spent = time.process_time() - began
-    partial = file.with_suffix(".part.npz")
-    np.savez(
-        partial,
-        names=np.array(scenario.specifications),
-        robustness=outcome.robustness,
-        violated=outcome.violated,
-        error=outcome.error,
-        seconds=spent,
-        **{f"count_{name}": values for name, values in outcome.counts.items()},
-    )
-    partial.rename(file)
-    print(f"{file.name}: {spent:.1f} CPU s, {outcome.violated.sum(axis=0)} failures", flush=True)
-
-
-def compare(systems: list[str], scenarios: list[Scenario], blocks: range, seed: int, results: Path) -> None:
-    """Print failures of each rule under both systems, discordant pairs and McNemar's exact test."""
-    from scipy.stats import binomtest
-
-    pairs = []
-    for block in blocks:
-        files = [results / block_file(scenario, seed, block) for scenario in scenarios]
-        if all(file.exists() for file in files):
-            pairs.append([dict(np.load(file)) for file in files])
-    if not pairs:
-        print("no block is complete")
-        return
-    one, two = (
-        {key: np.concatenate([np.atleast_1d(pair[i][key]) for pair in pairs]) for key in pairs[0][i]}
-        for i in range(2)
-    )
-    total = len(one["error"])
-    print(f"{total} rollouts of {scenarios[0].name} with the same noise, seed {seed}")
-    for name, data in zip(systems, (one, two), strict=True):
-        counts = {key[6:]: int(data[key].sum()) for key in data if key.startswith("count_")}
-        each = 1e3 * data["seconds"].sum() / total
-        print(f"{name:8s} {each:7.2f} ms a rollout, errors {data['error'].sum()}, {counts}")
-    apart = (one["violated"] != two["violated"]).any(axis=1)
-    print(f"verdicts differ on {apart.sum()} of them")
-    columns = f"{systems[0]:>8s} {systems[1]:>8s}  only one   p (McNemar)"
-    print(f"{'rule':20s} {columns}  |d robustness| 50% 90% 99%  most where verdicts differ")
-    for i, name in enumerate(pairs[0][0]["names"]):
-        left, right = one["violated"][:, i], two["violated"][:, i]
-        only = int((left & ~right).sum()), int((right & ~left).sum())
-        value = binomtest(only[0], sum(only)).pvalue if sum(only) else 1.0
-        values = np.stack([one["robustness"][:, i], two["robustness"][:, i]])
-        moved = np.nanquantile(np.abs(values[0] - values[1]), [0.5, 0.9, 0.99])
-        most = np.abs(values[:, left != right]).max(initial=0.0)
-        print(
-            f"{name:20s} {left.sum():8d} {right.sum():8d}  {only[0]:3d} : {only[1]:3d}  {value:11.2g}"
-            f"   {moved[0]:.1e} {moved[1]:.1e} {moved[2]:.1e}   {most:.2g}"
-        )
-
-
 def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("scenario", nargs="?", type=Path, default=SCENARIO)
     parser.add_argument("--rollouts", type=int, default=60)
     parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--paired", type=int, metavar="N", help="compare closed loops on N noise tapes")
-    parser.add_argument("--pair", nargs=2, choices=SYSTEMS, default=["casadi", "riccati"])
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="as for avrare run")
-    parser.add_argument("--results", type=Path, default=RESULTS)
-    parser.add_argument("--first", type=int, default=0, help="first block to run")
-    parser.add_argument("--last", type=int, help="block to stop before")
     args = parser.parse_args()
-    if args.paired is None:
-        agreement(args.scenario, args.rollouts, args.seed, args.set)
-    else:
-        scenarios = [load(args.scenario, [*args.set, *SYSTEMS[name]]) for name in args.pair]
-        blocks = range(-(-args.paired // BLOCK))
-        paired(scenarios, blocks[args.first : args.last], args.seed, args.results)
-        compare(args.pair, scenarios, blocks[args.first : args.last], args.seed, args.results)
+    agreement(args.scenario, args.rollouts, args.seed, args.set)
 
 
 if __name__ == "__main__":
