@@ -17,6 +17,8 @@ import argparse
 import multiprocessing
 import os
 import sys
+import tempfile
+import time
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import cells, pages
+from studies import pages
 from studies.run_intervals import interval_of_runs
 
 import avrare
@@ -47,12 +49,6 @@ SLOW = {"bayesian": 6_000}
 """Starts of a kernel that takes its time."""
 BLOCK = 50
 """Runs of a block."""
-TABLE = {
-    "a_beta_-2": (617, 232, 150), "a_beta_-2.5": (1926, 613, 486), "a_beta_-3": (2636, 1443, 1366),
-    "b_linear_d100_p1e-4": (1329, 430, 777), "b_linear_d100_p1e-6": (3665, 1773, 1876),
-    "b_linear_d100_p1e-9": (10194, 7286, 3200), "c_fourbranch_k7": (259, 129, ""),
-}  # fmt: skip
-"""Relative MSE x evaluations of an earlier program, N = 2000: shrink, pCN with a fixed step, exact slices."""
 
 
 @dataclass(frozen=True)
@@ -217,8 +213,20 @@ def run_missing(results: Path, only: str, workers: int) -> None:
     print(f"{len(chosen) - len(missing)} of {len(chosen)} blocks are there", flush=True)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=20) as pool:
-        for done, line in enumerate(pool.imap_unordered(cells.run, missing), start=1):
+        for done, line in enumerate(pool.imap_unordered(run, missing), start=1):
             print(f"{done}/{len(missing)}  {line}", flush=True)
+
+
+def run(task: tuple[Path, RunBlock | DriftBlock]) -> str:
+    """Run a block and store its outcome, whole or not at all; return a line about it."""
+    folder, block = task
+    began = time.process_time()
+    outcome = block.outcome()
+    handle, temporary = tempfile.mkstemp(dir=folder, prefix=".", suffix=".npz")
+    os.close(handle)
+    np.savez_compressed(temporary, **outcome)
+    os.replace(temporary, folder / block.file)
+    return f"{block.file}  {time.process_time() - began:.0f} CPU s"
 
 
 def write(results: Path) -> None:
@@ -226,9 +234,7 @@ def write(results: Path) -> None:
     text = PAGE.read_text()
     tables = {"bias": _bias(results), "stationary": _stationary(results), "coverage": _coverage(results)}
     for name, lines in tables.items():
-        begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
-        head, rest = text.split(begin)
-        text = head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1]
+        text = pages.fill(text, name, lines)
     pages.put(PAGE, text, results)
 
 
@@ -240,8 +246,8 @@ def _load(results: Path, cell: str) -> dict[str, np.ndarray] | None:
 
 
 def _bias(results: Path) -> Iterator[str]:
-    yield "| kernel | problem | runs | mean / p | z | zero | evaluations | MSE x evaluations | earlier |"
-    yield "|---|---|---|---|---|---|---|---|---|"
+    yield "| kernel | problem | runs | mean / p | z | zero | evaluations | MSE x evaluations |"
+    yield "|---|---|---|---|---|---|---|---|"
     for setting in SETTINGS:
         for problem in (*PROBLEMS, BEYOND.id):
             data = _load(results, f"bias-{setting.name}-{problem}")
@@ -253,12 +259,10 @@ def _bias_row(setting: Setting, problem: str, data: dict[str, np.ndarray]) -> st
     ratio = data["values"] / _reference(problem).probability
     error, cost = ratio.std(ddof=1) / np.sqrt(len(ratio)), data["rollouts"].sum() / len(ratio)
     product = ((ratio - 1.0) ** 2).mean() * cost
-    column = {"shrink": 0, "pcn": 1, "exact": 2}.get(setting.name.split("-")[0])
-    earlier = TABLE[problem][column] if column is not None and problem in TABLE else ""
     return (
         f"| {setting.name} | {problem} | {len(ratio)} | {ratio.mean():.3f} ± {error:.3f} "
         f"| {(ratio.mean() - 1.0) / error:+.1f} | {(ratio == 0.0).mean():.0%} | {cost:,.0f} "
-        f"| {product:,.0f} | {earlier} |"
+        f"| {product:,.0f} |"
     )
 
 

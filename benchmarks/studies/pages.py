@@ -2,7 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
+
+
+def fill(text: str, mark: str, lines: Iterable[str]) -> str:
+    """Return a page with new lines between ``<!-- MARK -->`` and ``<!-- end of MARK -->``.
+
+    Raises:
+        ValueError: The page lacks one of the two.
+    """
+    begin, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->"
+    head, begins, rest = text.partition(begin)
+    _, ends, tail = rest.partition(end)
+    if not (begins and ends):
+        raise ValueError(f"the page lacks {begin.strip()} or {end}")
+    return "".join([head, begin, *(f"{line}\n" for line in lines), end, tail])
 
 
 def put(page: Path, text: str, results: Path) -> bool:

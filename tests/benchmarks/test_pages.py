@@ -33,3 +33,10 @@ def test_as_many_rows_replace_a_page(old, pages, tmp_path):
         page.write_text(old)
     assert pages.put(page, new, tmp_path / "results")
     assert page.read_text() == new
+
+
+def test_lines_are_put_between_the_marks_of_a_page(pages):
+    text = pages.fill("a\n<!-- t -->\nold\n<!-- end of t -->\nb\n", "t", ["new", "rows"])
+    assert text == "a\n<!-- t -->\nnew\nrows\n<!-- end of t -->\nb\n"
+    with pytest.raises(ValueError, match="end of missing"):
+        pages.fill(text, "missing", [])
