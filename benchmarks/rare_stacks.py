@@ -5,9 +5,9 @@
 
 A cell is a case (see ``benchmarks.rare_events``) and an estimator. Each result is a line of
 benchmarks/results/rare_stacks/CELL.jsonl; what is there is not made again, and `--keep` writes the lines into
-docs/rare-events/stacks.zip, from which a clone begins. Table and figure of docs/rare-events.md are written in
-any case. Monte Carlo's cost follows from the probability. What `auto` leaves to Monte Carlo is answered
-by the known probability (``studies/from_truth.py``).
+docs/rare-events/stacks.zip, from which a clone begins. The table of docs/rare-events.md is written in any
+case. Monte Carlo's cost follows from the probability. What `auto` leaves to Monte Carlo is answered by the
+known probability (``studies/from_truth.py``).
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import avrare
-from benchmarks.studies import from_truth, kept, level_table, stack_costs
-from benchmarks.studies.level_table import Outcome
+from benchmarks.studies import from_truth, kept, pages, stack_costs
 from benchmarks.studies.levels import read_case
-from benchmarks.studies.stack_costs import Costs
+from benchmarks.studies.stack_costs import Costs, Outcome
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "docs" / "rare-events" / "stacks.zip"
@@ -85,7 +84,7 @@ def estimate(stack: Stack, estimator: str, seed: int) -> Outcome:
         seed, truth, chosen, result.probability, *result.interval, result.relative_error,
         result.simulated_steps / problem.steps,
         result.diagnostics.get("learning_rollouts", 0) + sum(one["rollouts"] for one in tried),
-        None, tuple(result.health), round(time.process_time() - began, 1),
+        tuple(result.health), round(time.process_time() - began, 1),
     )  # fmt: skip
 
 
@@ -96,7 +95,7 @@ def work(results: Path, seeds: int, only: str, minutes: float) -> None:
         for stack, estimator, name in cells():
             file = results / f"{name}.jsonl"
             enough = estimator != "auto" and seed >= stack.seeds
-            if enough or only not in name or seed in (one.seed for one in level_table.read(file)):
+            if enough or only not in name or seed in (one.seed for one in stack_costs.read(file)):
                 continue
             if time.monotonic() > ends:
                 return
@@ -104,7 +103,7 @@ def work(results: Path, seeds: int, only: str, minutes: float) -> None:
 
 
 def main() -> None:
-    """Run what is missing, and write table and figure."""
+    """Run what is missing, and write the table."""
     results = ROOT / "benchmarks" / "results" / "rare_stacks"
     args = kept.parser(__doc__, KEPT, results, "glider").parse_args()
     kept.unpack(KEPT, args.results)
@@ -115,11 +114,11 @@ def main() -> None:
         kept.pack(KEPT, args.results)
     found: dict[str, dict[str, Costs]] = {}
     for stack, estimator, name in cells():
-        outcomes = level_table.read(args.results / f"{name}.jsonl")
+        outcomes = stack_costs.read(args.results / f"{name}.jsonl")
         if outcomes:
             found.setdefault(stack.name, {})[estimator] = Costs(outcomes)
-    level_table.put(PAGE, "stacks", stack_costs.table(found))
-    stack_costs.draw(found, ROOT / "docs" / "rare-events" / "stacks.png")
+    text = pages.fill(PAGE.read_text(encoding="utf-8"), "stacks", stack_costs.table(found))
+    PAGE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Costs of estimates for a relative error of 20 %: a table, and a figure."""
+"""Costs of estimates for a relative error of 20 %, and their table."""
 
 from __future__ import annotations
 
@@ -11,16 +11,66 @@ from pathlib import Path
 import numpy as np
 
 from avrare.protocols import Floats
-from benchmarks.studies.level_table import LEAST, Outcome
+from benchmarks.studies import kept
 
 GOAL = 0.2
 _HEADS = (
     "stack", "p", "estimator", "results", "chosen", "mean / p", "cover", "warned", "CW", "cost, stated",
     "cost, by scatter", "over the better of `mc` and `ams`",
 )  # fmt: skip
-_KINDS = {"stated": (-0.1, "o"), "by scatter": (0.1, "s")}
-"""Costs: where they are drawn, and with which mark."""
-_COLOURS = {"auto": "tab:blue", "ams": "tab:orange"}
+_KINDS = ("stated", "by scatter")
+FACTOR = 3.0
+"""Confidently wrong: no warning, and the interval misses the truth by more than this factor."""
+LEAST = 5
+"""Results from which a scatter says something."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One result.
+
+    Attributes:
+        seed: Number of the result in its cell.
+        truth: Known probability.
+        chosen: Estimator, and whether chains climbed.
+        probability: Estimate.
+        low: Lower end of the 95 % interval.
+        high: Upper end.
+        relative_error: Its own.
+        rollouts: Cost in steps over those of a rollout, choice, learning and checks included.
+        learning: Rollouts of choice and learning.
+        health: Warnings.
+        seconds: Processor time.
+    """
+
+    seed: int
+    truth: float
+    chosen: str
+    probability: float
+    low: float
+    high: float
+    relative_error: float
+    rollouts: float
+    learning: int
+    health: tuple[str, ...]
+    seconds: float
+
+    @property
+    def covers(self) -> bool:
+        """True where the interval holds the truth."""
+        return self.low <= self.truth <= self.high
+
+    @property
+    def misleads(self) -> bool:
+        """True where it is confidently wrong."""
+        far = self.low > FACTOR * self.truth or self.high * FACTOR < self.truth
+        return far and not self.health
+
+
+def read(file: Path) -> list[Outcome]:
+    """Read the outcomes of a cell, in the order of their seeds; a torn line is left out."""
+    found = (Outcome(**{**fields, "health": tuple(fields["health"])}) for fields in kept.lines(file))
+    return sorted(found, key=lambda one: one.seed)
 
 
 @dataclass(frozen=True)
@@ -98,43 +148,3 @@ def _rows(stack: str, costs: Mapping[str, Costs]) -> Iterator[list[str]]:
             str(sum(bool(each.health) for each in one.found)), str(sum(each.misleads for each in one.found)),
             *costs_told, ratio,
         ]  # fmt: skip
-
-
-def draw(found: Mapping[str, Mapping[str, Costs]], file: Path) -> None:
-    """Draw the costs, with 95 % intervals of the means by bootstrap."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(8.0, 0.6 + 0.75 * len(found)), layout="constrained")
-    rng = np.random.default_rng(0)
-    for place, costs in enumerate(found.values()):
-        monte_carlo = next(iter(costs.values())).monte_carlo
-        axes.plot([monte_carlo] * 2, [place - 0.3, place + 0.3], color="black", label="mc")
-        for name, one in costs.items():
-            for kind, values in one.cost.items():
-                offset, marker = _KINDS[kind]
-                low, high = _interval(values, rng)
-                label = f"{name}, {kind}"
-                y = place + offset + (0.05 if name == "ams" else -0.05)
-                axes.plot([low, high], [y, y], color=_COLOURS[name], linewidth=1.0)
-                axes.plot(values.mean(), y, marker, color=_COLOURS[name], label=label, markersize=5.0)
-    names = [f"{stack}\np = {next(iter(costs.values())).truth:.2g}" for stack, costs in found.items()]
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.set_xscale("log")
-    axes.set_xlabel("rollouts for a relative error of 20 %")
-    handles = dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
-    axes.legend(handles.values(), handles.keys(), fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=110, metadata={"Software": None})
-    plt.close(figure)
-
-
-def _interval(values: Floats, rng: np.random.Generator) -> tuple[float, float]:
-    if len(values) < 2:
-        return float(values[0]), float(values[0])
-    means = rng.choice(values, (2000, len(values))).mean(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return float(low), float(high)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from avrare.testing.problems import reference_problem
 from benchmarks import rare_stacks
-from benchmarks.studies import stack_costs
-from benchmarks.studies.level_table import Outcome
+from benchmarks.studies import from_truth, stack_costs
 from benchmarks.studies.levels import read_case
-from benchmarks.studies.stack_costs import Costs
+from benchmarks.studies.stack_costs import Costs, Outcome
 
-ONE = Outcome(0, 1e-3, "is", 1.1e-3, 8e-4, 1.5e-3, 0.1, 10_000.0, 9000, None, (), 3.0)
+ONE = Outcome(0, 1e-3, "is", 1.1e-3, 8e-4, 1.5e-3, 0.1, 10_000.0, 9000, (), 3.0)
 
 
 def test_costs_are_those_of_a_relative_error_of_20_percent():
@@ -35,13 +35,23 @@ def test_estimates_of_zero_have_no_cost():
     assert "| 0.10 |" in rows[-2]
 
 
-def test_the_figure_shows_stacks_without_an_estimate(tmp_path):
-    pytest.importorskip("matplotlib")
-    file = tmp_path / "new" / "costs.png"
-    stack_costs.draw(
-        {"a stack": {"auto": Costs([ONE] * 5), "ams": Costs([replace(ONE, probability=0.0)])}}, file
-    )
-    assert file.stat().st_size > 1000
+def test_a_miss_by_a_factor_three_without_a_warning_misleads():
+    off = replace(ONE, low=4e-3, high=5e-3)
+    assert [ONE.covers, ONE.misleads, off.misleads] == [True, False, True]
+    assert not replace(off, health=("unchecked",)).misleads
+
+
+def test_what_auto_leaves_to_monte_carlo_is_answered_without_a_rollout(monkeypatch):
+    problem = reference_problem("d_rw_L2.5").problem()
+
+    def refuse(*_):
+        raise AssertionError("a rollout was simulated")
+
+    monkeypatch.setattr(type(problem.system), "step", refuse)
+    results = [from_truth.estimate(problem, 0.03, seed, relative_error=0.1) for seed in range(8)]
+    assert {result.estimator for result in results} == {"mc"}
+    assert sum(result.interval[0] <= 0.03 <= result.interval[1] for result in results) >= 7
+    assert all(result.simulated_steps > 102 / 0.06 * problem.steps for result in results)
 
 
 def test_a_case_is_a_name_or_a_path_and_has_a_truth_or_a_number():
