@@ -23,16 +23,14 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from studies.error_analysis import overestimate_bound, relative_variance, underestimate_bound
+from studies.recorded_levels import RecordedLevels
 
 import avrare
 from avrare.estimation.loop import Settings
 from avrare.estimation.loop import run as estimate_with
-from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import normal
 from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.estimator import NestedLevels
-from avrare_estimators.ess.state import EssState
 from avrare_linear.simulator import system_of
 from avrare_linear.synthesis import Effort, synthesise
 
@@ -40,24 +38,6 @@ SCENARIOS = Path(__file__).parents[1] / "scenarios"
 REPETITIONS = 10
 BETAS = np.linspace(-3.0, -2.0, 11)
 _BLUE, _ORANGE, _GREY, _RED = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c"
-
-
-class Recording(NestedLevels):
-    """Nested levels that keep the samples of every level of the pass that counts."""
-
-    def init(self, plan: Any) -> Any:
-        """Begin with nothing kept."""
-        self.tapes: list[Floats] = []
-        return super().init(plan)
-
-    def tell(self, state: EssState, rollouts: Any) -> Any:
-        """Count a new population as one more level."""
-        before = state.level_pass.population
-        after, info = super().tell(state, rollouts)
-        found = after.level_pass.population
-        if state.counting and found is not None and found is not before:
-            self.tapes.append(found.tape[:, 0])
-        return after, info
 
 
 def corner_problem(beta: float) -> avrare.Problem:
@@ -73,12 +53,12 @@ def exact(beta: float) -> float:
 
 def levels(picture: Path) -> None:
     problem = avrare.load(SCENARIOS / "constrained_gaussian.yaml").problem("clear")
-    recorder = Recording(EssConfig(chains=100, runs=1, level_probability=0.25))
+    recorder = RecordedLevels(EssConfig(chains=100, runs=1, level_probability=0.25))
     (result,) = estimate_with(problem, recorder, SerialExecutor(), Settings(seed=4))
     figure, ax = _figure(6.0, 4.6)
     shades = np.linspace(0.82, 0.0, len(recorder.tapes))
     for shade, tape in zip(shades, recorder.tapes, strict=True):
-        ax.plot(tape[:, 0], tape[:, 1], ".", color=str(shade), markersize=3.0)
+        ax.plot(tape[:, 0, 0], tape[:, 0, 1], ".", color=str(shade), markersize=3.0)
     for side in (-1.0, 1.0):
         ax.plot([6.0 * side, 3.0 * side, 3.0 * side], [3.0, 3.0, 6.0], color=_RED, lw=1.2)
     ax.set(xlim=(-5.2, 5.2), ylim=(-3.8, 5.2), xlabel="x", ylabel="y", aspect="equal")

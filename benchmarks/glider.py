@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from studies import pages
+from studies.recorded_levels import RecordedLevels
 
 import avrare
 from avrare.estimation.loop import Settings
@@ -29,8 +30,6 @@ from avrare.estimation.loop import run as estimate_with
 from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.estimator import NestedLevels
-from avrare_estimators.ess.state import EssState
 from avrare_glider.nominal import nominal
 
 ROOT = Path(__file__).parents[1]
@@ -50,24 +49,6 @@ CASES: dict[str, tuple[str, str, list[str]]] = {
 OPTIONS: dict[str, dict[str, Any]] = {"mc": {"rollouts": 50_000}, "ess": {"chains": 100, "runs": 10}}
 TAPES = 50_000
 _BLUE, _ORANGE, _GREY, _RED = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c"
-
-
-class Recording(NestedLevels):
-    """Nested levels that keep the samples of every level of the pass that counts."""
-
-    def init(self, plan: Any) -> Any:
-        """Begin with nothing kept."""
-        self.tapes: list[Floats] = []
-        return super().init(plan)
-
-    def tell(self, state: EssState, rollouts: Any) -> Any:
-        """Count a new population as one more level."""
-        before = state.level_pass.population
-        after, info = super().tell(state, rollouts)
-        found = after.level_pass.population
-        if state.counting and found is not None and found is not before:
-            self.tapes.append(found.tape)
-        return after, info
 
 
 @dataclass(frozen=True)
@@ -131,9 +112,7 @@ def report(store: Path) -> None:
                     f"| {noise} | {feedback} | `{name}` | {one['probability']:.2e}{notes} "
                     f"| {low:.2e} .. {high:.2e} | {one['rollouts']:,} | {one['cpu']:.1f} |"
                 )
-    begin, end = "<!-- estimates -->\n", "<!-- end of estimates -->"
-    head, rest = PAGE.read_text().split(begin)
-    pages.put(PAGE, head + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1], store.parent)
+    pages.put(PAGE, pages.fill(PAGE.read_text(), "estimates", lines), store.parent)
 
 
 def fly(problem: avrare.Problem, tapes: Floats) -> Flights:
@@ -198,7 +177,7 @@ def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
 def starts(sample: Flights, picture: Path) -> None:
     """Draw Fig. 12: where failing flights start, by nested levels and by Monte Carlo."""
     problem = problem_of("start")
-    recorder = Recording(EssConfig(chains=300, runs=1, second_pass=False))
+    recorder = RecordedLevels(EssConfig(chains=300, runs=1, second_pass=False))
     recorder.tapes = []
     from_levels = _levels_of(problem, recorder)
     figure, axes = _figure(9.0, 4.0, 2)
@@ -217,7 +196,7 @@ def starts(sample: Flights, picture: Path) -> None:
     figure.savefig(picture, dpi=110)
 
 
-def _levels_of(problem: avrare.Problem, recorder: Recording) -> list[Floats]:
+def _levels_of(problem: avrare.Problem, recorder: RecordedLevels) -> list[Floats]:
     estimate_with(problem, recorder, SerialExecutor(), Settings(seed=4))
     return recorder.tapes
 
