@@ -12,7 +12,7 @@ from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.loop import Settings, run
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
-from avrare.rollout.chunk_size import LEAST, MOST, spread
+from avrare.rollout.chunk_size import LEAST, MOST, WORLD_ROWS, spread
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.worlds import as_system
@@ -87,7 +87,7 @@ def test_worlds_come_in_small_chunks():
         def signals(self):
             return {"x": 0.0}
 
-    assert problem(as_system(Still)).chunk == LEAST
+    assert problem(as_system(Still)).chunk == WORLD_ROWS
 
 
 @pytest.mark.parametrize("rows", [1, 2, 24, 250, 251, 1000, 4097])
