@@ -6,10 +6,7 @@ The public names are imported when they are first used, so that ``import avrare`
 from __future__ import annotations
 
 import importlib
-import sys
 from typing import TYPE_CHECKING, Any
-
-from avrare.base.moved_modules import MovedModules
 
 if TYPE_CHECKING:
     from avrare.analysis.causes.require import require as require
@@ -59,6 +56,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
-
-
-sys.meta_path.insert(0, MovedModules())
