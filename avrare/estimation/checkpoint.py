@@ -30,7 +30,7 @@ from avrare.rollout.request import ARRAYS, WANTED_ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"
 INDEX = "checkpoint.json"
-SCHEMA = 2
+SCHEMA = 1
 """Since 2 each chunk has a checksum; 1 is read."""
 SCENARIO = "scenario.yaml"
 _OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+){0,2}")
@@ -56,7 +56,6 @@ class Checkpoint:
 
     folder: Path
     task: Mapping[str, Any]
-    sealed: bool = True  # each chunk has a checksum
 
     @staticmethod
     def open(
@@ -88,16 +87,13 @@ class Checkpoint:
                 f"{folder}: this checkpoint belongs to another estimate: {listed}",
                 "undo the change to resume, or choose another folder to start afresh",
             )
-        if stored is None:
-            return Checkpoint(folder, wanted)
-        # Its own task names its chunks: an option that is newer than the checkpoint is not in it.
-        return Checkpoint(folder, stored["task"], sealed=stored["schema"] != 1)
+        return Checkpoint(folder, wanted if stored is None else stored["task"])
 
     def journal(self, name: str) -> FileJournal:
         """Return the journal of one of the estimates of the task."""
         folder = _prepared(self.folder / name)
         owner = hashlib.sha256(json.dumps([self.task, name], sort_keys=True).encode()).hexdigest()[:32]
-        return FileJournal(folder, owner, self.sealed)
+        return FileJournal(folder, owner)
 
     @property
     def chunks(self) -> int:
@@ -132,7 +128,6 @@ class FileJournal:
 
     folder: Path
     owner: str  # identity of the estimate, part of every key
-    sealed: bool = True
 
     def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
         """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
@@ -142,7 +137,7 @@ class FileJournal:
                 return None
             content = read_regular(path)
         try:
-            return decode(content, self._key(chunk), self.sealed)
+            return decode(content, self._key(chunk))
         except ValueError as error:
             hint = "remove this file: its rollouts are then run again"
             raise UsageError(f"{path}: {error}", hint) from None
@@ -150,7 +145,7 @@ class FileJournal:
     def part(self, name: str) -> FileJournal:
         """Return the journal of a part of the estimate, in a folder of its own."""
         owner = hashlib.sha256(f"{self.owner} {name}".encode()).hexdigest()[:32]
-        return FileJournal(_prepared(self.folder / name), owner, self.sealed)
+        return FileJournal(_prepared(self.folder / name), owner)
 
     def rows(self, stage: int, index: int) -> int | None:
         """Return the number of rows of a stored chunk, None where it is not stored."""
@@ -218,7 +213,7 @@ def read_index(folder: Path) -> dict[str, Any] | None:
     index = read_json(path, _AFRESH)
     if not all(isinstance(index.get(key), dict) for key in ("task", "about")):
         raise UsageError(f"{path}: this is not a checkpoint", _AFRESH)
-    if index.get("schema") not in (1, SCHEMA):
+    if index.get("schema") != SCHEMA:
         text = f"{path}: written by another version of avrare (schema {index.get('schema')!r})"
         raise UsageError(text, "resume with that version, or start afresh in another folder")
     check_seal(path, index, f"restore the file, or {_AFRESH}")
@@ -288,17 +283,13 @@ def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
     return content.getvalue()
 
 
-def decode(content: bytes, key: str, sealed: bool = True) -> tuple[Rollouts, float]:
-    """Return outcome and seconds; ValueError if they are damaged or of another estimate or chunk.
-
-    Without ``sealed`` the checksum may be missing.
-    """
+def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
+    """Return outcome and seconds; ValueError if they are damaged or of another estimate or chunk."""
     arrays = _arrays(content)
     missing = {*ARRAYS, _STEPS, _EVERY, _MESSAGES, _KEY, _SECONDS} - set(arrays)
     if missing:
         raise ValueError(f"damaged: {', '.join(sorted(missing))} is missing")
-    checksum = arrays.pop(_CHECKSUM, None)
-    if str(checksum) != _checksum(arrays) and (sealed or checksum is not None):
+    if str(arrays.pop(_CHECKSUM, None)) != _checksum(arrays):
         raise ValueError("damaged: its checksum does not fit")
     counts = {name.removeprefix(_COUNT): v for name, v in arrays.items() if name.startswith(_COUNT)}
     _check_types(arrays, counts)

@@ -269,7 +269,7 @@ def load_run_scenario(path: Path) -> LoadedScenario:
 
 
 def find_changes(path: Path) -> tuple[str, ...]:
-    """Return lines on what is not as the run has left it in its folder; older runs do not tell."""
+    """Return lines on what is not as the run has left it in its folder."""
     file = path / "result.json"
     return _find_changes(path, read_json(file, RUN_AGAIN)) if file.is_file() else ()
 

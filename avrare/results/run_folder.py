@@ -204,7 +204,7 @@ def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) 
         text = f"{out / FOLDER}: this is not the checkpoint of a run"
         raise UsageError(text, "give the scenario as well, or start afresh in another folder")
     if not all((out / FOLDER / name / SCENARIO).exists() for name in names):
-        return []  # killed by an earlier version before it started
+        return []  # someone has removed a file: the command must name the scenario
     loaded = [load(out / FOLDER / name / SCENARIO, overrides, estimator) for name in names]
     return [replace(one, path=str(paths.get(one.name, one.path))) for one in loaded]
 

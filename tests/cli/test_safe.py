@@ -79,7 +79,7 @@ def folder(tmp_path, monkeypatch):
     np.savez("run/failures.npz", **size)
     Path("interrupted/checkpoint/toy").mkdir(parents=True)
     Path("interrupted/checkpoint/toy/scenario.yaml").write_text(HOSTILE)
-    index = {"schema": 2, "task": {"scenarios": {"toy": {}}, "budget": None}, "about": {"paths": {}}}
+    index = {"schema": 1, "task": {"scenarios": {"toy": {}}, "budget": None}, "about": {"paths": {}}}
     Path("interrupted/checkpoint/checkpoint.json").write_text(json.dumps(index))
     return tmp_path
 
@@ -189,7 +189,7 @@ def test_no_run_is_resumed_through_a_link(folder, capsys, name):
 
 
 def test_a_checkpoint_names_no_folder_above(folder, capsys):
-    index = {"schema": 2, "task": {"scenarios": {"..": {}}, "budget": None}, "about": {"paths": {}}}
+    index = {"schema": 1, "task": {"scenarios": {"..": {}}, "budget": None}, "about": {"paths": {}}}
     Path("interrupted/checkpoint/checkpoint.json").write_text(json.dumps(index))
     Path("interrupted/scenario.yaml").write_text(HONEST)
     assert main(["run", "--resume", "interrupted"]) == 4

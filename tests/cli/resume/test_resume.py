@@ -125,7 +125,7 @@ def test_a_finished_run_is_not_taken_for_another(night, words, capsys):
     assert "this run is already finished" in capsys.readouterr().err
 
 
-def test_killed_before_its_scenario_was_saved(night, interrupted, capsys):
+def test_a_checkpoint_without_its_scenario_asks_for_it(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
     Path("torn/checkpoint/walk/scenario.yaml").unlink()
