@@ -14,7 +14,7 @@ CORE = sorted((ROOT / "avrare").rglob("*.py"))
 MODULES = [*CORE, *sorted(ROOT.glob("plugins/*/src/**/*.py"))]
 HEAVY = {
     "torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy",
-    "sqlalchemy", "highway_env",
+    "highway_env",
 }  # fmt: skip
 
 

@@ -71,15 +71,5 @@ examples:
   avrare report runs/night --open
   avrare report runs/night --out lane_change.html
 """,
-    "history": """\
-`avrare history add` stores the estimates of DIR, the --out of `avrare run` or `avrare check`.
-Nothing else writes to the history. Adding a folder twice has no effect.
-
-examples:
-  avrare history add runs/night
-  avrare history lane_change --specification safe_distance --limit 20
-  avrare history --plot trend.png
-  avrare history add out --store postgresql://host/avrare
-""",
 }
 """Command -> what follows its options: explanations, examples, exit codes."""

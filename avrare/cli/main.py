@@ -36,7 +36,6 @@ COMMANDS = {
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),
-    "history": ("avrare.cli.history", "store results, and show estimates over commits"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
     "new": ("avrare.cli.new", "create a scenario, or a plugin package"),

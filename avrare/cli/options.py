@@ -290,14 +290,6 @@ OPTIONS: dict[str, Options] = {
         "--open": "open the report in the browser",
         **_SAFE,
     },
-    "history": {
-        "words SCENARIO": ("scenario name, or 'add' and run folders", {"nargs": "*"}),
-        "--specification NAME": "show only this specification",
-        "--limit N": ("show the newest N (default 20; 0: all)", {**_NATURAL, "default": 20}),
-        "--json": "print JSON and nothing else on stdout",
-        "--plot FILE": "draw the estimates as a PNG",
-        "--store URL": "SQLite file, or SQLAlchemy URL of a database (default .avrare/history.sqlite)",
-    },
     "plugins": {
         "--json": "print a JSON list instead of a table",
         "--timing": "also show the import time of each plugin's descriptions",
@@ -344,8 +336,6 @@ def add_options(parser: argparse.ArgumentParser, command: str) -> None:
     if command in ("monitor", "require"):
         # A list such as -1.75,1.75,5.25 begins with a minus but is not an option.
         parser._negative_number_matcher = re.compile(r"-\.?\d")
-    if command == "history":
-        parser.usage = "avrare history [SCENARIO] [options]\n       avrare history add DIR... [--store URL]"
 
 
 def _add(parser: Any, options: Options) -> None:

@@ -14,7 +14,7 @@ QUICK = {"scenarios": 60, "formulas": 80, "recorded drives (CSV)": 150}
 MANY = {
     "scenarios": 200, "scenarios that run": 120, "formulas": 200, "rules files": 40,
     "recorded drives (CSV)": 300, "recorded drives (CommonRoad)": 60, "run folders": 100, "checkpoints": 30,
-    "baselines": 50, "stored failures": 120, "failures as text": 100, "history databases": 150,
+    "baselines": 50, "stored failures": 120, "failures as text": 100,
     "models, policies and flows": 80, "catalogues, searches and what was learned": 60, "command lines": 120,
     "OpenSCENARIO files": 40, "twins, ensembles, functions and syntheses": 40,
     "tables to fit, and policies to convert": 50,
@@ -59,7 +59,7 @@ def test_runs_that_are_killed_end_with_the_same_bits(seed, home):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["report", "history add", "failures add"])
+@pytest.mark.parametrize("name", ["report", "failures add"])
 def test_a_command_that_is_killed_at_any_call_can_be_repeated(name, home):
     found = [answer for answer in crash_points.points(crash_points.TASKS[name], home) if answer[1]]
     assert found == []

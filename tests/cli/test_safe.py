@@ -147,7 +147,6 @@ def test_the_option_ends_with_the_command(folder, capsys):
 def test_every_command_with_a_scenario_has_it():
     """Find ``--safe`` in every command that takes a scenario or a run folder, new ones too."""
     exempt = {
-        "history",
         "failures list",
         "failures blob",
         "rules",

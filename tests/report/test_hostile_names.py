@@ -20,7 +20,6 @@ from avrare.analysis.compare.case import ComparisonCase, GroundTruth
 from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
 from avrare.analysis.compare.study import ArmResult, Comparison, Repetition, StudyDesign
-from avrare.analysis.history.entry import FIELDS, HistoryEntry
 from avrare.analysis.monitor.monitoring import DecisiveSample, MonitoringResult
 from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
@@ -35,7 +34,7 @@ from avrare.report.documents import (
     monitoring_documents,
 )
 from avrare.report.html.page import render_report
-from avrare.report.plots import comparison_plot, history_plot, monitoring_plot
+from avrare.report.plots import comparison_plot, monitoring_plot
 from avrare.report.terminal import comparison_table, monitoring_text, paired_table, result_table
 from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.console import make_console, print_lines, print_table
@@ -116,16 +115,6 @@ def paired_of(name):
     return PairedComparison((name, name), (first, second), (counts,), 11, 0)
 
 
-def entries_of(name):
-    values = dict.fromkeys(FIELDS, name) | {
-        "written": "2026-11-21T19:57:03+00:00", "changed": True, "seed": 0, "probability": 0.1, "low": 0.0,
-        "high": 0.2, "confidence": 0.95, "rollouts": 1, "steps": 1, "failures": 1, "errors": 0,
-        "seconds": 1.0, "verdict": "pass",
-    }  # fmt: skip
-    rows = (values, values | {"fingerprint": "other"})
-    return [HistoryEntry.from_row(tuple(one[field] for field in FIELDS)) for one in rows]
-
-
 def drive_of(name):
     present = np.ones(3, dtype=bool)
     states = np.array([np.arange(3.0), np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3)])
@@ -145,7 +134,7 @@ def monitored_of(name, recording):
 def screens(name, problem, estimate):
     """Show the name wherever a terminal can show one."""
     results, check = results_of(name, estimate), check_of(name, estimate)
-    comparison, paired, entries = comparison_of(name, problem), paired_of(name), entries_of(name)
+    comparison, paired = comparison_of(name, problem), paired_of(name)
     monitored = monitored_of(name, drive_of(name))
     console = make_console()
     for mode in ("auto", "plain", "quiet"):
@@ -155,8 +144,6 @@ def screens(name, problem, estimate):
     for lines in (result_table.note_lines, result_table.blind_lines, result_table.check_lines):
         print_lines(console, lines(results), "yellow")
     say(*result_table.verdict_lines(name, results))
-    print_table(console, result_table.history_table(name, name, entries))
-    print_lines(console, result_table.history_note_lines(entries, True))
     for module, one, table in (
         (comparison_table, comparison, comparison_table.comparison_table),
         (paired_table, paired, paired_table.paired_table),
@@ -294,7 +281,6 @@ def test_json(name, problem, estimate):
     documents = [
         comparison_documents.comparison_document(comparison_of(name, problem)),
         monitoring_documents.monitoring_document(monitored_of(name, drive_of(name))),
-        {"entries": [vars(entry) for entry in entries_of(name)]},
         results_of(name, estimate)[0].to_dict(),
     ]
     for one in documents:
@@ -315,6 +301,5 @@ def test_plots(name, problem, tmp_path):
     path = tmp_path / "plot.png"
     drive = drive_of(name)
     comparison_plot.draw(comparison_of(name, problem), path)
-    history_plot.draw(entries_of(name), path)
     monitoring_plot.draw(monitored_of(name, drive), path)
     assert path.read_bytes()[:4] == b"\x89PNG"

@@ -1,11 +1,9 @@
-"""Damage to files that a disk or a stranger may have done: seeded mutations of JSON, npz and SQLite files."""
+"""Damage to files that a disk or a stranger may have done: seeded mutations of JSON and npz files."""
 
-import contextlib
 import copy
 import io
 import json
 import re
-import sqlite3
 import zipfile
 
 import numpy as np
@@ -132,48 +130,6 @@ def _nudged(array):
     changed = array.copy()
     changed.reshape(-1)[0] += 1
     return changed
-
-
-_STATEMENTS = [
-    "ALTER TABLE avrare_history ADD COLUMN other", "DROP TABLE avrare_history", "DELETE FROM avrare_history",
-    "ALTER TABLE avrare_history RENAME TO x", "CREATE VIEW v AS SELECT * FROM v", "PRAGMA user_version = 99",
-    "PRAGMA encoding = 'UTF-16'", "UPDATE avrare_history SET probability = NULL, rollouts = 'many'",
-    "CREATE TRIGGER t AFTER INSERT ON avrare_history BEGIN DELETE FROM avrare_history; END",
-    "CREATE TRIGGER u BEFORE INSERT ON avrare_history BEGIN SELECT RAISE(ABORT, 'no'); END",
-    "INSERT INTO avrare_history SELECT * FROM avrare_history", "PRAGMA journal_mode = WAL",
-]  # fmt: skip
-
-
-def damage_history(content, random, path):
-    """Put a wrong value into one column of a history file; or damage its bytes."""
-    if random.random() < 0.3:
-        return damage_bytes(content, random)
-    path.write_bytes(content)
-    database = sqlite3.connect(path)
-    columns = [row[1] for row in database.execute("PRAGMA table_info(avrare_history)")]
-    values = [
-        "x",
-        b"\xff\xfe",
-        3,
-        -1.5,
-        1e300,
-        "",
-        "2026-99-99",
-        "2026-11-21T19:57:03",
-        "\x1b[31m",
-        "[red]",
-        2**62,
-    ]
-    value, column = values[random.integers(len(values))], columns[random.integers(len(columns))]
-    with contextlib.suppress(sqlite3.Error):  # one statement may keep the others from being executed
-        if random.random() < 0.2:
-            database.execute(_STATEMENTS[random.integers(len(_STATEMENTS))])
-        database.execute(f"UPDATE avrare_history SET {column} = ? WHERE rowid = 1", (value,))
-        if isinstance(value, bytes):
-            database.execute(f"UPDATE avrare_history SET {column} = CAST({column} AS TEXT) WHERE rowid = 1")
-    database.commit()
-    database.close()
-    return path.read_bytes()
 
 
 def damage_bytes(content, random):

@@ -1,4 +1,4 @@
-"""Tables of estimates, of one run and of a history, and the notes below them."""
+"""Table of the estimates of a run, and the notes below it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from avrare.analysis.history.entry import HistoryEntry, find_breaks
 from avrare.base.number_format import (
     describe_blind_bound,
     describe_stop,
@@ -16,8 +15,6 @@ from avrare.base.number_format import (
 )
 from avrare.estimation.result import Result
 from avrare.report.terminal.console import colour_verdict, make_table
-
-_BREAK_SIGN = "≠"
 
 
 def result_table(title: str, results: Sequence[Result]) -> Table:
@@ -134,30 +131,3 @@ def _name_specifications(lines: Mapping[str, list[str]], results: Sequence[Resul
     return [
         text if len(names) == len(results) else f"{', '.join(names)}: {text}" for text, names in lines.items()
     ]
-
-
-def history_table(scenario: str, specification: str, entries: Sequence[HistoryEntry]) -> Table:
-    """Return the estimates of one specification, the oldest first."""
-    table = make_table(f"{scenario}  {specification}", ["date", "commit", ""], ["probability", "interval"])
-    table.add_column("verdict", no_wrap=True)
-    for entry, is_break in zip(entries, find_breaks(entries), strict=True):
-        table.add_row(
-            f"{entry.when:%Y-%m-%d %H:%M}", escape(entry.commit),
-            f"[yellow]{_BREAK_SIGN}[/]" if is_break else "", format_probability(entry.probability),
-            format_interval((entry.low, entry.high)), colour_verdict(entry.verdict or None),
-        )  # fmt: skip
-    return table
-
-
-def history_note_lines(entries: Sequence[HistoryEntry], has_breaks: bool) -> list[str]:
-    """Return the explanations of signs, and the health warnings."""
-    lines = []
-    if has_breaks:
-        lines.append(f"{_BREAK_SIGN} the scenario or a version differs from the row above")
-    if any(entry.changed for entry in entries):
-        lines.append("* with uncommitted changes")
-    for entry in entries:
-        if entry.health:
-            place = f"{entry.scenario} {entry.specification} {entry.when:%Y-%m-%d %H:%M}"
-            lines.append(f"{place}: health warnings: {entry.health.replace(',', ', ')}")
-    return lines

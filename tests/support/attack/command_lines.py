@@ -42,7 +42,6 @@ _VALUES = {
     ],
     "N": ["1", "2", "0", "-1", "1.5", "x", "9" * 30],
     "NAME": ["near", "far", "R_G1", "walk", "mc", "ams", "serial", "toy_walk", "none", "ego"],
-    "URL": ["history.sqlite", "new.sqlite", "sqlite:///x.db", "bogus://x", "run", "none/deeper/h.sqlite"],
     "FORMULA": ["always (gap > 2)", "p", "((", ""],
     "Y,...": ["-1.75,1.75,5.25", "1", "", "a,b", "1,1", "nan"],
     "I,...": ["0", "1,2", "9", "x"],

@@ -7,7 +7,6 @@ import os
 import resource
 import shutil
 import signal
-import sqlite3
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from attack.material import ESTIMATORS, copy_material, result
 
 CHANGES = {
     "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "os.truncate", "os.link", "os.symlink",
-    "tempfile.mkstemp", "open", "shutil.rmtree", "shutil.copyfile", "sqlite3.connect",
+    "tempfile.mkstemp", "open", "shutil.rmtree", "shutil.copyfile",
 }  # fmt: skip
 TORN = (0, 1, 100, 511, 4096, 9000)
 """Sizes of a file beyond which a write kills the process: what is written is cut there."""
@@ -64,12 +63,6 @@ def _texts(pattern):
     return lambda: [path.read_text() for path in sorted(Path().glob(pattern))]
 
 
-def _history():
-    with contextlib.closing(sqlite3.connect("history.sqlite")) as database:
-        columns = [row[1] for row in database.execute("PRAGMA table_info(avrare_history)")]
-        return columns, sorted(map(str, database.execute("SELECT * FROM avrare_history")))
-
-
 def _failures():
     return sorted(path.name for path in Path("stored").glob("*.npz"))
 
@@ -97,7 +90,6 @@ TASKS = {
         ["check", "walk.yaml", "--out", "out", "--junit", "j.xml", "--markdown", "m.md", *_FEW],
         lambda: result("out"), ("walk.yaml",), codes=(0, 1, 3),
     ),
-    "history add": Task(["history", "add", "run", "--store", "history.sqlite"], _history, ("run",)),
     "failures add": Task(["failures", "add", "run", "--failures", "stored"], _failures, ("run", "walk.yaml")),
     "replay --csv": Task(
         ["replay", "--run", "run", "--csv", "r.csv", "--write-blob", "b"],

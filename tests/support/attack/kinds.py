@@ -155,7 +155,7 @@ _RUN_FILES = {
     "scenario.yaml": lambda content, random: as_text(mutate_tree(as_tree(content), random)),
 }  # fmt: skip
 _RUN_COMMANDS = [
-    "report run", "history add run --store new.sqlite", "run --resume run", "run --resume run --json",
+    "report run", "run --resume run", "run --resume run --json",
     "replay --run run --specification far", "replay --run run", "failures add run --failures new",
     "monitor run", "monitor run --specification near --out m", "check walk.yaml --baseline run --plan",
     "replay --run run --specification near --failure 1 --csv c.csv",
@@ -253,21 +253,6 @@ def _strike_blob(random) -> Words:
     return ["replay", "walk.yaml", "--blob", "@blob"]
 
 
-def _strike_history(random) -> Words:
-    path = Path("history.sqlite")
-    path.write_bytes(damage.damage_history(path.read_bytes(), random, Path("scratch")))
-    commands = [
-        "history walk",
-        "history",
-        "history walk --json",
-        "history add run",
-        "history --limit 1",
-        "history --plot p.png",
-    ]
-    weights = np.array([6, 4, 4, 4, 2, 0.1])
-    return [*commands[int(random.choice(6, p=weights / weights.sum()))].split(), "--store", "history.sqlite"]
-
-
 def _strike_model(random) -> Words:
     name = pick(random, ["policy", "flow", "flow", "policy", "pem"])
     path = Path(f"{name}.npz")
@@ -293,7 +278,6 @@ KINDS = {
     "baselines": Kind(_strike_baseline, ["baselines", "walk.yaml"]),
     "stored failures": Kind(_strike_failure, ["failures", "walk.yaml"]),
     "failures as text": Kind(_strike_blob, ["failures", "walk.yaml"]),
-    "history databases": Kind(_strike_history, ["history.sqlite", "run"]),
     "models, policies and flows": Kind(
         _strike_model,
         ["policy.npz", "flow.npz", "spline.npz", "pem.npz", "policy.yaml", "flow.yaml", "pem.yaml"],
@@ -305,7 +289,7 @@ KINDS = {
     ),
     "command lines": Kind(
         command_lines.words,
-        ["walk.yaml", "run", "drive.csv", "signals.csv", "history.sqlite", "failures", "baselines"],
+        ["walk.yaml", "run", "drive.csv", "signals.csv", "failures", "baselines"],
     ),
     "OpenSCENARIO files": Kind(
         stacks.strike_openscenario, ["scene.yaml", "scene.xosc", "drawn.xosc", "road.xodr", "pilot.py"]

@@ -118,7 +118,7 @@ estimator: {plugin: mc, rollouts: 2}
 }
 _PARTS = {
     "scenarios": {"walk.yaml", "catalogue.yaml", "linear.yaml", *(f"{name}.yaml" for name in ESTIMATORS)},
-    "results": {"run", "failures", "history.sqlite", "baselines"},
+    "results": {"run", "failures", "baselines"},
     "studies": {"search", "rates", "learned_is.json", "learned_smc.json"},
     "checkpoints": {f"{state}_{name}" for state in ("torn", "whole") for name in ESTIMATORS},
     "drives": {"drive.csv", "signals.csv", "drive.xml", "rules.yaml", "drives"},
@@ -240,7 +240,6 @@ def _make_scenarios():
 def _make_results():
     material(Path("..").resolve(), "walk.yaml")
     quietly("run", "walk.yaml", "--out", "run", "--no-pictures", "--failures", "failures")
-    quietly("history", "add", "run", "--store", "history.sqlite")
     quietly("check", "walk.yaml", "--baseline", "baselines", "--save", codes=(0, 1, 3))
     quietly("check", "walk.yaml", "--baseline", "baselines", "--save", "--set", "seed=1", codes=(0, 1, 3))
 

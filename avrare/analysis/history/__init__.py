@@ -1,1 +1,0 @@
-"""Estimates over commits, kept in a database."""
