@@ -27,7 +27,7 @@ COMMANDS = {
     "validate": ("avrare.cli.validate", "check scenario files without running them"),
     "replay": ("avrare.cli.replay", "replay a stored failure, shrink it, export it"),
     "falsify": ("avrare.cli.falsify", "search for a failure, then for the most likely one"),
-    "failures": ("avrare.cli.failures", "list, add, print and cluster stored failures"),
+    "failures": ("avrare.cli.failures", "list, add and print stored failures"),
     "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
     "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
     "sensitivity": ("avrare.cli.sensitivity", "estimate how the probability changes with parameters"),

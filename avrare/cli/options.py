@@ -185,18 +185,6 @@ OPTIONS: dict[str, Options] = {
     "failures list": _FAILURES,
     "failures blob": {"id ID": "", **_FAILURES},
     "failures add": {"run DIR": "folder written by `avrare run`", **_FAILURES, **_SAFE},
-    "failures cluster": {
-        **_SCENARIO,
-        **_SET,
-        **_SAFE,
-        "--specification NAME": "only failures of this specification",
-        "--shrink": "shrink all failures before clustering (slow)",
-        "--budget N": (
-            "rollouts for shrinking one failure (default 400); 0: do not shrink",
-            {**_NATURAL, "default": 400},
-        ),
-        **_FAILURES,
-    },
     "kinds": {
         "folder DIR": "run folder",
         "--specification NAME": "only this specification (default: all with failures)",
@@ -319,7 +307,6 @@ _ACTIONS = {
         "list": "list all failures, one per line",
         "blob": "print one failure as text for `avrare replay --blob`",
         "add": "store the failures of a run",
-        "cluster": "cluster the failures of a scenario",
     }
 }
 

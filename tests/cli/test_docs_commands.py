@@ -58,7 +58,6 @@ NOT_RUN = {
     r"avrare rate .*": "needs drawn options; tests/analysis/rates/test_rates.py",
     r"avrare replay .* --failure 68a0a4be( .*)?": "a failure of the page's own run; tests/analysis/failures",
     r"avrare replay --run runs/night .* --(shrink|lost)": "of the page's own run; tests/analysis/failures",
-    r"avrare failures cluster .*": "needs the failures of a long run; tests/analysis/failures",
     r"avrare run drive.yaml --estimator is --learned .*": "a file of the page's own run",
 }
 """Pattern of a command -> why no test runs it as it stands."""

@@ -41,7 +41,6 @@ COMMANDS = {
     "replay": "replay s.yaml --blob @blob",
     "replay run": "replay --run run",
     "falsify": "falsify s.yaml",
-    "failures cluster": "failures cluster s.yaml",
     "failures add": "failures add run",
     "monitor": "monitor drive.csv --scenario s.yaml --specification near",
     "monitor run": "monitor run",

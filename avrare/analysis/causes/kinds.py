@@ -16,10 +16,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.analysis.causes.clusters import find_clusters
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.first_violation import FirstViolation, find_first_violation
 from avrare.analysis.causes.origin import require_problem
-from avrare.analysis.failures.clusters import cluster
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_interval, format_probability
 from avrare.base.records import Records
@@ -31,6 +31,8 @@ from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signal
 from avrare.stack.noise_names import find_noise_names, find_time_step
 
 METHODS = ("kmeans", "hdbscan")
+_COMPONENTS = 5
+"""Principal components of the features in which k-means makes clusters."""
 _FEW = 5
 """Fewer failures of a kind get a warning."""
 _WINDOWS = 8
@@ -163,11 +165,12 @@ def find_kinds(
         raise UsageError(text, "the system has changed, or does not depend on its noise alone")
     causes = [find_first_violation(problem, rollout) for rollout in rollouts]
     features = _make_features(problem, rollouts, causes)
-    labels = _sort(features, causes, max_kinds, method)
+    components = _compute_components(features)
+    labels = _sort(features, components, causes, max_kinds, method)
     shares = np.bincount(labels, sample.shares)
     labels = np.argsort(np.argsort(-shares, kind="stable"), kind="stable")[labels]
     kinds = [_make_kind(problem, sample, labels == k, features, causes) for k in range(len(shares))]
-    return Kinds(problem.names[0], tuple(kinds), sample.probability, interval, _project(features), labels)
+    return Kinds(problem.names[0], tuple(kinds), sample.probability, interval, components[:, :2], labels)
 
 
 def _make_features(
@@ -188,11 +191,18 @@ def _make_features(
     return np.concatenate([signals, which, when], axis=1)
 
 
+def _compute_components(features: Floats) -> Floats:
+    # (F, _COMPONENTS) coordinates along the largest principal components; zeros where there are fewer.
+    left, sizes, _ = np.linalg.svd(features - features.mean(axis=0), full_matrices=False)
+    components = (left * sizes)[:, :_COMPONENTS]
+    return np.pad(components, ((0, 0), (0, _COMPONENTS - components.shape[1])))
+
+
 def _sort(
-    features: Floats, causes: Sequence[FirstViolation], max_kinds: int, method: str
+    features: Floats, components: Floats, causes: Sequence[FirstViolation], max_kinds: int, method: str
 ) -> NDArray[np.int64]:
     if method == "kmeans" or len(features) < 3:
-        return _merge_alike(cluster(list(features), max_kinds).labels, features, causes)
+        return _merge_alike(find_clusters(components, max_kinds), features, causes)
     try:
         from sklearn.cluster import HDBSCAN
     except ImportError:
@@ -233,13 +243,6 @@ def _measure_separation(one: Floats, other: Floats) -> float:
     variances = [float(np.var(part @ line, ddof=1)) / max(distance, 1e-300) ** 2 for part in (one, other)]
     pooled = math.sqrt(sum(variances) / 2.0)
     return distance / pooled if pooled > 0.0 else math.inf
-
-
-def _project(features: Floats) -> Floats:
-    centred = features - features.mean(axis=0)
-    left, values, _ = np.linalg.svd(centred, full_matrices=False)
-    points = (left * values)[:, :2]
-    return np.pad(points, ((0, 0), (0, 2 - points.shape[1])))
 
 
 def _make_kind(

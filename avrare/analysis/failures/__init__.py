@@ -1,1 +1,1 @@
-"""Stored failures: database, replay, shrinking, search and clustering."""
+"""Stored failures: database, replay, shrinking and search."""

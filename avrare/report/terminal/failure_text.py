@@ -1,11 +1,7 @@
-"""Text about failures for the terminal: replays, shrunk failures, searches and clusters."""
+"""Text about failures for the terminal: replays, shrunk failures and searches."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from avrare.analysis.failures.clusters import Clusters
-from avrare.analysis.failures.failure import Failure
 from avrare.analysis.failures.falsify import FalsificationResult
 from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import ShrinkResult
@@ -71,17 +67,3 @@ def describe_falsification(scenario: LoadedScenario, found: FalsificationResult)
         f"beta = {found.norm:.3g}",
         CAUTION,
     ]
-
-
-def describe_clusters(
-    scenario: LoadedScenario, failures: Sequence[Failure], clusters: Clusters, descriptions: Sequence[str]
-) -> list[str]:
-    """Return a line for each cluster: its size, its medoid, and the description of the medoid."""
-    count = len(clusters.medoids)
-    quality = f", silhouette {clusters.silhouette:.2f}" if count > 1 else ""
-    total = f"{len(failures)} failure{'s' if len(failures) > 1 else ''} of {scenario.name}"
-    lines = [f"{total}: {count} cluster{'s' if count > 1 else ''}{quality}"]
-    for k, (medoid, description) in enumerate(zip(clusters.medoids, descriptions, strict=True)):
-        size = int((clusters.labels == k).sum())
-        lines.append(f"{k + 1}: {size} like {failures[medoid].id}: {description}")
-    return lines

@@ -107,10 +107,6 @@ def test_the_failures_of_a_run(avrare):
     code, out, _ = avrare("failures", "list")
     assert len(out.splitlines()) == 10
     assert all("double_integrator  near  robustness -" in line for line in out.splitlines())
-    code, out, _ = avrare("failures", "cluster", SCENARIO, *CHANGES, "--budget", "60")
-    assert code == 0
-    assert out.startswith("10 failures of double_integrator: ")
-    assert "channel " in out
 
 
 def test_replay_needs_only_the_versions_of_a_result(avrare):
@@ -193,12 +189,6 @@ def test_falsify_that_finds_nothing(avrare):
         (["failures"], "ACTION"),
         (["failures", "blob", "0"], "there is no failure '0'"),
         (["failures", "add", "none"], "no scenario.yaml in it"),
-        (["failures", "cluster", SCENARIO], "no failure of double_integrator is stored"),
-        (
-            ["failures", "cluster", SCENARIO, "--specification", "far"],
-            "no failure of double_integrator: far is stored",
-        ),
-        (["failures", "cluster", SCENARIO, "--budget", "-1"], "--budget must be at least 0"),
     ],
 )
 def test_mistakes_are_one_clear_line(avrare, words, text):

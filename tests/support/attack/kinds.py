@@ -235,7 +235,7 @@ def _strike_failure(random) -> Words:
     else:
         path.write_bytes(damage.damage_arrays(path.read_bytes(), random))
     commands = [
-        "list", "blob {id}", "replay walk.yaml --failure {id}", "cluster walk.yaml --budget 0",
+        "list", "blob {id}", "replay walk.yaml --failure {id}",
         "run walk.yaml --no-pictures --out o --set estimator.rollouts=20",
         "replay walk.yaml --failure {id} --shrink --budget 5",
     ]  # fmt: skip
