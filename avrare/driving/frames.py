@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from avrare.driving.reference_line import ReferenceLine
-from avrare.driving.values import Floats, Road, Vehicles, World
+from avrare.driving.values import Road, Vehicles, World
 
 
 def to_plane(road: Road, vehicles: Vehicles) -> Vehicles:
@@ -34,11 +34,3 @@ def world_in_plane(road: Road, world: World) -> World:
     if road.line is None:
         return world
     return dataclasses.replace(world, ego=to_plane(road, world.ego), others=to_plane(road, world.others))
-
-
-def along_speed(road: Road, vehicles: Vehicles) -> Floats:
-    """Return the change of x [m/s]: v cos(h), over 1 - curvature y where the road bends."""
-    speed = vehicles.speed * np.cos(vehicles.heading)
-    if road.line is None:
-        return speed
-    return np.asarray(speed / (1.0 - road.line.curvature(vehicles.x) * vehicles.y))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from avrare.driving import Lane, Road, Vehicles
-from avrare.driving.frames import along_speed, to_plane, to_road
+from avrare.driving.frames import to_plane, to_road
 from avrare.driving.lanes import is_outermost, lane_borders, lane_exists, lane_overlap
 from avrare.driving.reference_line import CurvedLine, Piece
 
@@ -60,12 +60,3 @@ class TestFrames:
     def test_a_straight_road_keeps_every_bit(self):
         vehicles = self.vehicles(np.random.default_rng(4))
         assert to_plane(Road((0.0,), 3.5), vehicles) is vehicles
-
-    def test_speed_along_the_road_is_the_change_of_the_station(self):
-        road, vehicles, dt = Road((0.0,), 3.5, line=self.LINE), self.vehicles(np.random.default_rng(5)), 1e-6
-        plane = to_plane(road, vehicles)
-        later = self.LINE.to_road(
-            plane.x + dt * plane.speed * np.cos(plane.heading),
-            plane.y + dt * plane.speed * np.sin(plane.heading),
-        )
-        np.testing.assert_allclose((later[0] - vehicles.x) / dt, along_speed(road, vehicles), atol=1e-3)

@@ -29,7 +29,6 @@ _COLOURS = {
     "ego": (0.11, 0.42, 0.66, 1.0), "moving": (0.42, 0.48, 0.56, 1.0), "parked": (0.69, 0.27, 0.24, 1.0),
     "seen": (0.88, 0.54, 0.12, 1.0), "track": (0.48, 0.25, 0.63, 1.0), "road": (0.6, 0.6, 0.6, 1.0),
 }  # fmt: skip
-_Message = tuple[str, str, dict[str, Any]]  # topic, schema, content
 
 
 def write_mcap(path: Path, recording: Recording, frames: Sequence[Frame]) -> None:

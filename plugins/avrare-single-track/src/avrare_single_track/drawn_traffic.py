@@ -23,8 +23,6 @@ from avrare_single_track.config import VehicleConfig
 
 _NODES = (-3.0, 0.0, 3.0)
 """Normal scores of the values that a plan is solved for."""
-MOST_PLANS = 27
-"""Most plans of one vehicle: three numbers of it are drawn."""
 
 
 @dataclass(frozen=True)
