@@ -77,16 +77,6 @@ def format_amount_in_words(value: float) -> str:
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
 
 
-def describe_blind_bound(bound: float) -> str:
-    """Return the sentence that stands beside an estimate with this ``Result.blind_bound``."""
-    return f"failures that the score does not lead to could be as likely as {format_narrow(bound)}"
-
-
-def describe_stop(used: int, failures: int) -> str:
-    """Return the sentence on the rollouts that an estimate rests on, where more were simulated."""
-    return f"its goal was reached after {used} rollouts, of which {failures} failed: the others do not count"
-
-
 def format_percent(share: float) -> str:
     """Return ``95 %``."""
     return f"{100.0 * share:.4g} %"

@@ -29,14 +29,10 @@ from avrare.report.plots.rollout_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import (
-    blind_lines,
-    check_lines,
-    choice_lines,
-    learnt_lines,
-    model_lines,
     note_lines,
     result_table,
     verdict_lines,
+    warning_lines,
 )
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
@@ -286,12 +282,8 @@ def _show(
     settings = f"{definition.estimator.plugin}, seed {definition.seed}, {confidence} intervals"
     title = f"{definition.name}  {settings}"
     print_table(console, result_table(title, results))
-    print_lines(console, note_lines(results), "yellow")
-    print_lines(console, choice_lines(results))
-    print_lines(console, learnt_lines(results))
-    print_lines(console, model_lines(results))
-    print_lines(console, blind_lines(results))
-    print_lines(console, check_lines(results))
+    print_lines(console, warning_lines(results), "yellow")
+    print_lines(console, note_lines(results))
     command = shlex.join(["avrare", "report", str(folder), "--open"])
     print_lines(
         console,

@@ -6,9 +6,8 @@ pilot's rollouts also count in the blind bound and in the checks of what is chos
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -31,8 +30,10 @@ from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.loop import Settings
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.note import Note
 from avrare.estimation.plan import Estimator, Execute, GaveUp, Plan, Refused
 from avrare.estimation.result import Result
+from avrare.estimation.result_builder import add_counts
 from avrare.estimation.stopping_rules import AtFailures, Stopping
 from avrare.plugin.registry import default_registry
 from avrare.protocols import find_ability
@@ -121,7 +122,7 @@ class _Attempt:
     steps: int = 0
     seconds: float = 0.0
     errors: int = 0
-    counts: Mapping[str, int] | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     @staticmethod
     def of(result: Result, reason: str) -> _Attempt:
@@ -174,7 +175,6 @@ class _Work:
 
     def told(self, result: Result, reason: str, spent: Sequence[_Attempt], shared: int = 1) -> Result:
         """Return a result with the cost of what was tried before, and why its estimator was chosen."""
-        counts = sum((Counter(one.counts or {}) for one in spent), Counter(result.counts))
         choice = {
             "estimator": result.estimator,
             "reason": reason,
@@ -192,14 +192,15 @@ class _Work:
             "shared_by": shared,
         }
         rollouts = result.rollouts + sum(one.rollouts for one in spent)
-        choice["text"] = f"{result.estimator}, because {reason}{_describe_cost(result, rollouts)}"
+        text = f"Estimator `{result.estimator}` was chosen: {reason}{_describe_cost(result, rollouts)}."
+        whole = add_counts(result, [one.counts for one in spent])
         return replace(
-            result,
+            whole,
             rollouts=rollouts,
             simulated_steps=result.simulated_steps + sum(one.steps for one in spent),
             errors=result.errors + sum(one.errors for one in spent),
             seconds=result.seconds + sum(one.seconds for one in spent),
-            counts=dict(sorted(counts.items())),
+            notes=(*whole.notes, Note("choice", text)),
             diagnostics={**result.diagnostics, "choice": choice},
         )
 

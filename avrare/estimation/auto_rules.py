@@ -89,7 +89,7 @@ class Aim:
         at_least = "" if evidence.failures else "at least "
         wanted = format_percent(0.1 if self.goal is None else self.goal)
         return (
-            f"{seen} in {evidence.rows:,} rollouts of the pilot: Monte Carlo needs {at_least}about "
+            f"{seen} in {evidence.rows:,} rollouts of the pilot, so Monte Carlo needs {at_least}about "
             f"{_rounded(self.needed(evidence)):,} rollouts for a relative error of {wanted}"
         )
 

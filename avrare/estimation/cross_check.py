@@ -20,6 +20,7 @@ from avrare.base.number_format import format_interval, format_percent, format_pr
 from avrare.estimation import health
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Settings, check_system, planned
+from avrare.estimation.note import Note
 from avrare.estimation.plan import Estimator
 from avrare.estimation.result import CrossCheckResult, Result
 from avrare.plugin.registry import default_registry
@@ -96,20 +97,39 @@ def cross_checked(
     """
     name, built = _choose(check, problem, result, replace(settings, budget=None))
     if built is None:
-        return _with(result, _nothing(check, name, "no estimator of another family can run this system"))
+        return _add_nothing(result, check, name, "no estimator of another family can run this system")
     cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
     paid = check.share * cost / parts
     sized = built.scaled(paid, result.probability or _NOMINAL)
     if sized is None:
         reason = f"{format_percent(check.share)} of the cost pays for only {paid:.0f} complete rollouts"
-        return _with(result, _nothing(check, name, reason))
+        return _add_nothing(result, check, name, reason)
     seed = np.random.SeedSequence(settings.seed, spawn_key=(_SEED_KEY,)).generate_state(1, np.uint64)[0]
     settings = replace(settings, seed=int(seed), budget=None)
-    found = execute(problem, sized, settings)
-    compared = _compared(result, found, check)
-    if compared.outcome == "disagree" and "estimators_disagree" not in settings.suppress:
-        return _with(result, compared, _disagreement(result, found))
-    return _with(result, compared)
+    second = execute(problem, sized, settings)
+    outcome, noticed = compare(result, second)
+    cross_check = CrossCheckResult(
+        estimator=second.estimator,
+        outcome=outcome,
+        share=check.share,
+        probability=second.probability,
+        interval=second.interval,
+        noticed=noticed,
+        rollouts=second.rollouts,
+        simulated_steps=second.simulated_steps,
+        seconds=second.seconds,
+    )
+    checked = _add(result, cross_check, _describe(second, outcome, noticed, check.share))
+    if outcome != "disagree" or "estimators_disagree" in settings.suppress:
+        return checked
+    warning = health.warn(
+        "estimators_disagree",
+        estimator=result.estimator,
+        own=_words(result),
+        other=second.estimator,
+        others=_words(second),
+    )
+    return replace(checked, health=result.health | warning)
 
 
 def shared_by(result: Result, group: int) -> int:
@@ -143,19 +163,6 @@ def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool
     return estimator.name == "ess" or find_ability(problem.system, OffersWeights) is None
 
 
-def _compared(result: Result, found: Result, check: CrossCheck) -> CrossCheckResult:
-    outcome, noticed = compare(result, found)
-    text = f"cross-check by {found.estimator} {_VERBS[outcome]}: {_words(found)}"
-    if outcome == "inconclusive":
-        text += f", and {format_percent(check.share)} of the cost is too little to say more"
-    elif outcome == "agree":
-        text += f", and a factor of {noticed:.2g} would have been noticed"
-    return CrossCheckResult(
-        found.estimator, outcome, text, check.share, found.probability, found.interval, noticed,
-        found.rollouts, found.simulated_steps, found.seconds,
-    )  # fmt: skip
-
-
 def compare(result: Result, found: Result) -> tuple[str, float]:
     """Return "agree", "disagree" or "inconclusive", and the factor between them that would be noticed."""
     small, large = sorted((result, found), key=lambda one: one.probability)
@@ -179,17 +186,19 @@ def _words(result: Result) -> str:
     return f"{format_probability(result.probability)} ({format_interval(result.interval)})"
 
 
-def _nothing(check: CrossCheck, name: str, reason: str) -> CrossCheckResult:
-    text = f"cross-check by {name} {_VERBS['inconclusive']}: {reason}"
-    return CrossCheckResult(name, "inconclusive", text, check.share)
+def _describe(second: Result, outcome: str, noticed: float, share: float) -> str:
+    text = _words(second)
+    if outcome == "inconclusive":
+        text += f", and {format_percent(share)} of the cost is too little to say more"
+    elif outcome == "agree":
+        text += f", and a factor of {noticed:.2g} would have been noticed"
+    return f"{text} ({second.rollouts:,} rollouts)"
 
 
-def _disagreement(result: Result, found: Result) -> dict[str, str]:
-    return health.warn(
-        "estimators_disagree", estimator=result.estimator, own=_words(result), other=found.estimator,
-        others=_words(found),
-    )  # fmt: skip
+def _add_nothing(result: Result, check: CrossCheck, name: str, reason: str) -> Result:
+    return _add(result, CrossCheckResult(name, "inconclusive", check.share), reason)
 
 
-def _with(result: Result, cross_check: CrossCheckResult, warnings: Mapping[str, str] | None = None) -> Result:
-    return replace(result, cross_check=cross_check, health={**result.health, **(warnings or {})})
+def _add(result: Result, cross_check: CrossCheckResult, details: str) -> Result:
+    text = f"Cross-check by {cross_check.estimator} {_VERBS[cross_check.outcome]}: {details}."
+    return replace(result, cross_check=cross_check, notes=(*result.notes, Note("cross_check", text)))

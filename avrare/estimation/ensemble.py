@@ -15,6 +15,7 @@ import numpy as np
 from avrare.estimation import health
 from avrare.estimation.intervals import Interval
 from avrare.estimation.model_share import ModelShare
+from avrare.estimation.note import Note
 from avrare.estimation.result import Result
 from avrare.protocols import Floats, find_ability
 from avrare.rollout.loaded_scenario import LoadedScenario
@@ -131,6 +132,7 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
         errors=result.errors + sum(one.errors for one in runs),
         seconds=result.seconds + sum(one.seconds for one in runs),
         health=warnings,
+        notes=(*result.notes, Note("model", share.describe())),
         diagnostics={**result.diagnostics, "model": share.to_dict()},
     )
 

@@ -7,7 +7,6 @@ the rollouts that count; it has a seed of its own and counts in no estimate.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -23,8 +22,10 @@ from avrare.estimation.loop import Settings
 from avrare.estimation.mfmc_config import MfmcConfig
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.note import Note
 from avrare.estimation.plan import FAILURE_LIMIT, Execute
 from avrare.estimation.result import Failures, Result, spread
+from avrare.estimation.result_builder import add_counts
 from avrare.estimation.tape_recorder import Record, Recorder, draw_tapes, take_record
 from avrare.estimation.two_phase import Design, plan_design, scaled
 from avrare.protocols import Bools, Floats
@@ -102,13 +103,11 @@ class _Spent:
     parts: tuple[Result, ...] = ()
 
     def added_to(self, result: Result) -> Result:
-        counts = sum((Counter(one.counts) for one in self.parts), Counter(result.counts))
         return replace(
-            result,
+            add_counts(result, [one.counts for one in self.parts]),
             rollouts=result.rollouts + sum(one.rollouts for one in self.parts),
             simulated_steps=result.simulated_steps + sum(one.simulated_steps for one in self.parts),
             seconds=result.seconds + sum(one.seconds for one in self.parts),
-            counts=dict(sorted(counts.items())),
         )
 
 
@@ -178,8 +177,8 @@ class _Work:
             robustness=seen.robustness[:, column],
             health=result.health | self._check_errors(record, weights),
             diagnostics={"twin": {**self._numbers(design, column), "tapes": count, "run_again": len(chosen),
-                                  "error_share": math.fsum(weights[error])},
-                         "note": text},
+                                  "error_share": math.fsum(weights[error])}},
+            notes=(*result.notes, Note("twin", f"{text}.")),
         )  # fmt: skip
         return spent.added_to(told)
 
@@ -207,7 +206,10 @@ class _Work:
         found = []
         for result in results:
             twin = {"cost": self.cost, "reason": reason, "counted": result.rollouts}
-            told = replace(result, diagnostics={**result.diagnostics, "twin": twin, "note": f"mc: {reason}"})
+            note = Note("twin", f"Plain Monte Carlo was run: {reason}.")
+            told = replace(
+                result, diagnostics={**result.diagnostics, "twin": twin}, notes=(*result.notes, note)
+            )
             found.append(spent.added_to(told))
         return found
 
@@ -216,7 +218,7 @@ class _Work:
         needed = monte_carlo_cost(probability, error)
         paid = round(count * self.cost + again)
         text = (
-            f"the cheap twin ran {count:,} tapes at {self.cost:.2g} of the cost, and {again:,} of them ran "
+            f"The cheap twin ran {count:,} tapes at {self.cost:.2g} of the cost, and {again:,} of them ran "
             f"again on the stack: as dear as {paid:,} rollouts"
         )
         return text if needed is None else f"{text}, where Monte Carlo would need about {needed:,}"

@@ -96,15 +96,15 @@ class ModelShare:
         return min(low, mean), max(high, mean)
 
     def describe(self) -> str:
-        """Return the shares in words."""
+        """Return the shares as a sentence."""
         percent = round(100.0 * self.share)
         own, rest = f"{percent} %", f"{100 - percent} %"
         ways = f"{self.reused} by reweighing" if self.reused else "each run anew"
         if 0 < self.reused < self.size:
             ways += f", {self.size - self.reused} run anew"
         return (
-            f"uncertainty: {own} from the model, {rest} from sampling ({self.size} models, {ways}); "
-            "the interval has both"
+            f"Uncertainty: {own} from the model, {rest} from sampling ({self.size} models, {ways}); "
+            "the interval has both."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -113,7 +113,6 @@ class ModelShare:
             "model_share": self.share, "sampling_share": 1.0 - self.share,
             "model_variance": self.model * (1.0 + 1.0 / self.size), "sampling_variance": self.sampling,
             "members": self.probabilities.tolist(), "reweighed": self.reused, "base": self.base,
-            "text": self.describe(),
         }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.memory import Demand
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.estimation.monte_carlo_counts import MOST_ROBUSTNESS, Counts
+from avrare.estimation.note import Note, describe_missed_goal, describe_stop
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
@@ -133,15 +134,19 @@ class MonteCarlo:
         stop = stopping.at(violated, error)
         trials = stop or len(error)
         violated, errors = violated[:trials], int(error[:trials].sum())
-        values = np.array([stopping.value(violated, stop)])
-        return self._result(
-            state, column, values, trials, int(violated.sum()), errors, stopping.interval(stop),
-            {"used_rollouts": trials, "goal_reached": bool(stop)},
-        )  # fmt: skip
+        values, failures = np.array([stopping.value(violated, stop)]), int(violated.sum())
+        result = self._result(state, column, values, trials, failures, errors, stopping.interval(stop))
+        notes: tuple[Note, ...] = ()
+        if not stop:
+            notes = (describe_missed_goal(trials, f"with {failures:,} failure{'s' * (failures != 1)}"),)
+        elif trials < state.counts.trials:
+            notes = (describe_stop(trials, failures),)
+        diagnostics = {"used_rollouts": trials, "goal_reached": bool(stop)}
+        return replace(result, diagnostics=diagnostics, notes=notes)
 
     def _result(
         self, state: McState, column: int, values: Floats, trials: int, failures: int, errors: int,
-        interval: Callable[..., intervals.Interval], diagnostics: dict[str, Any] | None = None,
+        interval: Callable[..., intervals.Interval],
     ) -> Result:  # fmt: skip
         plan, counts, probability = state.plan, state.counts, float(values.mean())
         warnings = health.check_errors(errors, trials, plan.max_error_rate, counts.messages)
@@ -161,7 +166,6 @@ class MonteCarlo:
             worst=worst,
             robustness=counts.joined_robustness(column, trials),
             column=column,
-            diagnostics=diagnostics or {},
         )  # fmt: skip
 
     def _forecast(self, plan: Plan, total: int, counts: Counts | None) -> CostForecast | None:

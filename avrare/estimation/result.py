@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from avrare.base.late_import import late_import
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
+from avrare.estimation.note import Note
 from avrare.protocols import Floats
 
 if TYPE_CHECKING:
@@ -67,7 +68,6 @@ class CrossCheckResult:
     Attributes:
         estimator: Name of the estimator.
         outcome: "agree", "disagree" or "inconclusive".
-        text: The check in words, for instance "cross-check by ess agrees: 1.2e-4 (5e-5 .. 3e-4)".
         share: Cost that was meant for it, as a share of the estimate's.
         probability: Its estimate; None where it did not run.
         interval: Its interval.
@@ -79,7 +79,6 @@ class CrossCheckResult:
 
     estimator: str
     outcome: str
-    text: str
     share: float
     probability: float | None = None
     interval: Interval | None = None
@@ -132,6 +131,7 @@ class Result:
         worst: Least robust rollout.
         robustness: Robustness of each complete rollout of the first stage, NaN for errors; of Monte Carlo, of
             the first 100,000 rollouts.
+        notes: Sentences about the estimate, the same in every table, page and notebook.
         counts: Counters of the system, summed over all rollouts.
         diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
         artifacts: What the estimator leaves in the run folder: JSON data by the name of the file.
@@ -158,6 +158,7 @@ class Result:
     failures: Failures
     worst: Worst
     robustness: Floats
+    notes: tuple[Note, ...] = ()
     counts: dict[str, int] = field(default_factory=dict)
     diagnostics: dict[str, Any] = field(default_factory=dict)
     artifacts: dict[str, Any] = field(default_factory=dict)
@@ -189,6 +190,7 @@ class Result:
             "errors": self.errors,
             "seconds": round(self.seconds, 3),
             "health": list(self.health),
+            "notes": [asdict(note) for note in self.notes],
             "verdict": self.verdict,
             "warnings": self.health,
             "cross_check": asdict(self.cross_check) if self.cross_check else None,

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from avrare.estimation import health
+from avrare.estimation.note import describe_blind_bound, describe_counts
 from avrare.estimation.outlier_probe import probe_cost, probe_outliers
 from avrare.estimation.pair_probe import pair_probe_cost, probe_pairs
 from avrare.estimation.plan import Info, Plan
@@ -50,6 +52,13 @@ def build_result(
     )
 
 
+def add_counts(result: Result, counts: Iterable[Mapping[str, int]]) -> Result:
+    """Return a result whose counters include those of other parts of its estimate."""
+    total = dict(sorted(sum(map(Counter, counts), Counter(result.counts)).items()))
+    others = [note for note in result.notes if note.kind != "counts"]
+    return replace(result, counts=total, notes=(*others, *describe_counts(total)))
+
+
 def missing_worst(plan: Plan) -> Worst:
     """Return the least robust rollout of an estimate in which every rollout ended in an error."""
     return Worst(np.zeros((plan.steps + 1, plan.noise.noise_size)), math.nan)
@@ -59,24 +68,25 @@ def examined(
     problem: Problem, results: Sequence[Result], warnings: Mapping[str, str], *, replay: bool,
     suppress: Collection[str], seed: int,
 ) -> list[Result]:  # fmt: skip
-    """Add the warnings that need the problem to the results of its specifications.
+    """Add the warnings that need the problem, and the notes on bound and counters, to the results.
 
-    Among them are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``: run the
-    least robust rollouts again and compare, unless the system is known not to be deterministic.
+    Among the warnings are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``:
+    run the least robust rollouts again and compare, unless the system is known not to be deterministic.
     """
-    notes = {**warnings, **find_notes(problem.system)}
+    on_system = {**warnings, **find_notes(problem.system)}
     again: Sequence[float] = ()
-    if replay and "not_deterministic" not in notes:
+    if replay and "not_deterministic" not in on_system:
         again = _replayed(problem, [result.worst.noise for result in results])
     complete = []
     for column, result in enumerate(results):
-        found = {**result.health, **notes, **_horizon(problem, column), **_solver(result.counts)}
+        found = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
         if result.blind_bound is not None and result.blind_bound > _FAR_OFF * result.interval[1]:
             found |= _flat_part(problem, column, result) or _outliers(problem, column, result, seed)
         if again and "not_deterministic" not in found:
             found |= _reproduction(problem, result, column, again[column], rounds="rounding" in found)
         kept = {name: text for name, text in found.items() if name not in suppress}
-        complete.append(replace(result, health=kept))
+        notes = (*result.notes, *describe_blind_bound(result.blind_bound), *describe_counts(result.counts))
+        complete.append(replace(result, health=kept, notes=notes))
     return complete
 
 

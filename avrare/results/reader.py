@@ -21,6 +21,7 @@ from avrare.base.errors import AvrareError, UsageError, did_you_mean
 from avrare.base.stored_files import check_seal, digest, read_arrays, read_json, read_regular
 from avrare.base.visible_text import spell_line
 from avrare.estimation.checkpoint import SCENARIO, resume_hint
+from avrare.estimation.note import Note
 from avrare.estimation.result import Failures, Worst
 from avrare.results.stored_diagnostics import check_diagnostics
 from avrare.scenario.safe_mode import is_outside
@@ -51,18 +52,6 @@ class RolloutSample:
     worst: Worst
 
 
-class StoredCrossCheck(BaseModel):
-    """Cross-check of an estimate: the fields that readers rely on."""
-
-    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
-
-    estimator: _Name
-    outcome: Literal["agree", "disagree", "inconclusive"]
-    text: str
-    rollouts: int
-    seconds: float
-
-
 class StoredEstimate(BaseModel):
     """Entry of result.json: the fields that readers rely on (``Result.to_dict`` writes more)."""
 
@@ -80,11 +69,10 @@ class StoredEstimate(BaseModel):
     errors: int
     seconds: float
     health: list[_Name]
+    notes: list[Note]
     verdict: Literal["pass", "fail", "inconclusive"] | None
     blind_bound: _Share | None = None
-    cross_check: StoredCrossCheck | None = None
     warnings: dict[str, str] | None = None
-    counts: dict[str, int | float] | None = None
     run_probabilities: list[float | None] | None = None
     diagnostics: Annotated[dict[str, Any] | None, AfterValidator(check_diagnostics)] = None
 

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-_Text = Annotated[str, Field(min_length=1)]
 _Count = Annotated[int, Field(ge=0)]
 _ABSENT: Any = Field(default=None)
 """A part that may be missing, but is not null."""
@@ -16,16 +15,12 @@ class _Told(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True)
 
 
-class _Sentence(_Told):
-    text: _Text
-
-
-class _Choice(_Sentence):
+class _Choice(_Told):
     counting_rollouts: _Count = _ABSENT
     shared_by: Annotated[int, Field(ge=1)] = _ABSENT
 
 
-class _Model(_Sentence):
+class _Model(_Told):
     members: list[Any]
 
 
@@ -37,8 +32,6 @@ class _Diagnostics(_Told):
     choice: _Choice = _ABSENT
     model: _Model = _ABSENT
     twin: _Twin = _ABSENT
-    learnt: list[_Sentence] = []
-    note: _Text = _ABSENT
     used_rollouts: _Count = _ABSENT
 
 

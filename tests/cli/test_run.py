@@ -17,7 +17,7 @@ SMALL = ["--set", "steps=6", "--set", "estimator.rollouts=4", "--no-pictures"]
 RULES = ["safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic", "no_collision"]
 FIELDS = {
     "specification", "estimator", "probability", "interval", "confidence", "relative_error", "rollouts",
-    "simulated_steps", "failures", "errors", "seconds", "health", "verdict",
+    "simulated_steps", "failures", "errors", "seconds", "health", "notes", "verdict",
 }  # fmt: skip
 
 

@@ -66,7 +66,7 @@ def folder(tmp_path, monkeypatch):
     estimate = {
         "specification": "near", "estimator": "mc", "probability": 0.5, "interval": [0.1, 0.9],
         "confidence": 0.95, "relative_error": 0.1, "rollouts": 10, "simulated_steps": 30, "failures": 1,
-        "errors": 0, "seconds": 1.0, "health": [], "verdict": None,
+        "errors": 0, "seconds": 1.0, "health": [], "notes": [], "verdict": None,
     }  # fmt: skip
     result = {"scenario": "toy", "fingerprint": "0", "seed": 0, "versions": {}, "estimates": [estimate]}
     arrays = np.zeros((4, 4)), np.zeros(0, np.uint32), (), np.zeros((0, 0), np.float32)

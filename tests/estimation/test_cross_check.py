@@ -107,7 +107,7 @@ def test_too_small_a_share_runs_nothing_and_says_so():
     result = avrare.estimate(problem(), "ams", cross_check=True, seed=1, **SMALL)
     found = result.cross_check
     assert (found.outcome, found.rollouts, found.probability) == ("inconclusive", 0, None)
-    assert "15 % of the cost pays for only" in found.text
+    assert "15 % of the cost pays for only" in {note.kind: note.text for note in result.notes}["cross_check"]
     assert "estimators_disagree" not in result.health
 
 
@@ -141,6 +141,7 @@ def test_the_estimate_itself_is_not_changed():
     alone = json.loads(avrare.estimate(problem(), "ams", seed=2, **SMALL).to_json())
     checked = plain(avrare.estimate(problem(), "ams", seed=2, cross_check=WHOLE, **SMALL))
     checked["cross_check"] = None
+    assert checked["notes"].pop()["kind"] == "cross_check"
     del alone["seconds"]
     for content in (alone, checked):
         del content["health"], content["warnings"]

@@ -83,7 +83,7 @@ def test_rollouts_are_reweighed_where_enough_of_them_are_left():
     for sd, value in zip(sds[:2], model["members"], strict=False):
         assert value / base.probability == pytest.approx(exact(sd).p / exact().p, rel=0.15)
     assert result.interval[0] <= result.probability <= result.interval[1]
-    assert "4 by reweighing, 1 run anew" in model["text"]
+    assert "4 by reweighing, 1 run anew" in {note.kind: note.text for note in result.notes}["model"]
 
 
 def test_few_kept_failures_leave_the_error_of_all():

@@ -92,7 +92,7 @@ def test_gain_at_the_cost_asked_for():
     twin = result.diagnostics["twin"]
     assert twin["tapes"] * 0.01 + twin["run_again"] == pytest.approx(2850, rel=0.04)
     assert result.failures.weights.sum() == pytest.approx(result.probability)
-    assert "Monte Carlo would need" in result.diagnostics["note"]
+    assert "Monte Carlo would need" in {note.kind: note.text for note in result.notes}["twin"]
 
 
 @pytest.mark.slow
@@ -143,11 +143,12 @@ def test_a_useless_twin_leaves_plain_monte_carlo():
     assert result.estimator == "mc"
     assert (result.probability, result.interval) == (same.probability, same.interval)
     assert result.rollouts == same.rollouts + 2 * int(0.05 * 3000 / 1.01)
-    assert "promises a gain of only" in result.diagnostics["note"]
+    assert "promises a gain of only" in {note.kind: note.text for note in result.notes}["twin"]
     sample = FailureSample.of(result)
     assert sample.trials == same.rollouts
     assert sample.part_interval(np.ones(sample.size, dtype=bool))[1] == result.interval
-    assert "too few" in avrare.estimate(pair, "mfmc", rollouts=200).diagnostics["note"]
+    (note,) = avrare.estimate(pair, "mfmc", rollouts=200).notes
+    assert "too few" in note.text
 
 
 def test_several_specifications_share_their_rollouts():
@@ -174,11 +175,11 @@ def test_breakdowns_of_the_stack_widen_the_interval_and_those_of_the_twin_do_not
     other = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, 2.5)), "mfmc", rollouts=3000, seed=5)
     assert other.errors == 0
     assert other.interval[0] < 2e-2 < other.interval[1]
-    assert "the twin broke down on" in other.diagnostics["note"]
+    assert "the twin broke down on" in {note.kind: note.text for note in other.notes}["twin"]
     never = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, -np.inf)), "mfmc", rollouts=3000, seed=5)
     assert never.estimator == "mc"
     assert never.errors == 0
-    assert "the twin broke down on 148 of 148 tapes" in never.diagnostics["note"]
+    assert "the twin broke down on 148 of 148 tapes" in {note.kind: note.text for note in never.notes}["twin"]
 
 
 def test_what_cannot_be_a_twin_is_said():

@@ -9,10 +9,9 @@ from rich.console import Console
 import avrare
 from avrare.base.number_format import format_confidence, format_probability
 from avrare.estimation.plan import Info
-from avrare.estimation.result import CrossCheckResult
 from avrare.report.terminal.console import make_console, make_table, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
-from avrare.report.terminal.result_table import blind_lines, check_lines, note_lines, result_table
+from avrare.report.terminal.result_table import note_lines, result_table, warning_lines
 
 
 class Still:
@@ -75,27 +74,16 @@ def test_a_narrow_terminal_truncates_no_number(problem):
 def test_a_warning_shared_by_all_is_shown_once(problem):
     result = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
     assert "single_run" in result.health
-    lines = note_lines([result, result])
+    lines = warning_lines([result, result])
     assert sum("single_run" in line for line in lines) == 1
 
 
 def test_splitting_says_what_its_score_may_miss_and_monte_carlo_need_not(problem):
     split = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
-    sentence = f"failures that the score does not lead to could be as likely as {split.blind_bound:.2g}"
-    assert blind_lines([split, split]) == [sentence]
+    sentence = f"Failures that the score does not lead to could be as likely as {split.blind_bound:.2g}."
+    assert note_lines([split, split]) == [sentence]
     counted = replace(avrare.estimate(problem, "mc", rollouts=50), specification="counted")
-    assert blind_lines([split, counted]) == [f"{split.specification}: {sentence}"]
-
-
-def test_a_cross_check_has_a_line_below_the_table(problem):
-    result = avrare.estimate(problem, "mc", rollouts=50)
-    assert check_lines([result]) == []
-    text = "cross-check by ams agrees: 0.02 (0.01 .. 0.04)"
-    found = CrossCheckResult("ams", "agree", text, 0.15, rollouts=90)
-    checked = replace(result, cross_check=found)
-    line = f"{found.text} (90 rollouts, 0.0 s)"
-    assert check_lines([checked]) == [line]
-    assert check_lines([result, checked]) == [f"{checked.specification}: {line}"]
+    assert note_lines([split, counted]) == [f"{split.specification}: {sentence}"]
 
 
 @pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])
@@ -103,8 +91,8 @@ def test_a_goal_that_was_not_reached_is_reported(problem, goal):
     (line,) = note_lines([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
     assert "raise `rollouts` of the estimator" in line
     (line,) = note_lines([avrare.estimate(problem, "mc", threshold=0.9, seed=3)])
-    assert line.startswith("its goal was reached after ")
-    assert line.endswith("the others do not count")
+    assert line.startswith("The goal was reached after ")
+    assert line.endswith("the others do not count.")
 
 
 @pytest.mark.parametrize(

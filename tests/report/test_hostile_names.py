@@ -25,6 +25,7 @@ from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.driving import Road
 from avrare.estimation.budget import Budget
+from avrare.estimation.note import describe_counts
 from avrare.estimation.plan import Info
 from avrare.plugin.registry import default_registry
 from avrare.report.documents import (
@@ -82,7 +83,7 @@ def estimate(problem):
 
 def results_of(name, estimate):
     health = {name: name, "errors": name}
-    return [replace(estimate, specification=name, health=health, counts={name: 3}, blind_bound=0.1)]
+    return [replace(estimate, specification=name, health=health, notes=describe_counts({name: 3}))]
 
 
 def check_of(name, estimate):
@@ -141,7 +142,7 @@ def screens(name, problem, estimate):
         print_check(check, mode)
     print_plan([CostEstimate(name, name, name, 1, 2, 3.0, name)])
     print_table(console, result_table.result_table(name, results))
-    for lines in (result_table.note_lines, result_table.blind_lines, result_table.check_lines):
+    for lines in (result_table.warning_lines, result_table.note_lines):
         print_lines(console, lines(results), "yellow")
     say(*result_table.verdict_lines(name, results))
     for module, one, table in (
@@ -207,6 +208,7 @@ def test_the_report(plane, tamper, name):
     result = json.loads((plane / "result.json").read_text())
     for one in result["estimates"]:
         one["estimator"] = one["estimator"] + text
+        one["notes"] = [{"kind": "cause", "text": text}]
     versions = {**result["versions"], text: text}
     tamper(plane, "result.json", scenario=text, estimates=result["estimates"], versions=versions)
     tamper(plane, "provenance.json", command=["avrare", text], commit=text, python=text, budget=text)

@@ -168,17 +168,6 @@ def test_splitting_says_what_its_score_may_miss(made, split):
     assert sentence not in render_report(made)
 
 
-def test_the_report_shows_the_cross_check(plane, tamper):
-    result = json.loads((plane / "result.json").read_text())
-    assert result["estimates"][0]["cross_check"] is None
-    result["estimates"][0]["cross_check"] = {
-        "estimator": "ams", "outcome": "disagree", "text": "cross-check by ams disagrees: 0.5 (0.4 .. 0.6)",
-        "rollouts": 1200, "seconds": 0.25,
-    }  # fmt: skip
-    tamper(plane, "result.json", estimates=result["estimates"])
-    assert "Cross-check by ams disagrees: 0.5 (0.4 .. 0.6) (1,200 rollouts, 0.2 s)." in render_report(plane)
-
-
 @pytest.mark.slow
 def test_a_replay_has_its_road_vehicles_and_observations(lane_change):
     html = render_report(lane_change)

@@ -17,7 +17,7 @@ from avrare.results.reader import load_run_scenario, read_failures, read_rollout
 ESTIMATE = {
     "specification": "left", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.05],
     "confidence": 0.95, "relative_error": None, "rollouts": 400, "simulated_steps": 8000, "failures": 8,
-    "errors": 0, "seconds": 1, "health": [], "verdict": "pass",
+    "errors": 0, "seconds": 1, "health": [], "notes": [], "verdict": "pass",
 }  # fmt: skip
 RESULT = {"scenario": "drive", "fingerprint": "a", "seed": 0, "versions": {}}
 
@@ -47,13 +47,10 @@ def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
     [
         ({"choice": "mc"}, r"choice: Input should be a valid dictionary\n"),
         ({"choice": None}, "choice"),
-        ({"choice": {}}, "choice.text"),
-        ({"choice": {"text": "mc", "counting_rollouts": "many"}}, "choice.counting_rollouts"),
-        ({"choice": {"text": "mc", "shared_by": 0}}, "choice.shared_by"),
-        ({"model": {"text": "m", "members": 5}}, "model.members"),
-        ({"twin": {"counted": -1}, "note": "mc"}, "twin.counted"),
-        ({"learnt": [{}]}, "learnt.0.text"),
-        ({"note": ""}, "note"),
+        ({"choice": {"counting_rollouts": "many"}}, "choice.counting_rollouts"),
+        ({"choice": {"shared_by": 0}}, "choice.shared_by"),
+        ({"model": {"members": 5}}, "model.members"),
+        ({"twin": {"counted": -1}}, "twin.counted"),
         ({"used_rollouts": 0.5}, "used_rollouts"),
     ],
 )
@@ -65,12 +62,27 @@ def test_damaged_diagnostics_are_reported(tmp_path, found, place):
 
 def test_diagnostics_are_read_as_they_were_written(tmp_path):
     found = {
-        "choice": {"text": "mc, because", "counting_rollouts": 90, "shared_by": 2, "tried": []},
-        "model": {"text": "m", "members": [0.1, None]}, "twin": {"counted": 80}, "note": "mc: slow",
-        "learnt": [{"text": "gust", "noise": ["gust"]}], "used_rollouts": 400, "levels": [[None]],
+        "choice": {"counting_rollouts": 90, "shared_by": 2, "tried": []},
+        "model": {"members": [0.1, None]}, "twin": {"counted": 80},
+        "learnt": [{"noise": ["gust"]}], "used_rollouts": 400, "levels": [[None]],
     }  # fmt: skip
     write(tmp_path, diagnostics=found)
     assert read_run_folder(tmp_path).result.estimates[0].diagnostics == found
+
+
+@pytest.mark.parametrize(
+    ("note", "place"),
+    [
+        ({"text": "The goal was reached."}, "kind"),
+        ({"kind": "gaol", "text": "The goal was reached."}, "kind"),
+        ({"kind": "goal"}, "text"),
+        ({"kind": "goal", "text": 3}, "text"),
+    ],
+)
+def test_damaged_notes_are_reported(tmp_path, note, place):
+    write(tmp_path, notes=[{"kind": "goal", "text": "The goal was reached."}, note])
+    with pytest.raises(UsageError, match=rf"it cannot be read: estimates\.0\.notes\.1\.{place}: "):
+        read_run_folder(tmp_path)
 
 
 def test_a_result_without_estimates(tmp_path):

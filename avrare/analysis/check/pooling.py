@@ -17,10 +17,13 @@ from avrare.analysis.check.confidence_distributions import (
 )
 from avrare.estimation import health
 from avrare.estimation.intervals import cox
+from avrare.estimation.note import Note
 from avrare.estimation.result import CrossCheckResult, Failures, Result
 
 SHARES = (0.125, 0.125, 0.25, 0.5)
 """Share of the budget and of the error rate that each look uses; each from the second doubles the total."""
+_OF_A_BATCH = ("goal", "cross_check")
+"""Kinds of notes that speak of a single batch."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
     their shares of the budget. Where none of that is possible, the newest batch, as large as all others
     together, stands alone. The warnings of all batches count: a later batch that has none may just have
-    missed the tail. So does a cross-check that disagrees. Errors are counted over all batches.
+    missed the tail. So does a cross-check that disagrees. Errors are counted over all batches. Other notes
+    are the newest batch's, but for that on its goal.
     """
     newest = batches[-1]
     if len(batches) == 1:
@@ -47,7 +51,9 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     count = sum(batch.failures.count for batch in batches)
     changes["failures"] = Failures(newest.failures.noise, newest.failures.robustness, count)
     worst = [batch.worst for batch in batches if not math.isnan(batch.worst.robustness)]
-    changes["cross_check"] = _pool_checks([batch.cross_check for batch in batches if batch.cross_check])
+    changes["cross_check"], checks = _pool_checks(batches)
+    notes = [note for note in newest.notes if note.kind not in _OF_A_BATCH]
+    changes["notes"] = (*notes, *checks)
     changes["worst"] = min(worst, key=lambda one: one.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.
     runs = _pool_runs(batches)
@@ -67,15 +73,16 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     return replace(newest, health=warnings, **changes)
 
 
-def _pool_checks(checks: Sequence[CrossCheckResult]) -> CrossCheckResult | None:
-    # The gravest outcome, of equal ones the newest, at the cost of all.
-    if not checks:
-        return None
+def _pool_checks(batches: Sequence[Result]) -> tuple[CrossCheckResult | None, list[Note]]:
+    # The gravest outcome, of equal ones the newest, with its note, at the cost of all.
+    checked = [(batch.cross_check, batch.notes) for batch in batches if batch.cross_check]
+    if not checked:
+        return None, []
     outcomes = ("disagree", "agree", "inconclusive")
-    chosen = min(reversed(checks), key=lambda check: outcomes.index(check.outcome))
+    gravest, notes = min(reversed(checked), key=lambda pair: outcomes.index(pair[0].outcome))
     names = ("rollouts", "simulated_steps", "seconds")
-    costs: dict[str, Any] = {name: sum(getattr(check, name) for check in checks) for name in names}
-    return replace(chosen, **costs)
+    costs: dict[str, Any] = {name: sum(getattr(check, name) for check, _ in checked) for name in names}
+    return replace(gravest, **costs), [note for note in notes if note.kind == "cross_check"]
 
 
 def _pool_counts(batches: Sequence[Result]) -> _PooledMean | None:

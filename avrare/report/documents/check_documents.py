@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
-from avrare.base.number_format import describe_blind_bound, format_interval, format_probability
+from avrare.base.number_format import format_interval, format_probability
 from avrare.base.visible_text import escape_markdown, escape_xml
 
 _SIGNS = {"pass": "✅ pass", "fail": "❌ fail", "inconclusive": "❔ inconclusive"}
@@ -63,19 +63,19 @@ def markdown(outcome: CheckResult) -> str:
         for text in (one.reason, one.next_step)
         if text
     ]
-    remarks += [*outcome.notes, *list_blind_bounds(outcome)]
+    remarks += [*outcome.notes, *list_notes(outcome)]
     if remarks:
         lines += ["", *(f"- {escape_markdown(text)}" for text in remarks)]
     return "\n".join(lines) + "\n"
 
 
-def list_blind_bounds(outcome: CheckResult) -> list[str]:
-    """Return a line for each estimate with a blind bound."""
+def list_notes(outcome: CheckResult) -> list[str]:
+    """Return a line for each note of an estimate."""
     return [
-        f"{scenario} {one.specification}: {describe_blind_bound(one.blind_bound)}"
+        f"{scenario} {result.specification}: {note.text}"
         for scenario, results in outcome.results.items()
-        for one in results
-        if one.blind_bound is not None
+        for result in results
+        for note in result.notes
     ]
 
 

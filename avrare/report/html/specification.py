@@ -8,13 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from avrare.base.errors import AvrareError
-from avrare.base.number_format import (
-    describe_blind_bound,
-    describe_stop,
-    format_percent,
-    format_typeset,
-    format_typeset_interval,
-)
+from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
 from avrare.estimation.loop import prepare_problem
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax.words import HasWords, to_words
@@ -111,34 +105,18 @@ def _render_facts(entry: StoredEstimate) -> Markup:
     ]
     rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
     rows.append(tag("div", tag("dt", "made by"), tag("dd", link_command("run"))))
-    notes = [] if entry.blind_bound is None else [describe_blind_bound(entry.blind_bound)]
-    if check := entry.cross_check:
-        notes.append(f"{check.text} ({check.rollouts:,} rollouts, {check.seconds:,.1f} s)")
-    diagnostics = entry.diagnostics or {}
-    used = diagnostics.get("used_rollouts", entry.rollouts)
-    notes += [describe_stop(used, entry.failures)] if used < entry.rollouts else []
-    notes += [diagnostics["choice"]["text"]] if "choice" in diagnostics else []
-    notes += [cause["text"] for cause in diagnostics.get("learnt", ())]
-    notes += [diagnostics["model"]["text"]] if "model" in diagnostics else []
-    notes += [diagnostics["note"]] if "twin" in diagnostics else []
-    shown = [tag("p", f"{note[0].upper()}{note[1:]}.", class_="muted") for note in notes]
-    return tag("div", tag("dl", rows, class_="facts"), shown)
+    notes = [tag("p", note.text, class_="muted") for note in entry.notes]
+    return tag("div", tag("dl", rows, class_="facts"), notes)
 
 
 def _render_warnings(entry: StoredEstimate) -> Markup:
-    warnings = entry.warnings or {}
+    if not entry.warnings:
+        return tag("p", "No warnings.", class_="health")
     lines = [
-        tag("li", tag("strong", name.replace("_", " ")), f": {text}.") for name, text in warnings.items()
+        tag("li", tag("strong", name.replace("_", " ")), f": {text}.")
+        for name, text in entry.warnings.items()
     ]
-    counts = entry.counts or {}
-    solves = counts.get("solves", 0)
-    for name, count in counts.items():
-        if count and name != "solves":
-            total = f" of {solves:,}" if "solve" in name else ""
-            lines.append(tag("li", f"{name.replace('_', ' ')}: {count:,}{total}."))
-    if warnings:
-        return tag("div", tag("h3", "Warnings"), tag("ul", lines), class_="health warning", role="note")
-    return tag("div", tag("p", "No warnings."), tag("ul", lines) if lines else None, class_="health")
+    return tag("div", tag("h3", "Warnings"), tag("ul", lines), class_="health warning", role="note")
 
 
 def _draw_charts(folder: RunFolder, entry: StoredEstimate) -> Markup:

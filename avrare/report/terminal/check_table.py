@@ -11,7 +11,7 @@ from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.base.errors import ExitCode
 from avrare.base.number_format import format_duration, format_interval, format_probability
-from avrare.report.documents.check_documents import format_numbers, list_blind_bounds
+from avrare.report.documents.check_documents import format_numbers, list_notes
 from avrare.report.terminal.console import (
     VERDICT_COLOURS,
     Mode,
@@ -42,7 +42,7 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
     for one in outcome.decisions:
         if one.next_step:
             console.print(f"{one.scenario}  {one.name}: {one.next_step}", markup=False)
-    for note in (*outcome.notes, *list_blind_bounds(outcome)):
+    for note in (*outcome.notes, *list_notes(outcome)):
         console.print(note, markup=False)
     console.print(f"{colour_verdict(outcome.verdict)}{_overall_details(outcome)}")
 

@@ -55,7 +55,7 @@ def test_a_climb_says_what_it_did_and_what_it_cost(climbed):
     rows = sum(one.diagnostics["rows"])
     checked = one.diagnostics["check_rollouts"]
     assert one.rollouts == one.diagnostics["learning_rollouts"] + rows + told["rollouts"] + checked
-    assert "Markov chains climb" in one.diagnostics["note"]
+    assert "Markov chains climb" in {note.kind: note.text for note in one.notes}["climb"]
     assert one.diagnostics["goal_reached"] == (one.relative_error <= 0.25)
 
 

@@ -7,7 +7,6 @@ import pytest
 from outlier_systems import outliers
 
 import avrare
-from avrare.report.terminal.result_table import note_lines
 from avrare_estimators.config import IsConfig
 from avrare_estimators.importance import dictionary, learned_sampling
 from avrare_estimators.importance.learned_sampling import LearnedSampling, relative_error
@@ -130,9 +129,10 @@ def test_a_goal_that_the_stages_leave_out_of_reach_ends_the_run(monkeypatch):
     monkeypatch.setattr(LearnedSampling, "_share", share)
     options = {"seed": 1, "rollouts": 200_000, "pilot": 3000, "relative_error": 0.02}
     result = avrare.estimate(outliers("always (first < 4)"), "is", **options)
-    (line,) = [line for line in note_lines([result]) if "before it reached" in line]
-    assert "learned.json" in line
-    assert "give more rollouts" not in line
+    text = {note.kind: note.text for note in result.notes}["goal"]
+    assert "before it reached" in text
+    assert "learned.json" in text
+    assert "raise `rollouts`" not in text
     assert result.rollouts < 50_000
     assert result.diagnostics["shares"] == [[0.1, 0.9]]
     assert result.relative_error > 0.02

@@ -127,7 +127,7 @@ def test_features_that_say_nothing_leave_the_score_of_the_problem(seed):
     result = estimate(task, seed, pilot=1000)
     own = estimate(task, seed, score="problem", pilot=1000)
     assert used(result) == "problem"
-    assert "the features do not tell failures" in result.diagnostics["note"]
+    assert "the features do not tell failures" in {note.kind: note.text for note in result.notes}["score"]
     assert np.array_equal(result.run_probabilities, own.run_probabilities)
     assert result.interval == own.interval
     assert result.artifacts == own.artifacts == {}
@@ -137,7 +137,7 @@ def test_features_that_say_nothing_leave_the_score_of_the_problem(seed):
 def test_failures_out_of_reach_leave_the_score_of_the_problem():
     result = estimate(problem(limit=50.0), floor=1e-3)
     assert used(result) == "problem"
-    assert "too few failures" in result.diagnostics["note"]
+    assert "too few failures" in {note.kind: note.text for note in result.notes}["score"]
 
 
 @pytest.mark.parametrize(

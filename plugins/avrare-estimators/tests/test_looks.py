@@ -10,7 +10,6 @@ import pytest
 
 import avrare
 from avrare.estimation import health
-from avrare.report.terminal.result_table import note_lines
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import walk
 from avrare_estimators.config import AmsConfig, EssConfig
@@ -98,8 +97,9 @@ def test_growth_aims_at_twenty_four_roots(roots, growth):
 def test_growth_is_bounded_where_few_roots_are_expected_anyway(roots):
     pilot = Pilot(0, roots, math.nan)
     assert pilot.wanted_growth == 2
-    assert "were not raised further" in replace(pilot, growth=2).diagnostics(500, "particles")["note"]
-    assert "note" not in replace(pilot, growth=1).diagnostics(250, "particles")  # the budget paid for no more
+    (note,) = replace(pilot, growth=2).notes(500, "particles")
+    assert "were not raised further" in note.text
+    assert not replace(pilot, growth=1).notes(250, "particles")  # the budget paid for no more
 
 
 def test_the_first_look_is_half_of_what_the_pilot_suggests():
@@ -170,8 +170,9 @@ def test_failures_of_later_batches_replay(name):
     assert rare.diagnostics["goal_reached"] is False
     np.testing.assert_array_equal(problem(1.4).robustness(rare.failures.noise), rare.failures.robustness)
     assert problem(1.4).replay(rare.failures.noise).violated.all()
-    (line,) = [line for line in note_lines([rare]) if "before it reached" in line]
-    assert "most_runs" in line
+    text = {note.kind: note.text for note in rare.notes}["goal"]
+    assert "before it reached" in text
+    assert "most_runs" in text
 
 
 @pytest.mark.parametrize("name", SMALL)
@@ -191,7 +192,10 @@ def test_a_pilot_raises_the_size_and_does_not_count(name):
         assert grown.rollouts > fixed.rollouts
         total = told["full_rollouts"] + told["branched_rollouts"]
         assert total == fixed.rollouts
-    assert f"{told[size]} {size} in place of {SMALL[name][size]}" in "".join(note_lines([grown]))
+    assert (
+        f"{told[size]} {size} in place of {SMALL[name][size]}"
+        in {note.kind: note.text for note in grown.notes}["pilot"]
+    )
 
 
 def test_a_hopeless_problem_costs_little_more_than_planned():
@@ -202,7 +206,7 @@ def test_a_hopeless_problem_costs_little_more_than_planned():
     np.testing.assert_array_equal(grown.run_probabilities, twice.run_probabilities)
     assert grown.rollouts - twice.rollouts < 0.2 * fixed.rollouts  # the pilot
     assert grown.rollouts < 3.0 * fixed.rollouts
-    assert any("were not raised further" in line for line in note_lines([grown]))
+    assert "were not raised further" in {note.kind: note.text for note in grown.notes}["pilot"]
     assert "extinct" in grown.health
 
 
@@ -211,7 +215,7 @@ def test_many_roots_leave_the_size_as_it_is():
     fixed = avrare.estimate(problem(0.3), "ams", seed=3, particles=80, discard=20)
     assert grown.diagnostics["pilot_roots"] >= 20
     np.testing.assert_array_equal(grown.run_probabilities, fixed.run_probabilities)
-    assert "note" not in grown.diagnostics
+    assert "pilot" not in {note.kind for note in grown.notes}
 
 
 @pytest.mark.parametrize("options", [{"runs": 9}, {"budget": "rollouts=2000"}])

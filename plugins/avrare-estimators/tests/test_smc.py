@@ -116,7 +116,7 @@ def test_the_kind_of_interval_does_not_rest_on_the_first_batch(monkeypatch):
     monkeypatch.setattr(Counted, "of", first_is_plain)
     monkeypatch.setattr(SequentialMonteCarlo, "_together", lambda *_: 1)
     found = estimate(problem(limit=1.2), proposal="none")
-    assert "note" not in found.diagnostics
+    assert "learning" not in {note.kind for note in found.notes}
     assert found.interval == expected.interval
     assert found.health == expected.health
     assert found.blind_bound == expected.blind_bound
@@ -241,7 +241,7 @@ def test_all_starts_and_copies_are_rollouts(monkeypatch):
 
 def test_a_problem_without_steps_is_plain_monte_carlo():
     result = estimate(conjunction(-1.0).problem(), proposal="none")
-    assert "Monte Carlo" in result.diagnostics["note"]
+    assert "Monte Carlo" in {note.kind: note.text for note in result.notes}["learning"]
     assert result.interval[0] < result.probability < result.interval[1]
 
 
@@ -286,7 +286,7 @@ def test_without_structure_it_is_monte_carlo():
     """Leave the pilot's failures out: the interval is that of the later rollouts alone."""
     for seed in range(3):
         result = estimate(scrambled(0.02), seed, runs=2)
-        assert "Monte Carlo" in result.diagnostics["note"]
+        assert "Monte Carlo" in {note.kind: note.text for note in result.notes}["learning"]
         assert result.interval[0] <= result.probability <= result.interval[1]
         exact = intervals.clopper_pearson(round(200 * result.probability), 200, 0.95)
         assert result.interval == exact
@@ -309,9 +309,10 @@ def test_the_curve_falls_to_the_estimate():
 
 
 def test_words_say_when_the_drive_is_lost():
-    told = estimate(problem(limit=1.2), particles=200).diagnostics["learnt"][-1]
-    assert "failures are lost at step" in told["text"] or "come suddenly" in told["text"]
-    middles = [middle for _, middle, _ in told["committor"]]
+    result = estimate(problem(limit=1.2), particles=200)
+    text = {note.kind: note.text for note in result.notes}["cause"]
+    assert "failures are lost at step" in text or "come suddenly" in text
+    middles = [middle for _, middle, _ in result.diagnostics["learnt"][-1]["committor"]]
     assert middles[0] < 0.2
     assert middles[-1] > middles[0]
 

@@ -68,8 +68,9 @@ def test_an_outlier_is_found_and_told(one_outlier):
     assert one_outlier.interval[0] <= exact <= one_outlier.interval[1]
     told = one_outlier.diagnostics["learnt"]
     assert told[0]["noise"] == ["gust"]
-    assert "gust beyond" in told[0]["text"]
-    assert " s, in " in told[0]["text"]
+    text = next(note.text for note in one_outlier.notes if note.kind == "cause")
+    assert "gust beyond" in text
+    assert " s, in " in text
     assert told[0]["share"] > 0.5
     spent = one_outlier.diagnostics
     assert one_outlier.rollouts == spent["learning_rollouts"] + sum(spent["rows"]) + spent["check_rollouts"]
@@ -110,7 +111,7 @@ def test_failures_replay(one_outlier):
 def test_no_structure_falls_back_to_monte_carlo():
     exact = -np.expm1(STEPS * np.log1p(-2.5e-4))
     result = estimate(outliers("always (digits < 0.99975)"), stages=3)
-    assert "drawn from the target" in result.diagnostics["note"]
+    assert "drawn from the target" in {note.kind: note.text for note in result.notes}["learning"]
     assert result.artifacts == {}
     assert result.health == {}
     assert result.interval[0] <= exact <= result.interval[1]
@@ -220,7 +221,7 @@ def test_stops_at_a_relative_error():
     result = estimate(exact.problem(), relative_error=0.2, rollouts=40_000)
     assert result.relative_error <= 0.2
     assert result.diagnostics["goal_reached"]
-    assert " sigma in sum at " in result.diagnostics["learnt"][0]["text"]
+    assert " sigma in sum at " in next(note.text for note in result.notes if note.kind == "cause")
     assert result.rollouts < 20_000
     assert result.interval[0] <= exact.probability <= result.interval[1]
 

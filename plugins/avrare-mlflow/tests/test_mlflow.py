@@ -11,7 +11,7 @@ from avrare.results.reader import read_run_folder
 ESTIMATE = {
     "specification": "in_lane", "estimator": "mc", "probability": 0.05, "interval": [0.04, 0.06],
     "confidence": 0.95, "relative_error": None, "rollouts": 2000, "simulated_steps": 2000, "failures": 100,
-    "errors": 0, "seconds": 1.5, "health": ["few_roots"], "verdict": "fail",
+    "errors": 0, "seconds": 1.5, "health": ["few_roots"], "notes": [], "verdict": "fail",
 }  # fmt: skip
 CONTENT = {
     "schema": 1, "scenario": "drive", "fingerprint": "abcd", "seed": 3, "versions": {"avrare": "0.1.0"},

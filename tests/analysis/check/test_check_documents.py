@@ -7,6 +7,7 @@ import pytest
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
+from avrare.estimation.note import describe_blind_bound
 from avrare.report.documents.check_documents import junit, markdown
 
 NASTY = 'a <b> & "c" | `d` *e* \x00\x1b[31m ]]> \ud800 é\nnew line'
@@ -57,6 +58,7 @@ def test_markdown_keeps_its_columns(outcome):
 
 
 def test_markdown_says_what_a_score_may_miss(outcome, estimate):
-    text = markdown(replace(outcome, results={"one": (estimate(blind_bound=1.2e-3), estimate())}))
+    blind = estimate(notes=describe_blind_bound(1.2e-3))
+    text = markdown(replace(outcome, results={"one": (blind, estimate())}))
     (line,) = [line for line in text.splitlines() if "does not lead to" in line]
-    assert line == "- one rule: failures that the score does not lead to could be as likely as 0.0012"
+    assert line == "- one rule: Failures that the score does not lead to could be as likely as 0.0012."

@@ -8,6 +8,7 @@ import pytest
 from avrare.analysis.check.confidence_distributions import Binomial, LogNormal, Tabulated, derive_distribution
 from avrare.analysis.check.pooling import pool
 from avrare.estimation import intervals
+from avrare.estimation.note import Note
 from avrare.estimation.result import CrossCheckResult
 
 
@@ -98,13 +99,26 @@ def test_warnings_of_all_batches_count_and_errors_add_up(estimate):
 )
 def test_the_gravest_cross_check_of_all_batches_stands_at_the_cost_of_all(estimate, outcomes, kept):
     checks = [
-        CrossCheckResult("ess", outcome, f"check {k}", 0.15, rollouts=10**k, simulated_steps=2 * 10**k)
+        CrossCheckResult(f"check {k}", outcome, 0.15, rollouts=10**k, simulated_steps=2 * 10**k)
         for k, outcome in enumerate(outcomes)
     ]
-    whole = pool([estimate(Binomial(2, 100), cross_check=check) for check in checks], 0.01)
-    assert whole.cross_check.text == f"check {kept}"
+    batches = [
+        estimate(Binomial(2, 100), cross_check=check, notes=(Note("cross_check", check.estimator),))
+        for check in checks
+    ]
+    whole = pool(batches, 0.01)
+    assert whole.cross_check.estimator == f"check {kept}"
+    assert whole.notes == (Note("cross_check", f"check {kept}"),)
     assert whole.cross_check.rollouts == sum(10**k for k in range(len(checks)))
     assert whole.cross_check.simulated_steps == 2 * whole.cross_check.rollouts
+
+
+def test_pooled_batches_have_the_notes_of_the_newest_but_for_its_goal(estimate):
+    first, last = (
+        estimate(Binomial(2, 100), notes=(Note("goal", f"goal {k}"), Note("blind", f"blind {k}")))
+        for k in range(2)
+    )
+    assert pool([first, last], 0.01).notes == (Note("blind", "blind 1"),)
 
 
 def test_batches_without_a_cross_check_have_none(estimate):

@@ -341,7 +341,7 @@ def test_warnings_are_told(catalogue, capsys):
 ENTRY = {
     "specification": "dry", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.03],
     "confidence": 0.95, "relative_error": 0.2, "rollouts": 400, "simulated_steps": 1200, "failures": 2,
-    "errors": 0, "seconds": 0.1, "health": ["rounding", "model_unknown"], "verdict": None,
+    "errors": 0, "seconds": 0.1, "health": ["rounding", "model_unknown"], "notes": [], "verdict": None,
     "warnings": {"rounding": "r", "model_unknown": "m"}, "diagnostics": {},
 }  # fmt: skip
 
@@ -349,7 +349,7 @@ ENTRY = {
 def test_counts_of_an_ensemble_do_not_stand_for_its_models():
     # Its failures are of one model and its rollouts of all: 2 / 400 would be a quarter of the estimate.
     assert SceneEstimate.read(ENTRY).quantity(0.95, False).value == 2 / 400
-    model = SceneEstimate.read({**ENTRY, "diagnostics": {"model": {"text": "m", "members": [0.02]}}})
+    model = SceneEstimate.read({**ENTRY, "diagnostics": {"model": {"members": [0.02]}}})
     found = model.quantity(0.95, False)
     assert (found.value, found.low, found.high) == (0.02, 0.01, 0.03)
     assert model.warnings == {"model_unknown": "m"}
@@ -358,9 +358,9 @@ def test_counts_of_an_ensemble_do_not_stand_for_its_models():
 def test_rollouts_that_rules_share_are_counted_once():
     assert SceneEstimate.read(ENTRY).cost == 0
     assert SceneEstimate.read(ENTRY, 4).cost == 100
-    chosen = {**ENTRY, "diagnostics": {"choice": {"text": "mc", "shared_by": 2}}}
+    chosen = {**ENTRY, "diagnostics": {"choice": {"shared_by": 2}}}
     assert SceneEstimate.read(chosen, 1).cost == 200
-    alone = {**ENTRY, "diagnostics": {"choice": {"text": "mc"}}}
+    alone = {**ENTRY, "diagnostics": {"choice": {}}}
     assert SceneEstimate.read(alone, 1).cost == 400
 
 

@@ -323,8 +323,8 @@ def test_a_run_stopped_in_its_cross_check_goes_on_there(night, interrupted, caps
     words = [night.scenario(estimator), "--set", "cross_check={estimator: ess, share: 1.0}"]
     assert run(*words, "--out", "whole") == 0
     lines = capsys.readouterr().out
-    assert "near: cross-check by ess " in lines
-    assert "far: cross-check by ess " in lines
+    assert "near: Cross-check by ess " in lines
+    assert "far: Cross-check by ess " in lines
     interrupted(80, *words, "--out", "torn")
     folders = {path.parent.name for path in night.saved("torn")}
     assert "near+check" in folders
@@ -346,7 +346,7 @@ def test_a_cross_check_of_several_specifications_shares_their_cost(night):
     for entry in result["estimates"]:
         check = entry["cross_check"]
         assert (check["estimator"], check["outcome"]) == ("ams", "inconclusive")
-        assert "15 % of the cost pays for only 30 complete rollouts" in check["text"]
+        assert "15 % of the cost pays for only 30 complete rollouts" in entry["notes"][-1]["text"]
 
 
 def test_results_of_other_scenarios_are_not_mixed_with(night, capsys):

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from avrare.estimation import health
 from avrare.estimation.cost_forecast import CostForecast
+from avrare.estimation.note import Note, describe_missed_goal, describe_precision
 from avrare.estimation.result import Interval
 
 LEAST_RUNS = 10
@@ -71,10 +72,17 @@ class Looks:
         return interval_at if share == 1.0 else partial(_widened, interval_at, share)
 
     def diagnostics(self, relative_error: float) -> dict[str, Any]:
-        """Return what a result tells of the stopping rule."""
+        """Return the looks, and whether the goal was reached; empty without a goal."""
         if self.goal is None:
             return {}
         return {"looks": list(self.runs), "goal_reached": self._reached(relative_error)}
+
+    def notes(self, rollouts: int, probability: float, relative_error: float) -> tuple[Note, ...]:
+        """Return the note on an estimate that ended short of its goal; none where it did not."""
+        if self.goal is None or self._reached(relative_error):
+            return ()
+        progress = describe_precision(probability, relative_error)
+        return (describe_missed_goal(rollouts, progress, "most_runs"),)
 
     def _reached(self, relative_error: float) -> bool:
         return self.goal is not None and relative_error <= self.goal
@@ -134,16 +142,20 @@ class Pilot:
         return CostForecast(kind, least, most, "by the pilot")
 
     def diagnostics(self, size: int, name: str) -> dict[str, Any]:
-        """Return what a result tells of the pilot, and of runs of ``size`` particles or chains."""
-        told: dict[str, Any] = {"pilot_roots": self.roots, name: size}
-        if self.growth > 1:
-            told["note"] = (
-                f"a pilot, which does not count, promised {self.roots:.0f} roots a run: the runs that "
-                f"count have {size} {name} in place of {size // self.growth}"
+        """Return the roots that the pilot promises, and the ``size`` of the runs: particles or chains."""
+        return {"pilot_roots": self.roots, name: size}
+
+    def notes(self, size: int, name: str) -> tuple[Note, ...]:
+        """Return the note on runs whose size was raised to ``size`` particles or chains; none otherwise."""
+        if self.growth == 1:
+            return ()
+        text = (
+            f"A pilot, which does not count, promised {self.roots:.0f} roots a run: the runs that count have "
+            f"{size} {name} in place of {size // self.growth}."
+        )
+        if self.hopeless:
+            text += (
+                f" Few roots are expected, and {name} were not raised further: give {name}, a score that "
+                "rises earlier on the way to a failure, or another estimator."
             )
-            if self.hopeless:
-                told["note"] += (
-                    f"; few roots are expected, and {name} were not raised further: give {name}, a score "
-                    "that rises earlier on the way to a failure, or another estimator"
-                )
-        return told
+        return (Note("pilot", text),)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import UsageError
+from avrare.estimation.note import Note
 from avrare.estimation.plan import Info, Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
@@ -164,7 +165,7 @@ class ScoreLearning:
         return replace(state, potentials=found, promise=promise, reason=f"rollouts held out promise {told}")
 
     def diagnostics(self, plan: Plan) -> dict[str, Any]:
-        """Return what a result tells of the score."""
+        """Return the score in use and its promise, as JSON."""
         learned = self.potentials is not None
         score: dict[str, Any] = {"used": "learned" if learned else "problem", "reason": self.reason}
         found: dict[str, Any] = {"score": score, "learning_rollouts": self.spent.rollouts}
@@ -173,8 +174,13 @@ class ScoreLearning:
             score |= {"gain": self.promise.gain, "gain_error": error if np.isfinite(error) else None}
         if self.potentials is not None:
             found["learned"] = _freeze(self.potentials, plan).digest
-        named = "the learned committor" if learned else "the problem's own, not the learned committor"
-        return {**found, "note": f"the score is {named}: {self.reason}"}
+        return found
+
+    def notes(self) -> tuple[Note, ...]:
+        """Return the note on the score in use."""
+        own = "the problem's own, not the learned committor"
+        score = own if self.potentials is None else "the learned committor"
+        return (Note("score", f"The score is {score}: {self.reason}."),)
 
     def artifacts(self, plan: Plan) -> dict[str, Any]:
         """Return the file of the score, for ``learned: FILE``."""

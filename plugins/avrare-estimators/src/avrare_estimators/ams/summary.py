@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -78,19 +77,16 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
             "genealogical_variance": variance.tolist(),
         }
         | ({"saved_steps": state.saved} if config.early_stop else {})
-        | _told_before(state)
+        | (learning.diagnostics(plan) if learning else {})
+        | (pilot.diagnostics(state.particles, "particles") if pilot else {})
         | looks.diagnostics(math.sqrt(relative)),
+        notes=(
+            *looks.notes(tally.rollouts, probability, math.sqrt(relative)),
+            *(learning.notes() if learning else ()),
+            *(pilot.notes(state.particles, "particles") if pilot else ()),
+        ),
         artifacts=learning.artifacts(plan) if learning else {},
     )
-
-
-def _told_before(state: AmsState) -> dict[str, Any]:
-    """Return what a result tells of the learned score and of the pilot."""
-    found = [state.learning.diagnostics(state.plan)] if state.learning else []
-    found += [state.pilot.diagnostics(state.particles, "particles")] if state.pilot else []
-    notes = [part.pop("note") for part in found if "note" in part]
-    joined = {key: value for part in found for key, value in part.items()}
-    return joined | ({"note": "; ".join(notes)} if notes else {})
 
 
 def relative_variance(values: Floats, variance: Floats, particles: int) -> float:

@@ -79,6 +79,10 @@ def summarise(
         )
         | (state.found.diagnostics(last.shape.chains, "chains") if state.found and config.grow else {})
         | looks.diagnostics(math.sqrt(relative_variance)),
+        notes=(
+            *looks.notes(tally.rollouts, probability, math.sqrt(relative_variance)),
+            *(state.found.notes(last.shape.chains, "chains") if state.found and config.grow else ()),
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from avrare.base.memory import allowance
 from avrare.base.number_format import format_probability
+from avrare.estimation.note import Note
 from avrare.estimation.result import Result
 from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups
 from avrare_estimators.importance.coverage import find_coverage_doubts
@@ -27,8 +28,8 @@ from avrare_estimators.looks import Looks
 _ROLLOUTS_OF_CHAIN = 100
 """Affordable rollouts for each chain of a pilot: it takes a tenth of them at a level."""
 _CLIMBED = (
-    "rollouts are sampled up to a level that a share of {} of them reaches, and Markov chains climb from "
-    "there to failure"
+    "Rollouts are sampled up to a level that a share of {} of them reaches, and Markov chains climb from "
+    "there to failure."
 )
 
 
@@ -86,7 +87,9 @@ class ClimbingSampling(LearnedSampling):
         told, artifacts = dict(result.diagnostics), dict(result.artifacts)
         told["learning_rollouts"] += state.pilots
         if state.route is not None and state.climbed is not None:
-            told["note"] = _CLIMBED.format(format_probability(state.route.entry.probability))
+            text = _CLIMBED.format(format_probability(state.route.entry.probability))
+            others = [note for note in result.notes if note.kind != "learning"]
+            result = replace(result, notes=(*others, Note("climb", text)))
             if FILE in artifacts and len(state.finished) == 1:
                 artifacts[FILE] = {**artifacts[FILE], "climb": state.route.to_dict()}
         return [replace(result, diagnostics=told, artifacts=artifacts)]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from avrare.estimation.cost_forecast import CostForecast
+from avrare.estimation.note import Note, describe_missed_goal, describe_precision
 from avrare.estimation.plan import GaveUp, Info, Plan
 from avrare.estimation.result import Result
 from avrare.rollout.problem import Problem
@@ -55,8 +56,8 @@ _LAST_STAGES = 2.0
 _WORTHLESS = "learning found no proposal that beats Monte Carlo by a factor of two"
 
 _AT_FLOOR = (
-    "the run ended before it reached `relative_error`: what counts of its learning leaves an error of {:.0%} "
-    "that more rollouts do not lower; `--learned` with the learned.json of this run draws them all anew"
+    "The run ended before it reached its goal: the stages of learning that count leave an error of {:.0%} "
+    "that more rollouts do not lower; `--learned` with the learned.json of this run draws them all anew."
 )
 _UNREACHED = "learning did not reach a failure"
 
@@ -121,14 +122,18 @@ class LearnedSampling(WeightedSampler):
         assert self.names is not None
         result = super().estimate(state)[0]
         samples = [run.sample for run in state.finished]
+        causes = describe_failures(samples, self.names)
         told = {
             "learning_rollouts": sum(stage["rollouts"] for run in state.finished for stage in run.stages),
-            "learnt": describe_failures(samples, self.names),
+            "learnt": [cause.data for cause in causes],
         }
+        notes = [cause.note for cause in causes]
         mixtures = [mixture for sample in samples if (mixture := mixture_of(sample)) is not None]
         artifacts = {}
         if not mixtures:
-            told["note"] = f"{_WORTHLESS}: the rollouts that count are drawn from the target"
+            notes.append(
+                Note("learning", f"The rollouts that count are drawn from the target: {_WORTHLESS}.")
+            )
         else:
             several = len(mixtures) > 1
             frozen = blend(mixtures, [1.0 / len(mixtures)] * len(mixtures)) if several else mixtures[0]
@@ -141,9 +146,18 @@ class LearnedSampling(WeightedSampler):
             told["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
             if not told["goal_reached"] and rows < state.looks.runs[-1]:
                 floor = math.sqrt(variance_of_sum(state.finished[0].counted, result.probability))
-                told["ended_early"] = _AT_FLOOR.format(floor)
-        diagnostics = {**result.diagnostics, **told}
-        return [replace(result, interval_at=interval_at, diagnostics=diagnostics, artifacts=artifacts)]
+                notes.insert(0, Note("goal", _AT_FLOOR.format(floor)))
+            elif not told["goal_reached"]:
+                progress = describe_precision(result.probability, result.relative_error)
+                notes.insert(0, describe_missed_goal(result.rollouts, progress))
+        complete = replace(
+            result,
+            interval_at=interval_at,
+            diagnostics=result.diagnostics | told,
+            artifacts=artifacts,
+            notes=(*result.notes, *notes),
+        )
+        return [complete]
 
     def _size_at_look(self, state: LearnedState) -> int:
         """Return the size, as looks count it, at which the only run has ended."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.estimation.note import Note
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
@@ -54,11 +55,21 @@ class NoiseNames:
         return f"at {low} s" if low == high else f"at {low}-{high} s"
 
 
-def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[dict[str, Any]]:
-    """Return the causes of the failures, the most frequent first; empty where there are none to tell.
+@dataclass(frozen=True)
+class Cause:
+    """Cause of a share of the failures.
 
-    Each has ``noise`` (names), ``from`` and ``to`` (steps), ``share`` and ``text``.
+    Attributes:
+        note: The cause in words.
+        data: JSON: ``noise`` (names), ``share``, and where known ``from`` and ``to`` (steps).
     """
+
+    note: Note
+    data: dict[str, Any]
+
+
+def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[Cause]:
+    """Return the causes of the failures, the most frequent first; empty where none is known."""
     sample = samples[0]
     source = sample.source
     assert isinstance(source, TapeSource)
@@ -70,21 +81,19 @@ def describe_failures(samples: Sequence[Sample], names: NoiseNames) -> list[dict
     return describe_tapes(source.mixture, sample.tapes(chosen), sample.share, names)
 
 
-def describe_tapes(
-    mixture: TapeMixture, tapes: Floats, target: float, names: NoiseNames
-) -> list[dict[str, Any]]:
+def describe_tapes(mixture: TapeMixture, tapes: Floats, target: float, names: NoiseNames) -> list[Cause]:
     """Return the causes of failures of equal weights; ``target`` is the share of the target in the law."""
     explained = Explained(mixture, along_atoms(mixture.atoms, tapes))
     shares, rest = _responsibilities(explained, target)
     bundles = _bundles(mixture)
-    causes = [_tell(explained, bundle, shares[:, bundle], names) for bundle in bundles]
-    causes.sort(key=lambda cause: -cause["share"])
-    told = [cause for cause in causes if cause["share"] >= _LEAST_SHARE]
-    rest += sum(cause["share"] for cause in causes[len(told) :])
+    causes = [_describe(explained, bundle, shares[:, bundle], names) for bundle in bundles]
+    causes.sort(key=lambda cause: -cause.data["share"])
+    frequent = [cause for cause in causes if cause.data["share"] >= _LEAST_SHARE]
+    rest += sum(cause.data["share"] for cause in causes[len(frequent) :])
     if rest >= _LEAST_SHARE:
-        text = f"no single cause was found for {rest:.0%} of the failures"
-        told.append({"noise": [], "share": round(rest, 4), "text": text})
-    return told
+        note = Note("cause", f"No single cause was found for {rest:.0%} of the failures.")
+        frequent.append(Cause(note, {"noise": [], "share": round(rest, 4)}))
+    return frequent
 
 
 @dataclass(frozen=True)
@@ -132,7 +141,7 @@ def _bundles(mixture: TapeMixture) -> list[list[int]]:
     return bundles
 
 
-def _tell(explained: Explained, bundle: list[int], shares: Floats, names: NoiseNames) -> dict[str, Any]:
+def _describe(explained: Explained, bundle: list[int], shares: Floats, names: NoiseNames) -> Cause:
     mixture = explained.mixture
     share = float(shares.sum() / len(shares))
     parts, spans, noise = [], [], []
@@ -149,10 +158,9 @@ def _tell(explained: Explained, bundle: list[int], shares: Floats, names: NoiseN
         how = _how(np.concatenate(sizes), weight) + _summed(mixture.atoms, atom, weight)
         parts.append(f"{noise[-1]} {how} {names.span(first, last)}")
         spans.append((first, last))
-    return {
-        "noise": noise, "from": [first for first, _ in spans], "to": [last for _, last in spans],
-        "share": round(share, 4), "text": f"{' and '.join(parts)}, in {share:.0%} of the failures",
-    }  # fmt: skip
+    first_steps, last_steps = map(list, zip(*spans, strict=True))
+    data = {"noise": noise, "from": first_steps, "to": last_steps, "share": round(share, 4)}
+    return Cause(Note("cause", f"Cause: {' and '.join(parts)}, in {share:.0%} of the failures."), data)
 
 
 def _span(atoms: Atoms, index: Integers, weight: Floats) -> tuple[int, int]:

@@ -13,6 +13,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.estimation import health, intervals
 from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.note import Note
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
@@ -22,7 +23,7 @@ from avrare_estimators.importance.agreement import find_doubts
 from avrare_estimators.importance.coverage import find_differing
 from avrare_estimators.importance.proposal_file import FILE
 from avrare_estimators.importance.result import DISTRUST, for_any_weights, is_even
-from avrare_estimators.importance.words import NoiseNames, describe_tapes
+from avrare_estimators.importance.words import Cause, NoiseNames, describe_tapes
 from avrare_estimators.looks import Looks
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.learned_file import Learned
@@ -34,6 +35,11 @@ from avrare_estimators.weights import effective_size, resample
 _KEPT, _MOST_TOLD = 40, 300
 """Failures of each run that are kept, and of all runs together that the words are about."""
 _LOST = 0.5
+_PLAIN = Note(
+    "learning",
+    "Nothing was learnt that tells failures from other rollouts: the particles are independent rollouts of "
+    "the target, which is Monte Carlo.",
+)
 
 
 @dataclass(frozen=True)
@@ -149,19 +155,20 @@ def summarise(
         warnings |= _disagreement(learning, mean, relative)
     if DISTRUST & warnings.keys() and mean > 0.0 and fresh.rows:
         interval_at = partial(for_any_weights, mean, fresh, interval_at if is_even(mean, warnings) else None)
-    diagnostics = _diagnostics(counted, learned, learning, names, plain)
-    if looks.goal is not None:
-        diagnostics |= looks.diagnostics(math.sqrt(relative))
+    causes = _find_causes(learned, counted, names)
+    diagnostics = _diagnostics(counted, learned, learning, causes) | looks.diagnostics(math.sqrt(relative))
+    notes = [*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *([_PLAIN] if plain else [])]
     return build_result(
         plan, name, tally, values, interval_at=interval_at, relative_error=math.sqrt(relative),
         health=warnings, failures=_failures(plan, counted, mean, plain, tally), worst=_worst(plan, counted),
         robustness=first, blind_bound=fresh.blind_bound(plan.confidence),
+        notes=(*notes, *(cause.note for cause in causes)),
         diagnostics=diagnostics, artifacts={FILE: learned.to_dict(names)},
     )  # fmt: skip
 
 
 def _diagnostics(
-    counted: Sequence[Counted], learned: Learned, learning: Learning | None, names: NoiseNames, plain: bool
+    counted: Sequence[Counted], learned: Learned, learning: Learning | None, causes: Sequence[Cause]
 ) -> dict[str, Any]:
     contributions = _joined(counted, "contributions")
     found = {
@@ -173,17 +180,12 @@ def _diagnostics(
         "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages) if learning else 0,
         "stages": list(learning.stages) if learning else [],
         "exceedance": _curve(counted, learned.curve),
-        "learnt": _words(learned, counted, names),
+        "learnt": [cause.data for cause in causes],
         "learned": learned.digest,
     }
     if learned.potentials is not None:
         steps, gains = learned.potentials.schedule.tolist(), learned.potentials.gains.tolist()
         found["gains"] = dict(zip(map(str, steps), gains, strict=True))
-    if plain:
-        found["note"] = (
-            "nothing was learnt that tells failures from other rollouts: the particles are independent "
-            "rollouts of the target, which is Monte Carlo"
-        )
     return found
 
 
@@ -291,25 +293,25 @@ def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
     return Worst(tape, float(least.worst.robustness[0]))
 
 
-def _words(learned: Learned, counted: Sequence[Counted], names: NoiseNames) -> list[dict[str, Any]]:
+def _find_causes(learned: Learned, counted: Sequence[Counted], names: NoiseNames) -> list[Cause]:
     """Return which noise led to the failures, and when they were lost."""
-    told: list[dict[str, Any]] = []
+    causes: list[Cause] = []
     weights = np.concatenate([one.failing.rows.weight for one in counted])
     if not weights.any():
-        return told
+        return causes
     chosen = np.sort(resample(weights, min(len(weights), _MOST_TOLD), 0.5))
     parts = _chosen(counted, chosen)
     law = counted[0].course.law
     if learned.mixture is not None and law is not None and isinstance(law.proposal, DefendedMixture):
         tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
-        told += describe_tapes(learned.mixture, np.concatenate(tapes), law.proposal.share, names)
+        causes += describe_tapes(learned.mixture, np.concatenate(tapes), law.proposal.share, names)
     if learned.potentials is not None and learned.potentials.reached and learned.potentials.useful:
         along = np.concatenate([some.rows.committor for _, some in parts])
-        told.append(_committor(learned.potentials, along, names))
-    return told
+        causes.append(_describe_loss(learned.potentials, along, names))
+    return causes
 
 
-def _committor(potentials: Potentials, along: Floats, names: NoiseNames) -> dict[str, Any]:
+def _describe_loss(potentials: Potentials, along: Floats, names: NoiseNames) -> Cause:
     """Return the learnt probability of failure over time along failures (n, K), and a sentence about it."""
     steps = potentials.schedule[potentials.useful]
     # A failure that has happened is certain.
@@ -318,10 +320,11 @@ def _committor(potentials: Potentials, along: Floats, names: NoiseNames) -> dict
     lost = [int(step) for step, (_, middle, _) in zip(steps, typical, strict=True) if middle >= _LOST]
     before = [int(step) for step in steps if not lost or step < lost[0]]
     if lost:
-        when = f"half of the failures are lost {names.span(lost[0], lost[0])}"
-        text = f"{when}: from there on the rollout fails with a learnt probability above {_LOST:.0%}"
+        when = f"Half of the failures are lost {names.span(lost[0], lost[0])}"
+        text = f"{when}: from there on the rollout fails with a learnt probability above {_LOST:.0%}."
     else:
         text = (
-            f"half of the failures are not yet lost {names.span(before[-1], before[-1])}: they come suddenly"
+            f"Half of the failures are not yet lost {names.span(before[-1], before[-1])}: they come suddenly."
         )
-    return {"noise": [], "share": 1.0, "text": text, "steps": steps.tolist(), "committor": typical}
+    data = {"noise": [], "share": 1.0, "steps": steps.tolist(), "committor": typical}
+    return Cause(Note("cause", text), data)

@@ -1,0 +1,89 @@
+"""Notes of an estimate: sentences that every table, page and notebook shows in the same words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import ConfigDict, with_config
+
+from avrare.base.number_format import format_narrow
+
+NoteKind = Literal[
+    "goal", "score", "pilot", "learning", "climb", "cause", "twin", "counts", "blind", "choice", "model",
+    "cross_check",
+]  # fmt: skip
+"""Subject of a note.
+
+- ``goal``: whether the estimate reached its goal, and which rollouts count
+- ``score``, ``pilot``: how the score and the size of the runs were chosen
+- ``learning``, ``climb``: where the rollouts that count were drawn
+- ``cause``: noise that leads to failures, and when they are lost
+- ``twin``: how a cheap twin was used
+- ``counts``: counters of the system
+- ``blind``: failures that the score does not lead to
+- ``choice``: why ``auto`` chose the estimator
+- ``model``: uncertainty that comes from an ensemble of models
+- ``cross_check``: the second estimate
+"""
+
+
+@with_config(ConfigDict(strict=False))  # strict models read it from JSON
+@dataclass(frozen=True)
+class Note:
+    """Complete sentence about an estimate, other than a health warning."""
+
+    kind: NoteKind
+    text: str
+
+
+def describe_missed_goal(rollouts: int, progress: str, option: str = "rollouts") -> Note:
+    """Return the note on an estimate that ended short of its goal.
+
+    Args:
+        rollouts: Number of its rollouts.
+        progress: What it reached, for instance "with 3 failures".
+        option: Option of the estimator that bounds its cost.
+    """
+    text = (
+        f"The run ended after {rollouts:,} rollouts, {progress}, before it reached its goal: "
+        f"raise `{option}` of the estimator, or the budget."
+    )
+    return Note("goal", text)
+
+
+def describe_precision(probability: float, relative_error: float) -> str:
+    """Return the progress of an estimate whose goal is a relative error."""
+    return f"at a relative error of {relative_error:.0%}" if probability else "without reaching a failure"
+
+
+def describe_stop(used: int, failures: int) -> Note:
+    """Return the note on an estimate that rests on the first ``used`` rollouts, where more were simulated."""
+    counted = f"{used:,} rollouts, of which {failures:,} failed"
+    text = f"The goal was reached after {counted}: the others do not count."
+    return Note("goal", text)
+
+
+def describe_blind_bound(bound: float | None) -> tuple[Note, ...]:
+    """Return the note on a ``Result.blind_bound``; none where there is no bound."""
+    if bound is None:
+        return ()
+    text = f"Failures that the score does not lead to could be as likely as {format_narrow(bound)}."
+    return (Note("blind", text),)
+
+
+def describe_counts(counts: Mapping[str, int]) -> tuple[Note, ...]:
+    """Return the notes on the counters of a system that are not 0: those of its solver, and the others."""
+    shown = {name: count for name, count in counts.items() if count and name != "solves"}
+    total = f" of {counts['solves']:,} solves" if "solves" in counts else ""
+    notes = []
+    for of_solver in (True, False):
+        texts = [
+            f"{name.replace('_', ' ')} {count:,}"
+            for name, count in shown.items()
+            if ("solve" in name) == of_solver
+        ]
+        if texts:
+            notes.append(Note("counts", f"Counted: {', '.join(texts)}{total * of_solver}."))
+    return tuple(notes)
