@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -38,8 +38,8 @@ from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
 
-_OF_A_RESULT = (KINDS_FILE, ATTRIBUTION_FILE, "report.html")
-"""Files that other commands derive from a result: they are not true of the next one in its folder."""
+_DERIVED = (KINDS_FILE, ATTRIBUTION_FILE, "report.html", "nominal.png", "worst_*.png")
+"""Patterns of the files that are made from a result: they do not belong to the next one in its folder."""
 _MAX_SAMPLES = 100_000
 """Stored robustness values of a specification: those of its first rollouts."""
 
@@ -98,7 +98,7 @@ def remove_empty(folder: Path) -> None:
 
 
 def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
-    """Return the content of result.json, with its checksum and the digest of scenario.yaml."""
+    """Return the content of result.json, with its checksum and the digests of scenario and artifacts."""
     content = {
         "schema": 1,
         "scenario": scenario.name,
@@ -106,7 +106,10 @@ def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
         "seed": scenario.seed,
         "versions": scenario.versions,
         "estimates": [result.to_dict() for result in results],
-        "files": {SCENARIO: digest(dump(scenario.resolved))},
+        "files": {
+            name: digest(text)
+            for name, text in {SCENARIO: dump(scenario.resolved), **_encode_artifacts(results)}.items()
+        },
     }
     return seal(content)
 
@@ -128,16 +131,20 @@ def write(
     folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = (),
     budget: Budget | None = None,
 ) -> None:  # fmt: skip
-    """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz."""
+    """Write a run folder: result, resolved scenario, provenance, rollouts, failures and artifacts.
+
+    Files of an earlier result in the folder that this one does not write are removed.
+    """
     hint = "free some disk space and --resume the run, or choose another --out"
     with explain_file_errors(f"{folder}: cannot write the result", hint):
-        for name in _OF_A_RESULT if (folder / "result.json").exists() else ():
-            (folder / name).unlink(missing_ok=True)
+        artifacts = _encode_artifacts(results)
+        _remove_stale(folder, {SCENARIO, *artifacts})
         write_text(folder / "scenario.yaml", dump(scenario.resolved))
         write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")
         write_failures(folder, results)
         _write_rollouts(folder, results)
-        write_artifacts(folder, results)
+        for name, text in artifacts.items():
+            write_text(folder / name, text)
         write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
 
 
@@ -276,11 +283,27 @@ def write_failures(folder: Path, results: Sequence[Result]) -> None:
         (folder / FAILURES_FILE).unlink(missing_ok=True)  # left by an earlier run in the same folder
 
 
-def write_artifacts(folder: Path, results: Sequence[Result]) -> None:
-    """Write the files that estimators leave, each with an entry by specification."""
-    for name in sorted({name for result in results for name in result.artifacts}):
-        entries = {one.specification: one.artifacts[name] for one in results if name in one.artifacts}
-        write_text(folder / name, json.dumps(entries, indent=1) + "\n")
+def _encode_artifacts(results: Sequence[Result]) -> dict[str, str]:
+    """Return the files that estimators leave, by name: each has an entry by specification."""
+    entries: dict[str, dict[str, Any]] = {}
+    for result in results:
+        for name, artifact in result.artifacts.items():
+            entries.setdefault(name, {})[result.specification] = artifact
+    return {name: json.dumps(entries[name], indent=1) + "\n" for name in sorted(entries)}
+
+
+def _remove_stale(folder: Path, written: Collection[str]) -> None:
+    """Remove the files of an earlier result in ``folder``, but for those that are ``written`` next."""
+    file, files = folder / "result.json", None
+    if not file.exists():
+        return
+    with suppress(UsageError):  # a damaged result names no files
+        files = read_json(file, RUN_AGAIN).get("files")
+    names = [name for name in files if Path(name).name == name] if isinstance(files, dict) else []
+    stale = [folder / name for name in names if name not in written]
+    for path in [*stale, *(path for pattern in _DERIVED for path in folder.glob(pattern))]:
+        if path.is_file():
+            path.unlink()
 
 
 def _write_rollouts(folder: Path, results: Sequence[Result]) -> None:
