@@ -111,7 +111,7 @@ def _render_facts(entry: StoredEstimate) -> Markup:
 
 def _render_warnings(entry: StoredEstimate) -> Markup:
     if not entry.warnings:
-        return tag("p", "No warnings.", class_="health")
+        return tag("div", tag("p", "No warnings."), class_="health")
     lines = [
         tag("li", tag("strong", name.replace("_", " ")), f": {text}.")
         for name, text in entry.warnings.items()
