@@ -24,7 +24,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.laws import Law, condense
 from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.validation import Mistake, Place, check, error_with_hint, find_places
-from avrare.scenario.value_positions import Mark, Node, Path, dotted
+from avrare.scenario.value_positions import Node, Path, dotted
 
 KEY = "draws"
 """Key of a simulator's block with the settings of its draws."""
@@ -164,7 +164,9 @@ def check_drawn(
     names = tuple(_name_option(places, at) for at in drawn)
     settings: DrawSettings | None = DrawSettings()
     if (written := node.child(KEY)) is not None:
-        settings, found = check(DrawSettings, written, (*path, KEY), context=names if laws else None)
+        settings, found = check(
+            DrawSettings, written, (*path, KEY), context=None if mistakes or not drawn else names
+        )
         mistakes += found
         if settings is not None and not drawn:
             hint = "write a law in place of a number, such as {law: normal, mean: 20.0, sd: 1.0}"
@@ -188,18 +190,19 @@ def check_drawn(
 
 
 def _read_laws(nodes: Mapping[Path, Node], path: Path, folder: str) -> tuple[dict[Path, Law], list[Mistake]]:
-    options: dict[Path, Node] = {}
+    laws: dict[Path, Law] = {}
     mistakes: list[Mistake] = []
     for at, node in nodes.items():
         try:
-            options[at] = _with_columns(node, folder)
+            named = Node({dotted(at): _with_columns(node, folder)}, node.mark)
         except UsageError as error:
             mistakes.append(Mistake(node.mark, (*path, *at), error.message, error.hint))
-    if not options:
-        return {}, mistakes
-    named = Node({dotted(at): node for at, node in options.items()}, Mark(""))
-    laws, found = check(dict[str, Law], named, path)
-    return dict(zip(options, laws.values(), strict=True)) if laws else {}, mistakes + found
+            continue
+        law, found = check(dict[str, Law], named, path)
+        mistakes += found
+        if law is not None:
+            [laws[at]] = law.values()
+    return laws, mistakes
 
 
 def _with_columns(node: Node, folder: str) -> Node:
