@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, get_args
 
 from pydantic import BaseModel, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
@@ -27,12 +27,14 @@ class DrawableMark:
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the schema of the number or of a law."""
-        from avrare.base.laws import LAWS  # needs NumPy, which a list of plugins does without
+        from avrare.base.laws import Law  # needs NumPy, which a list of plugins does without
 
+        models: tuple[type[BaseModel], ...] = get_args(get_args(Law)[0])
+        names = [name for model in models for name in get_args(model.model_fields["law"].annotation)]
         law = {
             "type": "object",
             "required": ["law"],
-            "properties": {"law": {"enum": list(LAWS)}},
+            "properties": {"law": {"enum": names}},
             "description": "law of a number that is drawn at the start of every rollout",
         }
         return {"anyOf": [handler(core), law]}

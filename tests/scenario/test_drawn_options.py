@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from avrare.base.errors import ScenarioError
-from avrare.base.laws import LAWS
+from avrare.base.laws import Uniform
 from avrare.plugin.registry import default_registry
 from avrare.scenario.draws import Draws, DrawSettings
 from avrare.scenario.fingerprint import fingerprint
@@ -219,7 +219,7 @@ specifications:
 
 
 def test_options_may_have_dots_or_be_numbers():
-    law = LAWS["uniform"](law="uniform", low=0.5, high=2.0)
+    law = Uniform(law="uniform", low=0.5, high=2.0)
     places = (("parameters", "a.b"), ("parameters", "7"), ("cars", 0, "speed"))
     options = {"parameters": {"a.b": 1.0, "7": 1.0}, "cars": [{"speed": 1.0}]}
     Draws(places, ("a.b", "7", "speed"), (law,) * 3, DrawSettings()).write_into(options)
@@ -232,4 +232,5 @@ def test_the_json_schema_allows_a_law_where_it_is_drawn():
     definitions = scenario_schema(default_registry())["$defs"]
     ego = definitions["simulator.single_track.EgoConfig"]["properties"]
     assert {"law"} == set(ego["speed"]["anyOf"][1]["required"])
+    assert {"normal", "discrete"} < set(ego["speed"]["anyOf"][1]["properties"]["law"]["enum"])
     assert "anyOf" not in ego["length"]
