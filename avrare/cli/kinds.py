@@ -43,11 +43,10 @@ def execute(args: argparse.Namespace) -> None:
 def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:
     estimate = next(one for one in folder.result.estimates if one.specification == name)
     sample = FailureSample.stored(estimate, folder.failures[name])
-    scenario = folder.require_scenario()
-    problem = scenario.problem(name)
+    problem = folder.require_scenario().problem(name)
     kinds = find_kinds(problem, sample, estimate.interval, max_kinds=args.max_kinds, method=args.method)
     if not args.shrink:
         return kinds
     budget = BUDGET if args.budget is None else args.budget
     with progress_line() as progress:
-        return describe_kinds(scenario, kinds, folder.failures[name].noise, budget, progress)
+        return describe_kinds(problem, kinds, folder.failures[name].noise, budget, progress)

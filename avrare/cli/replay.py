@@ -113,7 +113,8 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
         return
     if not found.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
-    recording = record_rollout(scenario, found, source)
+    problem = scenario.problem(scenario.specifications)
+    recording = record_rollout(problem, found, source)
     names = recording.names
     if args.csv is not None:
         _write(args.csv, to_csv(recording))
@@ -126,10 +127,10 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
     if args.commonroad is not None:
         _write(args.commonroad, to_commonroad(recording, scenario.name))
     if args.mcap is not None:
-        write_mcap(Path(args.mcap), recording, extract_frames(scenario, found))
+        write_mcap(Path(args.mcap), recording, extract_frames(problem, found))
         say(f"written to {args.mcap}")
     if args.rerun is not None:
-        write_rerun(Path(args.rerun), recording, extract_frames(scenario, found))
+        write_rerun(Path(args.rerun), recording, extract_frames(problem, found))
         say(f"written to {args.rerun}")
 
 
@@ -140,8 +141,9 @@ def _write(path: str, text: str) -> None:
 
 def _shrink(args: argparse.Namespace, scenario: Any, failure: Any) -> None:
     budget = BUDGET if args.budget is None else args.budget
+    problem = scenario.problem(failure.specification)
     with progress_line() as progress:
-        small = shrink(scenario.problem(failure.specification), failure.noise, budget, progress)
-    for line in describe_shrinking(scenario, small):
+        small = shrink(problem, failure.noise, budget, progress)
+    for line in describe_shrinking(problem, small):
         say(line)
     store_failure(args, record_failure(scenario, failure.specification, small.noise))

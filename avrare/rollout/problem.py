@@ -10,15 +10,19 @@ import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.late_import import late_import
+from avrare.driving import Scene
 from avrare.logic.formula import Formula, FormulaMonitor, find_formula
 from avrare.protocols import (
     Floats,
     HasMargin,
+    HasStepTime,
     SelectsSamples,
     Specification,
     System,
     check_steps,
     find_ability,
+    find_scene,
+    find_simulator,
 )
 from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.early_stop import Deciding
@@ -112,6 +116,21 @@ class Problem:
     def noise_size(self) -> int:
         """Number of standard normal numbers per step and particle."""
         return int(self.system.noise_size)
+
+    @property
+    def dt(self) -> float | None:
+        """Time of a step [s], None where the system has none."""
+        stepped = find_ability(find_simulator(self.system), HasStepTime)
+        return float(stepped.dt) if stepped is not None else None
+
+    @property
+    def scene(self) -> Scene | None:
+        """Road, sizes and names of a driving simulator, else None."""
+        return find_scene(find_simulator(self.system))
+
+    def monitor(self, name: str) -> Specification:
+        """Return the monitor of a specification."""
+        return self.monitors[self.names.index(name)]
 
     @property
     def specifications(self) -> tuple[Specification, ...]:

@@ -16,15 +16,15 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from avrare.analysis.check.confidence_distributions import (
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import UsageError
+from avrare.base.stored_files import check_seal, read_json, seal
+from avrare.estimation.confidence_distributions import (
     ConfidenceDistribution,
     decode_distribution,
     derive_distribution,
     encode_distribution,
 )
-from avrare.base.atomic_files import explain_file_errors, write_text
-from avrare.base.errors import UsageError
-from avrare.base.stored_files import check_seal, read_json, seal
 from avrare.estimation.result import Result, finite
 from avrare.results.run_folder import provenance
 from avrare.scenario.fingerprint import digests, fingerprint

@@ -46,9 +46,10 @@ def render_sections(folder: RunFolder) -> list[Markup]:
     errors = folder.load_errors
     if folder.scenario is not None:
         try:
-            rollouts = replay_stored(folder.scenario, [one for several in selected for one in several])
-            if _predict_seconds(estimates, len(rollouts), folder.scenario.steps) <= _PATIENCE:
-                rollouts = with_continuations(folder.scenario, rollouts)
+            problem = folder.scenario.problem(folder.scenario.specifications)
+            rollouts = replay_stored(problem, [one for several in selected for one in several])
+            if _predict_seconds(estimates, len(rollouts), problem.steps) <= _PATIENCE:
+                rollouts = with_continuations(problem, rollouts)
         except AvrareError as error:
             errors = tuple(error.lines())
     sections = []
@@ -150,4 +151,5 @@ def _render_players(folder: RunFolder, rollouts: Sequence[MonitoredRollout], err
     if folder.scenario is None or not rollouts:
         return tag("p", "No rollout is stored in the run folder.", class_="muted")
     path = folder.path if (folder.path / "result.json").is_file() else None  # a run in Python has none
-    return tag("div", [render_player(one, folder.scenario, k == 0, path) for k, one in enumerate(rollouts)])
+    problem = folder.scenario.problem(folder.scenario.specifications)
+    return tag("div", [render_player(one, problem, k == 0, path) for k, one in enumerate(rollouts)])

@@ -11,6 +11,7 @@ from avrare.estimation.result import Failures
 from avrare.results.reader import load_run_scenario, read_failures, select_failure
 from avrare.results.recordings.recording import Recording
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tape
 
 
@@ -44,16 +45,17 @@ def replay_run_failure(
     count = len(failures.robustness)
     changes = _compare_robustness(scenario, name, failures, range(count) if index is None else [index])
     source = f"{folder}: failure {chosen} of {count} stored of {name}"
-    rollout = replay_tape(scenario.problem(scenario.specifications), failures.noise[chosen])
+    problem = scenario.problem(scenario.specifications)
+    rollout = replay_tape(problem, failures.noise[chosen])
     if rollout.error is not None:
         raise UsageError(f"{source}: the rollout ends with an error: {rollout.error}")
-    recording = record_rollout(scenario, rollout, source)
+    recording = record_rollout(problem, rollout, source)
     return ReplayedFailure(scenario, name, chosen, recording, changes)
 
 
-def record_rollout(scenario: LoadedScenario, rollout: ReplayedRollout, source: str) -> Recording:
+def record_rollout(problem: Problem, rollout: ReplayedRollout, source: str) -> Recording:
     """Return the recording of a rollout, up to its error if there is one."""
-    scene, dt = scenario.scene, float(scenario.stack.loop.simulator.dt)
+    scene, dt = problem.scene, 1.0 if problem.dt is None else problem.dt
     return Recording(source, dt, 0.0, rollout.signals, scene, () if scene is None else scene.names)
 
 

@@ -5,7 +5,9 @@ from functools import partial
 
 import pytest
 
-from avrare.analysis.check.confidence_distributions import (
+from avrare.base.errors import UsageError
+from avrare.estimation import intervals
+from avrare.estimation.confidence_distributions import (
     Binomial,
     InverseBinomial,
     LogNormal,
@@ -14,8 +16,6 @@ from avrare.analysis.check.confidence_distributions import (
     derive_distribution,
     encode_distribution,
 )
-from avrare.base.errors import UsageError
-from avrare.estimation import intervals
 
 LAWS = [
     Binomial(3, 200), Binomial(0, 50), Binomial(50, 50), Binomial(7, 90, 4), InverseBinomial(6, 400),

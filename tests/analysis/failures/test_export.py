@@ -116,7 +116,7 @@ def test_mcap_has_boxes_and_signals_at_every_sample(drive_past, recording, tmp_p
     pytest.importorskip("mcap")
     tape = np.random.default_rng(0).standard_normal((9, 4))
     rollout = replay_tape(drive_past.problem("near"), tape)
-    write_mcap(tmp_path / "drive.mcap", recording, extract_frames(drive_past, rollout))
+    write_mcap(tmp_path / "drive.mcap", recording, extract_frames(drive_past.problem("near"), rollout))
     scene = messages(tmp_path / "drive.mcap", "/scene")
     assert {name for name, _, _ in scene} == {"foxglove.SceneUpdate"}
     assert [time for _, time, _ in scene] == [100_000_000 * k for k in range(9)]
@@ -166,7 +166,7 @@ def test_rerun_has_boxes_and_signals_at_every_sample(drive_past, recording, tmp_
     tape = np.random.default_rng(0).standard_normal((9, 4))
     rollout = replay_tape(drive_past.problem("near"), tape)
     path = tmp_path / "drive.rrd"
-    write_rerun(path, recording, extract_frames(drive_past, rollout))
+    write_rerun(path, recording, extract_frames(drive_past.problem("near"), rollout))
     values = {}
     for part in chunk.RrdReader(path).stream().to_chunks():
         for row in part.to_record_batch().to_pylist():
