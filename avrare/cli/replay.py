@@ -16,20 +16,16 @@ from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say, write_file
+from avrare.estimation.checkpoint import SCENARIO
 from avrare.report.documents.mcap_recording import write_mcap
 from avrare.report.documents.rerun_recording import write_rerun
 from avrare.report.plots.rollout_plot import extract_frames
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
-from avrare.results.reader import (
-    find_changes,
-    load_run_scenario,
-    read_failures,
-    read_versions,
-    select_failure,
-)
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
+from avrare.results.run import Run
+from avrare.results.stored_failures import select_failure
 from avrare.rollout.loaded_scenario import load
 
 _EXPORTS = ("csv", "commonroad", "mcap", "rerun")
@@ -98,14 +94,13 @@ def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
     if args.failure is not None and not args.failure.isdecimal():
         raise UsageError(f"--failure {args.failure}: with --run, give the index of a failure, from 0")
     wanted = None if args.failure is None else int(args.failure)
-    folder = Path(args.run)
-    print_warnings((line, None) for line in find_changes(folder))
-    own, failures = load_run_scenario(folder), read_failures(folder)
-    name, index = select_failure(folder, failures, args.specification, wanted)
-    noise, robustness = failures[name].noise[index], float(failures[name].robustness[index])
-    stored = make_failure_of_run(own, name, noise, robustness, read_versions(folder))
-    path = args.scenario or folder / "scenario.yaml"
-    return load(path, args.set), stored
+    run = Run.read(args.run)
+    print_warnings((line, None) for line in run.changes)
+    name, index = select_failure(run, args.specification, wanted)
+    failures = run[name].failures
+    noise, robustness = failures.noise[index], float(failures.robustness[index])
+    stored = make_failure_of_run(run.scenario, name, noise, robustness, run.versions)
+    return load(args.scenario or Path(args.run) / SCENARIO, args.set), stored
 
 
 def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) -> None:

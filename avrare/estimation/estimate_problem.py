@@ -151,7 +151,7 @@ class _Call:
                         one = partial(_first, execute)
                         parts = shared_by(result, len(results))
                         result = cross_checked(part, result, check, settings, one, parts=parts)
-                    origin = Origin(part, built, self.seed, self.options)
+                    origin = Origin(partial(_pair, part, built), self.seed, self._describe(built))
                     found.append(dataclasses.replace(result, origin=origin))
             return found
 
@@ -165,6 +165,10 @@ class _Call:
             saved.remove()
         return results
 
+    def _describe(self, estimator: Estimator) -> str:
+        options = "".join(f", {name}={value!r}" for name, value in self.options.items())
+        return f'avrare.estimate(problem, "{estimator.name}", seed={self.seed}{options})'
+
     def _watch(self, problem: Problem, estimator: Estimator) -> AbstractContextManager[Progress | None]:
         if callable(self.progress):
             return nullcontext(self.progress)
@@ -172,6 +176,10 @@ class _Call:
             return nullcontext()
         show = late_import("avrare.report.session.live_progress:show_progress")
         return show(problem, estimator.name, self.confidence)  # type: ignore[no-any-return]
+
+
+def _pair(problem: Problem, estimator: Estimator) -> tuple[Problem, Estimator]:
+    return problem, estimator
 
 
 def _first(execute: Callable[..., list[Result]], *arguments: Any) -> Result:

@@ -16,7 +16,7 @@ from avrare.estimation.ensemble import combine
 from avrare.estimation.note import NoteKind
 from avrare.report.terminal.console import make_console, print_lines
 from avrare.report.terminal.result_table import note_lines, warning_lines
-from avrare.results.reader import StoredEstimate
+from avrare.results.stored_results import StoredEstimate
 from avrare.testing.faulty_systems import Scrambled, Walk
 from pushed_point import pushed_point
 

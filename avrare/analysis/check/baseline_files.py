@@ -26,7 +26,7 @@ from avrare.estimation.confidence_distributions import (
     encode_distribution,
 )
 from avrare.estimation.result import Result, finite
-from avrare.results.run_folder import provenance
+from avrare.results.checkout import describe_checkout
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario
 
@@ -162,7 +162,7 @@ def save(
         "schema": SCHEMA,
         "scenario": scenario.name,
         "fingerprint": fingerprint(scenario),
-        "commit": provenance(scenario)["commit"],
+        "commit": describe_checkout(Path(scenario.path).resolve().parent)[0],
         "versions": scenario.versions,
         "estimates": [_encode_result(result, (firsts or {}).get(result.specification)) for result in results],
         "resolved": scenario.resolved,

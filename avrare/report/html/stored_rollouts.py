@@ -10,10 +10,9 @@ import numpy as np
 from avrare.analysis.failures.lost import Continuations, continue_without_noise
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.result import Failures
+from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.report.plots.rollout_plot import Frame, extract_frames
-from avrare.results.reader import RolloutSample
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.results.stored_causes import StoredKinds
 from avrare.rollout.problem import Problem
@@ -67,17 +66,16 @@ class MonitoredRollout:
         return None if first is None else first.sample
 
 
-def select_rollouts(
-    name: str, failures: Failures | None, sample: RolloutSample | None, kinds: StoredKinds | None = None
-) -> list[StoredRollout]:
+def select_rollouts(result: Result, kinds: StoredKinds | None = None) -> list[StoredRollout]:
     """Return each kind's most typical failure, and the worst; or the rollout nearest to a failure.
 
     Without kinds the second one is that with the smallest noise.
     """
-    if failures is None or not len(failures.robustness):
-        if sample is None or np.isnan(sample.worst.robustness):
+    name, failures = result.specification, result.failures
+    if not len(failures.robustness):
+        noise, robustness = result.worst.noise, result.worst.robustness
+        if not noise.size or np.isnan(robustness):
             return []
-        noise, robustness = sample.worst.noise, sample.worst.robustness
         return [StoredRollout("Nearest to a failure", name, noise, robustness, False)]
     titles: dict[int, str] = {}
     numbers: dict[int, int] = {}
