@@ -19,10 +19,7 @@ from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint, SaveError
-from avrare.estimation.cross_check import without_check
-from avrare.estimation.estimate_problem import estimate_specifications
-from avrare.estimation.loop import Settings, check_system, planned
-from avrare.estimation.memory import forecast
+from avrare.estimation.estimate_problem import check_scenario, estimate_specifications
 from avrare.estimation.result import with_verdict
 from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run
@@ -37,6 +34,7 @@ from avrare.report.terminal.result_table import (
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
+from avrare.rollout.child_process import SystemCrashed
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
@@ -139,19 +137,10 @@ def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
 
 def check_start(scenario: Any, budget: Any) -> None:
     """Raise the ``UsageError`` of a scenario that cannot be estimated, before any rollout."""
-    definition, estimator = scenario.definition, scenario.estimator()
-    problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
-    settings = Settings(
-        definition.seed, definition.confidence, without_check(budget, definition.cross_check),
-        definition.max_error_rate, definition.suppress,
-    )  # fmt: skip
     try:
-        problem, plan = planned(problem, estimator, settings)
-        check_system(problem, estimator)
-        forecast(problem, estimator, plan)
-        estimator.init(plan)
+        check_scenario(scenario, budget)
     except UsageError as error:
-        raise UsageError(f"{definition.name}: {error.message}", error.hint) from None
+        raise UsageError(f"{scenario.name}: {error.message}", error.hint) from None
 
 
 def _overrides(args: argparse.Namespace) -> list[str]:
@@ -183,8 +172,10 @@ def _run_all(
         resume = f"; completed chunks are saved: {_resume_command(checkpoint)} resumes where there is more"
         stopped.hint = f"{stopped.hint}{resume if checkpoint.chunks else ''}"
         raise stopped from None
-    except (SaveError, WorkerDied) as error:
-        error.hint = f"{error.hint}; completed chunks are saved: resume with {_resume_command(checkpoint)}"
+    except (SaveError, SystemCrashed, WorkerDied) as error:
+        if checkpoint.chunks:
+            resume = _resume_command(checkpoint)
+            error.hint = f"{error.hint}; completed chunks are saved: resume with {resume}"
         raise
 
 
