@@ -1,7 +1,9 @@
 """The executor on a real Ray cluster of this machine."""
 
+import fcntl
 import os
 import signal
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +23,30 @@ from avrare_ray.executor import build
 
 pytestmark = pytest.mark.slow
 
-
 HERE = str(Path(__file__).parent)
 IN_THE_PROBE, IN_A_CHUNK = 1, 15
 """Samples: the probe runs the first ten."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
+def alone():
+    """Keep the tests of this file in one process at a time: one of them looks for clusters of others."""
+    with (Path(tempfile.gettempdir()) / "avrare-ray-tests.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+        ray.shutdown()
+
+
+@pytest.fixture
 def cluster():
-    ray.init(
-        num_cpus=2, include_dashboard=False, log_to_driver=False,
-        runtime_env={"env_vars": {"PYTHONPATH": os.pathsep.join([HERE, os.environ.get("PYTHONPATH", "")])}},
-    )  # fmt: skip
-    yield
+    if not ray.is_initialized():
+        path = os.pathsep.join([HERE, os.environ.get("PYTHONPATH", "")])
+        environment = {"env_vars": {"PYTHONPATH": path}}
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, runtime_env=environment)
+
+
+@pytest.fixture
+def no_cluster():
     ray.shutdown()
 
 
@@ -118,19 +131,17 @@ def test_a_cluster_of_others_is_left_running():
     assert ray.is_initialized()
 
 
+@pytest.mark.usefixtures("no_cluster")
 def test_a_missing_cluster():
-    if ray.is_initialized():
-        ray.shutdown()
     with pytest.raises(
         AvrareError, match="cannot reach the Ray cluster auto: Could not find any running Ray instance"
     ):
         estimate(build(RayConfig(address="auto")))
 
 
+@pytest.mark.usefixtures("no_cluster")
 def test_a_local_cluster_leaves_no_trace():
     """Find no handler of a signal left either."""
-    if ray.is_initialized():
-        ray.shutdown()
     before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
         one, two = estimate(SerialExecutor()), estimate(build(RayConfig(workers=2)))
