@@ -285,7 +285,6 @@ def test_a_formula_without_a_value_gives_no_verdict(monitor, tmp_path):
 
 
 def test_a_commonroad_file(monitor):
-    pytest.importorskip("commonroad.common.file_reader")
     if not COMMONROAD.exists():
         pytest.skip("the sample scenario is not here")
     code, out, err = monitor(COMMONROAD, "--rule", "no_collision", "--ego", "13")
