@@ -52,12 +52,16 @@ def test_other_estimators_take_one_after_the_other():
 
 def test_all_specifications_of_a_scenario_keep_their_own_scores(tmp_path):
     (tmp_path / "s.yaml").write_text(
-        "name: s\nsteps: 20\nsimulator: {plugin: example_walk}\n"
-        "specifications:\n  a: {stl: 'always (x < 3)'}\n  b: {stl: 'always (x > -2)', score: margin}\n"
+        "name: s\nsteps: 20\nsimulator: {plugin: tank}\n"
+        "specifications:\n"
+        "  a: {stl: 'always (level < 3)', score: robustness}\n"
+        "  b: {stl: 'always (level > 0)', score: margin}\n"
     )
     scenario = avrare.load(tmp_path / "s.yaml")
     problem = scenario.problem(("a", "b"))
-    assert [part.score for part in problem.separate()] == [scenario.problem(n).score for n in ("a", "b")]
+    scores = [part.score for part in problem.separate()]
+    assert scores == [scenario.problem(name).score for name in ("a", "b")]
+    assert scores[0] != scores[1]
 
 
 def test_estimate_of_several_names_the_function_for_it():
