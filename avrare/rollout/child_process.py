@@ -92,7 +92,9 @@ def describe_exit(code: int) -> str:
 
 
 def _kind_of(system: object) -> frozenset[type]:
-    return frozenset(map(type, (system, *getattr(system, "__dict__", {}).values())))
+    """Return the classes of a system and of its parts."""
+    classes = map(type, (system, *getattr(system, "__dict__", {}).values()))
+    return frozenset(kind for kind in classes if kind.__module__ != "builtins")
 
 
 def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[bytes, int | None]:
