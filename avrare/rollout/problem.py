@@ -61,8 +61,8 @@ class Problem:
             for formulas that may still become true, such as ``eventually``, else "robustness". All but a
             function and "robustness" by name measure each term of the formula that orders the particles in
             its own size (see ``measure_terms``). The rollouts that this and "margin" and "progress" need,
-            one or two without noise and at most 64 others, run once, before the first that is scored; no
-            cost counts them.
+            one or two without noise and at most 64 others, run once in each process, before the first that
+            is scored; no cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
             default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
 
