@@ -8,6 +8,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from avrare.base import renderers as _renderers
+from avrare.report.renderers import RENDERERS as _RENDERERS
+
 if TYPE_CHECKING:
     from avrare.analysis.causes.require import require as require
     from avrare.analysis.causes.scenario_parameters import sensitivity as sensitivity
@@ -44,6 +47,7 @@ _MODULES = {
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = sorted(_HOMES)
+_renderers.fill(_RENDERERS)
 
 
 def __getattr__(name: str) -> Any:

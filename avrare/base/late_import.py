@@ -1,4 +1,4 @@
-"""Late import of what only some callers need, or of what lies in a later room."""
+"""Late import of what the description of a component names."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
-from avrare.base.late_import import late_import
+from avrare.base.renderers import render
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.cross_check import cross_checked, parse_cross_check, shared_by, without_check
@@ -174,8 +174,10 @@ class _Call:
             return nullcontext(self.progress)
         if not self.progress:
             return nullcontext()
-        show = late_import("avrare.report.session.live_progress:show_progress")
-        return show(problem, estimator.name, self.confidence)  # type: ignore[no-any-return]
+        line: AbstractContextManager[Progress] = render(
+            "show_progress", problem, estimator.name, self.confidence
+        )
+        return line
 
 
 def _pair(problem: Problem, estimator: Estimator) -> tuple[Problem, Estimator]:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.late_import import late_import
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
+from avrare.base.renderers import render
 from avrare.estimation.note import Note
 from avrare.protocols import Estimator, Floats
 
@@ -246,7 +246,7 @@ class Result:
         Returns:
             A plot that a notebook shows; ``.save(path)`` writes it.
         """
-        return late_import("avrare.report.session.result_plot:plot_results")([self])
+        return render("plot_results", [self])
 
     def trace(self, index: int | None = None) -> Any:
         """Replay the least robust rollout, or the kept failure ``index``; see ``Problem.trace``.
@@ -254,7 +254,7 @@ class Result:
         Raises:
             UsageError: There is no such failure, or the result was not made in this process.
         """
-        return late_import("avrare.report.session.trace:trace_result")(self, index)
+        return render("trace_result", self, index)
 
     def kinds(self, max_kinds: int = 6, method: str = "kmeans") -> Any:
         """Sort the failures into kinds, each with a probability of its own.
@@ -269,8 +269,7 @@ class Result:
         Raises:
             UsageError: There are no failures, or the result was not made in this process.
         """
-        find = late_import("avrare.analysis.causes.kinds:kinds_of_result")
-        return find(self, max_kinds, method)
+        return render("find_kinds", self, max_kinds, method)
 
     def attribution(self, fresh: int = 1000, channels: bool = False, workers: int = 1) -> Any:
         """Attribute the failures to the noise that carries them, and tell what perfect parts would save.
@@ -286,8 +285,7 @@ class Result:
         Raises:
             UsageError: There are fewer than two failures, or the result was not made in this process.
         """
-        attribute = late_import("avrare.analysis.causes.attribution:attribution_of_result")
-        return attribute(self, fresh, channels, workers)
+        return render("attribute_failures", self, fresh, channels, workers)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the result as one HTML file and return its path.
@@ -295,7 +293,7 @@ class Result:
         Raises:
             UsageError: The file cannot be written, or the result was not made in this process.
         """
-        return late_import("avrare.report.session.python_report:write_report")([self], path)  # type: ignore[no-any-return]
+        return Results([self]).report(path)
 
     def __repr__(self) -> str:
         numbers = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
@@ -331,18 +329,19 @@ class Results(Mapping[str, Result]):
 
     def plot(self) -> Any:
         """Draw all estimates with their intervals; see ``Result.plot``."""
-        return late_import("avrare.report.session.result_plot:plot_results")(list(self.values()))
+        return render("plot_results", list(self.values()))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the results as one HTML file; see ``Result.report``."""
-        write = late_import("avrare.report.session.python_report:write_report")
-        return write(list(self.values()), path)  # type: ignore[no-any-return]
+        written: Path = render("write_report", list(self.values()), path)
+        return written
 
     def __repr__(self) -> str:
         return "\n".join(map(repr, self.values()))
 
     def _repr_html_(self) -> str:
-        return late_import("avrare.report.session.notebook_table:render_results")(list(self.values()))  # type: ignore[no-any-return]
+        table: str = render("render_table", list(self.values()))
+        return table
 
 
 def finite(value: Any) -> Any:

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from avrare.base import version
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import AvrareError, UsageError
-from avrare.base.late_import import late_import
+from avrare.base.renderers import render
 from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import SCENARIO, resume_hint
@@ -260,7 +260,8 @@ class Run(Mapping[str, Result]):
         file = path or (self.folder and self.folder / "report.html")
         if file is None:
             raise UsageError("the run has no folder for its report", 'run.report("report.html")')
-        return late_import("avrare.report.session.python_report:write_report")(self, file)  # type: ignore[no-any-return]
+        written: Path = render("write_report", self, file)
+        return written
 
     @cached_property
     def problem(self) -> Problem:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.base.late_import import late_import
+from avrare.base.renderers import render
 from avrare.driving import Scene
 from avrare.logic.formula import Formula, FormulaMonitor, find_formula
 from avrare.protocols import (
@@ -218,7 +218,7 @@ class Problem:
         Raises:
             UsageError: The tape does not fit.
         """
-        return late_import("avrare.report.session.trace:trace_problem")(self, noise)
+        return render("trace_problem", self, noise)
 
     def gamma(self, level: float) -> float:
         """Return the robustness threshold of a score's level, 0 at failure as in the papers."""
