@@ -19,13 +19,13 @@ from avrare.cli.output import print_warnings, say, write_file
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.report.documents.mcap_recording import write_mcap
 from avrare.report.documents.rerun_recording import write_rerun
-from avrare.report.plots.rollout_plot import extract_frames
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failure
+from avrare.rollout.frames import extract_frames
 from avrare.rollout.loaded_scenario import load
 
 _EXPORTS = ("csv", "commonroad", "mcap", "rerun")

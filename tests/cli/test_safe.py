@@ -129,7 +129,7 @@ def test_the_report_of_a_run_is_written_without_its_scenario(folder, capsys):
     assert main(["report", "run", "--safe"]) == 0
     page = Path("run/report.html").read_text()
     assert "cannot be built here" in page
-    assert "safe mode: &#x27;/etc/passwd&#x27; is a file outside" in page
+    assert "safe mode: &#39;/etc/passwd&#39; is a file outside" in page
 
 
 def test_the_variable_stands_for_the_option(folder, capsys, monkeypatch):

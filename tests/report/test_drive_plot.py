@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from matplotlib import figure as figures
 
+from avrare.analysis.page.player import _encode_prediction
 from avrare.driving import Prediction, Road, Scene, Vehicles, World
-from avrare.report.html.rollout_player import _encode_prediction
-from avrare.report.plots.rollout_plot import Frame, draw_drive
+from avrare.report.plots.rollout_plot import draw_drive
+from avrare.rollout.frames import Frame
 
 
 def vehicles(x, y):

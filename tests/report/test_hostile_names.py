@@ -34,8 +34,8 @@ from avrare.report.documents import (
     github_output,
     monitoring_documents,
 )
-from avrare.report.html.page import render_report
 from avrare.report.plots import comparison_plot, monitoring_plot
+from avrare.report.session.python_report import render_report
 from avrare.report.terminal import comparison_table, monitoring_text, paired_table, result_table
 from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.console import make_console, print_lines, print_table

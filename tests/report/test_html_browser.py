@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from avrare.report.html.page import render_report
+from avrare.report.session.python_report import render_report
 
 MOVED = """
 requestAnimationFrame = (go) => setTimeout(() => go(performance.now()), 16);  // nobody looks: no frames

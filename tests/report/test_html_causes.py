@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from avrare.cli.main import main
-from avrare.report.html.page import render_report
+from avrare.report.session.python_report import render_report
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, make_log_scale
+from avrare.base.chart import Chart, Scale, make_linear_scale, make_log_scale
+from avrare.report.html.pictures import draw_path, place_bars
 
 
 @pytest.mark.parametrize(
@@ -37,7 +38,21 @@ def test_a_logarithmic_axis_spans_the_values_up_to_its_limit():
 
 
 def test_lines_have_gaps_at_missing_values():
-    plot = LineChart(Scale(0.0, 3.0), Scale(0.0, 1.0), "t")
-    plot.draw_line(np.arange(4), np.array([0.0, 1.0, np.nan, 0.5]))
-    html = plot.render()
-    assert 'd="M0 100L33.33 0M100 50"' in html
+    chart = Chart(Scale(0.0, 3.0), Scale(0.0, 1.0), "t")
+    chart = chart.line(np.arange(4), np.array([0.0, 1.0, np.nan, 0.5]))
+    assert draw_path(chart, chart.layers[0]) == "M0 100L33.33 0M100 50"
+
+
+def test_each_kind_of_layer_has_its_path():
+    chart = Chart(Scale(-1.0, 1.0), Scale(-1.0, 3.0), "t")
+    x, y = np.array([-1.0, 0.0, 1.0]), np.array([-1.0, np.inf, 1.0])
+    drawn = chart.dots(x, y).band(x[:2], y[:1].repeat(2), np.zeros(2)).zero().zero(vertical=True).moment(1.0)
+    paths = [draw_path(drawn, layer) for layer in drawn.layers]
+    assert paths == ["M0 100h0M100 50h0", "M0 75L50 75L50 100L0 100Z", "M0 75H100", "M50 0V100", "M100 0V100"]
+    assert not Chart(Scale(1.0, 2.0), Scale(1.0, 2.0), "t").zero().layers
+
+
+def test_the_least_bar_is_visible():
+    chart = Chart(Scale(0.0, 2.0), Scale(0.0, 1.0), "t")
+    chart = chart.bars(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1e-6]), "bar")
+    assert place_bars(chart, chart.layers[0]) == [("50", "49.75", "99.2", "0.8")]

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
+from avrare.analysis.page.player import typeset_minus
 from avrare.report.html.markup import Markup, json_block, tag
-from avrare.report.html.rollout_player import typeset_minus
 
 
 def test_text_and_attributes_are_escaped_and_markup_is_not():

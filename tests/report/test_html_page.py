@@ -1,17 +1,23 @@
 """The report as a file: whole, safe, and honest about what it cannot show."""
 
+import dataclasses
 import json
+import math
 import re
 
 import numpy as np
 import pytest
 
+from avrare.analysis.page import stored_rollouts
+from avrare.analysis.page.build import build_report
+from avrare.analysis.page.model import ReportModel
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount_in_words, format_typeset
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
-from avrare.report.html import stored_rollouts
-from avrare.report.html.page import render_report
+from avrare.report.html.page import render_page
+from avrare.report.session.python_report import render_report
+from avrare.results.run import Run
 
 EVIL = "<script>alert('x')</script>"
 
@@ -26,7 +32,31 @@ def test_the_report_is_one_file_that_loads_nothing(made):
     assert not re.findall(r"https?://|@import|url\(", html)
     assert all(one.startswith("data:image/png;base64,") for one in re.findall(r'src="([^"]*)"', html))
     assert not re.findall(r"<link|<iframe|<object", html)
-    assert "default-src &#x27;none&#x27;" in html
+    assert "default-src &#39;none&#39;" in html
+
+
+@pytest.mark.parametrize("which", ["made", "split"])
+def test_a_model_read_from_json_renders_the_same_page(which, request):
+    model = build_report(Run.read(request.getfixturevalue(which)))
+    stored = model.to_json()
+    assert render_page(ReportModel.from_json(stored)) == render_page(model)
+    assert len(json.loads(stored)["sections"][0]["players"]) == len(model.sections[0].players) > 0
+
+
+@pytest.mark.slow
+def test_a_model_of_drives_read_from_json_renders_the_same_page(lane_change):
+    model = build_report(Run.read(lane_change))
+    assert model.sections[0].players[0].view["road"]
+    assert render_page(ReportModel.from_json(model.to_json())) == render_page(model)
+
+
+def test_numbers_that_are_not_finite_are_read_back(made):
+    model = build_report(Run.read(made))
+    estimate = dataclasses.replace(model.sections[0].estimate, seconds=math.inf)
+    model = dataclasses.replace(
+        model, sections=(dataclasses.replace(model.sections[0], estimate=estimate), *model.sections[1:])
+    )
+    assert ReportModel.from_json(model.to_json()) == model
 
 
 def test_every_estimate_is_in_the_table(made):
@@ -70,7 +100,7 @@ def test_without_thresholds_the_report_says_how_to_set_one(plane, tamper):
     summary = render_report(plane)
     summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
     assert "No threshold is set, so there is no verdict" in summary
-    assert "thresholds: [{specification: left, probability: &quot;&lt; 1e-3&quot;}]" in summary
+    assert "thresholds: [{specification: left, probability: &#34;&lt; 1e-3&#34;}]" in summary
 
 
 def test_a_known_exposure_gives_rates(plane):
@@ -105,7 +135,7 @@ def test_names_that_contain_markup_stay_text(plane, tamper):
     (plane / "scenario.yaml").write_text(text.replace("A point that is pushed about", EVIL))
     html = render_report(plane)
     assert "<script>alert" not in html
-    assert html.count("&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt;") >= 4
+    assert html.count("&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;") >= 4
 
 
 def test_the_worst_and_the_most_likely_failure_are_replayed(made):
@@ -229,7 +259,7 @@ def test_a_rule_that_the_scenario_lacks_is_a_clear_error(plane):
         assert place.format("left") in text
         text = text.replace(place.format("left"), place.format("right"))
     (plane / "scenario.yaml").write_text(text)
-    assert "has no specification &#x27;left&#x27;" in render_report(plane)
+    assert "has no specification &#39;left&#39;" in render_report(plane)
 
 
 def test_each_number_leads_to_its_command(made):

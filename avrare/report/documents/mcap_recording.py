@@ -18,8 +18,8 @@ import numpy as np
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError
 from avrare.driving import Scene
-from avrare.report.plots.rollout_plot import Frame
 from avrare.results.recordings.recording import Recording
+from avrare.rollout.frames import Frame
 from avrare.rollout.replay import tabulate_signals
 
 _SCENE, SIGNALS = "foxglove.SceneUpdate", "avrare.Signals"

@@ -9,8 +9,8 @@ from typing import Any
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError
 from avrare.report.documents.mcap_recording import SIGNALS, list_messages
-from avrare.report.plots.rollout_plot import Frame
 from avrare.results.recordings.recording import Recording
+from avrare.rollout.frames import Frame
 
 _TIMELINE = "rollout"
 

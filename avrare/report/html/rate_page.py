@@ -7,8 +7,8 @@ from importlib.resources import files
 from avrare.analysis.rates.combination import Total
 from avrare.analysis.rates.rates import CatalogueRates, RuleRate
 from avrare.analysis.rates.scene_estimates import SceneEstimate
+from avrare.base.chart import Scale, make_log_scale
 from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
-from avrare.report.html.line_chart import Scale, make_log_scale
 from avrare.report.html.markup import Markup, tag
 from avrare.report.terminal.rate_table import describe_blind, describe_scenes, describe_warnings
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult
+from avrare.analysis.monitor.summary import format_sample_time, summarise
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
-from avrare.report.plots.rollout_plot import Frame, draw_frame, draw_road
-from avrare.report.terminal.monitoring_text import format_sample_time, summarise
+from avrare.report.plots.rollout_plot import draw_frame, draw_road
+from avrare.rollout.frames import Frame
 
 _MOMENTS = 4
 _BEHIND, _AHEAD = 40.0, 80.0  # distances from the ego that are drawn [m]

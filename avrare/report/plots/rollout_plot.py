@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,10 @@ from avrare.driving.geometry import Rectangle
 from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
 from avrare.estimation.result import Result
-from avrare.protocols import Floats, HasPlan, find_ability
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
+from avrare.rollout.frames import Frame, extract_frames
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.problem import Problem
-from avrare.rollout.replay import ReplayedRollout, replay_tapes
-from avrare.stack.closed_loop import ClosedLoop
+from avrare.rollout.replay import replay_tapes
 
 _MOMENTS = 6
 _WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
@@ -28,17 +25,6 @@ _MAX_ROAD = 300.0  # length of a road [m] above which the plot follows the ego, 
 _BEHIND, _AHEAD = 70.0, 150.0  # distances from the ego that are drawn then [m]
 _EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
 _SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
-
-
-@dataclass(frozen=True)
-class Frame:
-    """Step ``t`` of one rollout (N = 1) with the planned x and y (H + 1, >= 2); None: there is none."""
-
-    t: int
-    world: Any
-    observation: Any = None
-    prediction: Any = None
-    plan: Floats | None = None
 
 
 def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) -> list[Path]:
@@ -81,21 +67,6 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     handles, labels = axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     save_figure(figure, path)
-
-
-def extract_frames(problem: Problem, rollout: ReplayedRollout) -> list[Frame]:
-    """Return the perceived, predicted and planned motion at every step; none without vehicles."""
-    loop = problem.system
-    if problem.scene is None or not isinstance(loop, ClosedLoop):
-        return []
-    horizon = loop.controller.horizon if loop.controller is not None else 0
-    frames = []
-    for t, state in enumerate(rollout.states):
-        prediction = loop.tracker.predict(state.track, horizon) if loop.tracker is not None else None
-        planning = find_ability(state.memory, HasPlan)
-        plan = planning.plan_states[0] if planning is not None and t > 0 else None
-        frames.append(Frame(t, state.world, state.observation, prediction, plan))
-    return frames
 
 
 def draw_road(ax: Any, scene: Scene) -> None:

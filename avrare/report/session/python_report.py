@@ -1,4 +1,4 @@
-"""Report of results that were made in Python, without a run folder."""
+"""HTML report of a run: its model built, and drawn as a page."""
 
 from __future__ import annotations
 
@@ -6,10 +6,25 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from avrare.analysis.page.build import build_report
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.estimation.result import Result
-from avrare.report.html.page import render_run
+from avrare.report.html.page import render_page
 from avrare.results.run import Run
+
+
+def render_report(folder: str | os.PathLike[str]) -> str:
+    """Return the report of a run folder as HTML.
+
+    Raises:
+        UsageError: The folder has no result, or a file in it is damaged.
+    """
+    return render_run(Run.read(folder))
+
+
+def render_run(run: Run) -> str:
+    """Return the report of a run as HTML."""
+    return render_page(build_report(run))
 
 
 def write_report(results: Sequence[Result] | Run, path: str | os.PathLike[str]) -> Path:

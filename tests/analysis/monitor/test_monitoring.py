@@ -5,10 +5,10 @@ import pytest
 
 import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.analysis.monitor.summary import summarise
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Verdict
-from avrare.report.terminal.monitoring_text import summarise
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 
 rng = np.random.default_rng(8)

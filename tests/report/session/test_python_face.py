@@ -144,7 +144,7 @@ def test_marks_of_a_plot_are_those_of_runs_or_of_models(split):
 
 def test_report_shows_the_failure_and_how_to_make_it_again(split, tmp_path):
     text = split.report(tmp_path / "new" / "report.html").read_text(encoding="utf-8")
-    assert "avrare.estimate(problem, &quot;ams&quot;, seed=1, particles=40, discard=8, runs=3)" in text
+    assert "avrare.estimate(problem, &#34;ams&#34;, seed=1, particles=40, discard=8, runs=3)" in text
     assert "Worst failure" in text
     assert "always (x &lt; 1.5)" in text
     assert "cannot be built" not in text

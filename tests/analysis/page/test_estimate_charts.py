@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare.report.html import charts
+from avrare.analysis.page import estimate_charts as charts
 from plain_results import plain_result
 
 
@@ -13,14 +13,14 @@ def test_the_surviving_share_is_that_of_the_particles():
     )
     assert found == [[0.9, 0.8], [0.5]]
     assert charts._list_surviving_shares({"shares": [[0.1]], "levels": [[1.0]]}) == [[0.1]]
-    assert charts.draw_levels({}, float, "") is None
+    assert charts.draw_levels({}, float, "") == ()
 
 
 @pytest.mark.parametrize("found", ["low", 3.0, [1.0, 2.0], {"a": 1}, [["x"]], [[[1.0]]], [[]]])
 def test_levels_of_another_kind_are_not_drawn(found):
-    assert charts.draw_levels({"levels": found, "shares": [[0.5]]}, float, "") is None
-    assert charts.draw_levels({"levels": [[1.0]], "shares": found}, float, "") is None or found == [[]]
-    assert charts.draw_levels({"levels": [[1.0, None]], "shares": [[0.5, None]]}, float, "") is not None
+    assert charts.draw_levels({"levels": found, "shares": [[0.5]]}, float, "") == ()
+    assert charts.draw_levels({"levels": [[1.0]], "shares": found}, float, "") == () or found == [[]]
+    assert charts.draw_levels({"levels": [[1.0, None]], "shares": [[0.5, None]]}, float, "")
 
 
 def test_zero_is_an_edge_of_the_histogram():
@@ -38,16 +38,16 @@ def test_convergence_is_left_out_where_failures_are_unknown():
         more = plain_result(failures=5, rollouts=9, diagnostics=told)
         assert charts.draw_convergence(more, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     found = charts.draw_convergence(plain_result(failures=1), np.array([-1.0, 1.0, 1.0, 1.0]))
-    assert "ending at 0.25" in found
+    assert "ending at 0.25" in found.title
 
 
 def test_convergence_over_an_ensemble_is_that_of_the_scenarios_own_model():
     several, found = {"diagnostics": {"model": {"members": [0.1, 0.2]}}}, np.array([-1.0, 1.0, 1.0, 1.0])
     entry = plain_result(failures=1)
-    assert "own model" not in charts.draw_convergence(entry, found)
+    assert "own model" not in charts.draw_convergence(entry, found).caption
     drawn = charts.draw_convergence(plain_result(failures=1, **several), found)
-    assert "Convergence under the scenario&#x27;s own model" in drawn
-    assert "interval of that many, of sampling alone" in drawn
+    assert drawn.caption == "Convergence under the scenario's own model"
+    assert drawn.legend[1][1].endswith("interval of that many, of sampling alone")
     runs = {"estimator": "ams", "run_probabilities": np.array([0.1, 0.2]), "interval": (0.05, 0.3)}
     assert charts.draw_convergence(plain_result(**runs), found) is not None
     assert charts.draw_convergence(plain_result(**runs, **several), found) is None  # these are no runs

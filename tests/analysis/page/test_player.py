@@ -4,9 +4,9 @@ import numpy as np
 
 import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.analysis.page import player
+from avrare.analysis.page.stored_rollouts import select_rollouts
 from avrare.estimation.result import Worst
-from avrare.report.html import rollout_player
-from avrare.report.html.stored_rollouts import select_rollouts
 from avrare.results.recordings.recording import Recording
 from avrare.results.stored_causes import StoredKinds
 from plain_results import plain_result
@@ -31,9 +31,9 @@ def test_a_player_opens_three_seconds_before_the_failure():
     signals = {"x": np.where(np.arange(100) < 60, 1.0, -1.0)}
     recording = Recording("t", 0.1, 0.0, signals)
     result = monitor_recording("x", avrare.stl("always (x > 0)", dt=0.1).monitor(), recording)
-    assert rollout_player._select_start(result) == 30
+    assert player._select_start(result) == 30
     early = monitor_recording("x", avrare.stl("always (x < 0)", dt=0.1).monitor(), recording)
-    assert rollout_player._select_start(early) == 0
+    assert player._select_start(early) == 0
 
 
 def test_each_kind_has_its_most_typical_failure():

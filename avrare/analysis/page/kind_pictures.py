@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from avrare.analysis.page.model import Car, Picture
+from avrare.analysis.page.stored_rollouts import MonitoredRollout
+from avrare.base.chart import Chart, Points, make_linear_scale
 from avrare.driving import Road, Vehicles, World
 from avrare.driving.frames import to_plane
 from avrare.driving.lanes import lane_borders, lane_exists
 from avrare.driving.markings import list_markings
 from avrare.protocols import Floats
-from avrare.report.html.line_chart import LineChart, make_linear_scale, render_legend
-from avrare.report.html.markup import Markup, tag
-from avrare.report.html.stored_rollouts import MonitoredRollout
 from avrare.results.stored_causes import StoredKinds
 
 _BEHIND, _AHEAD = 30.0, 50.0
@@ -26,7 +26,7 @@ STYLES = 6
 """Colours of kinds; the seventh kind has that of the first."""
 
 
-def draw_moment(rollout: MonitoredRollout) -> Markup | None:
+def draw_moment(rollout: MonitoredRollout) -> Picture | None:
     """Return the first violation, or the decisive sample, seen from above; None without vehicles.
 
     A road that bends is drawn in the plane, turned so that it leads to the right where the ego is.
@@ -37,20 +37,23 @@ def draw_moment(rollout: MonitoredRollout) -> Markup | None:
         return None
     scene, at = result.recording.scene, decisive.sample
     view = _View(scene.road, float(rollout.frames[at].world.ego.x[0]))
-    parts, low, high = _draw_road(view, scene.road)
+    lanes, lines, low, high = _draw_road(view, scene.road)
     first = max(at - round(_TRAIL / result.recording.dt), 0)
     trail = [view.place(one.world) for one in rollout.frames[first : at + 1]]
     names = set(decisive.vehicles.values())
+    cars = []
     for v, name in enumerate(scene.names):
         style = "decides" if name in names else "other"
         size = float(scene.lengths[v]), float(scene.widths[v])
-        parts += _draw_vehicle([others for _, others in trail], (0, v), size, style, name)
+        cars.append(_draw_vehicle([others for _, others in trail], (0, v), size, style, name))
     ego = float(scene.ego_length), float(scene.ego_width)
-    parts += _draw_vehicle([one for one, _ in trail], (0,), ego, "ego", "ego")
+    cars.append(_draw_vehicle([vehicle for vehicle, _ in trail], (0,), ego, "ego", "ego"))
     moment = "first violation" if result.first is not None else "least robustness"
-    words = f"The road at {result.recording.time(at):.1f} s, at the {moment}"
-    box = f"0 {_number(-high - 2.5)} {_BEHIND + _AHEAD:g} {_number(high - low + 5.0)}"
-    return tag("svg", tag("title", words), parts, viewBox=box, role="img", aria_label=words, class_="moment")
+    return Picture(
+        f"The road at {result.recording.time(at):.1f} s, at the {moment}",
+        (0.0, -high - 2.5, _BEHIND + _AHEAD, high - low + 5.0),
+        lanes, lines, tuple(car for car in cars if car is not None),
+    )  # fmt: skip
 
 
 class _View:
@@ -90,7 +93,7 @@ class _View:
         return np.stack([there.x, -there.y], axis=1)
 
 
-def _draw_road(view: _View, road: Road) -> tuple[list[Markup], float, float]:
+def _draw_road(view: _View, road: Road) -> tuple[tuple[Points, ...], tuple[Points, ...], float, float]:
     # Lanes as far as they are there, then the lines between them; and the least and greatest y to the left.
     surfaces, lines, reach = [], [], []
     there = lane_exists(road, view.stations)
@@ -98,46 +101,34 @@ def _draw_road(view: _View, road: Road) -> tuple[list[Markup], float, float]:
     for lane in np.flatnonzero(there.sum(axis=1) > 1).tolist():
         x = view.stations[there[lane]]
         borders = [view.curve(x, border[lane][there[lane]]) for border in (right, left)]
-        surfaces.append(tag("path", d=f"M{_join([*borders[0], *borders[1][::-1]])}Z", class_="road"))
+        surfaces.append(_list_points([*borders[0], *borders[1][::-1]]))
         reach += [points[:, 1] for points in borders]
-    for one in (marking for marking in list_markings(road) if marking.inner):
-        x = view.stations[(view.stations >= one.x[0]) & (view.stations <= one.x[-1])]
+    for marking in (marking for marking in list_markings(road) if marking.inner):
+        x = view.stations[(view.stations >= marking.x[0]) & (view.stations <= marking.x[-1])]
         if len(x) > 1:
-            points = view.curve(x, np.interp(x, one.x, one.y))
-            lines.append(tag("path", d=f"M{_join(points)}", class_="lane"))
+            lines.append(_list_points(view.curve(x, np.interp(x, marking.x, marking.y))))
     if not reach:
-        return [], 0.0, 0.0
+        return (), (), 0.0, 0.0
     every = np.concatenate(reach)
-    return [*surfaces, *lines], -float(every.max()), -float(every.min())
+    return tuple(surfaces), tuple(lines), -float(every.max()), -float(every.min())
 
 
-def _join(points: Iterable[Floats]) -> str:
-    return "L".join(f"{_number(x)} {_number(y)}" for x, y in points)
+def _list_points(points: Iterable[Floats]) -> Points:
+    return tuple((float(x), float(y)) for x, y in points)
 
 
 def _draw_vehicle(
     trail: Sequence[Vehicles], at: tuple[int, ...], size: tuple[float, float], style: str, name: str
-) -> list[Markup]:
-    points = [np.array([one.x[at], -one.y[at]]) for one in trail]
+) -> Car | None:
+    points = [np.array([vehicles.x[at], -vehicles.y[at]]) for vehicles in trail]
     x, y = points[-1].tolist()
     if not -size[0] <= x <= _BEHIND + _AHEAD + size[0]:
-        return []
+        return None
     turn = -math.degrees(float(trail[-1].heading[at]))
-    length, width = size
-    place = f"translate({_number(x)} {_number(y)}) rotate({_number(turn)})"
-    body = tag(
-        "rect", x=_number(-length / 2), y=_number(-width / 2), width=_number(length), height=_number(width),
-        rx=0.4, transform=place, class_=style,
-    )  # fmt: skip
-    label = tag("text", name, x=_number(x), y=_number(y - width / 2 - 0.5), text_anchor="middle")
-    return [tag("path", d=f"M{_join(points)}", class_=f"trail {style}"), body, label]
+    return Car(name, style, x, y, turn, *size, trail=_list_points(points))
 
 
-def _number(value: float) -> str:
-    return f"{value:.2f}".rstrip("0").rstrip(".")
-
-
-def draw_map(kinds: StoredKinds) -> Markup | None:
+def draw_map(kinds: StoredKinds) -> Chart | None:
     """Return all failures in the plane of their principal components, a colour for each kind."""
     if len(kinds.points) < 3 or len(kinds.points) != len(kinds.labels):
         return None
@@ -145,11 +136,13 @@ def draw_map(kinds: StoredKinds) -> Markup | None:
     if not np.ptp(points, axis=0).all():
         return None
     x, y = (make_linear_scale(points[:, axis].tolist()) for axis in (0, 1))
-    chart = LineChart(x, y, f"{len(points)} failures in the plane of their two principal components")
     numbers = sorted(set(labels.tolist()))
+    chart = Chart(
+        x, y, f"{len(points)} failures in the plane of their two principal components",
+        caption="The failures: near ones are alike", height=140, bare=True,
+        legend=tuple((f"dot kind-{number % STYLES}", f"kind {number + 1}") for number in numbers),
+    )  # fmt: skip
     for number in numbers:
         chosen = points[labels == number]
-        chart.draw_dots(chosen[:, 0], chosen[:, 1], f"kind-{number % STYLES}")
-    key = render_legend(*((f"dot kind-{number % STYLES}", f"kind {number + 1}") for number in numbers))
-    figure = chart.render("The failures: near ones are alike", key, height=140)
-    return Markup(figure.replace('<figure class="chart">', '<figure class="chart bare">', 1))
+        chart = chart.dots(chosen[:, 0], chosen[:, 1], f"kind-{number % STYLES}")
+    return chart

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from avrare.base.chart import Chart, Scale, make_linear_scale, make_log_scale
 from avrare.base.number_format import format_percent
 from avrare.estimation import intervals
 from avrare.estimation.result import Result
 from avrare.protocols import Floats
-from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, make_log_scale, render_legend
-from avrare.report.html.markup import Markup, tag
 
 _BINS = 32
 _CONVERGENCE_POINTS = 60
 
 
-def draw_histogram(robustness: Floats, splitting: bool) -> Markup | None:
+def draw_histogram(robustness: Floats, splitting: bool) -> Chart | None:
     """Return the histogram of robustness; bars below zero are violations."""
     known = robustness[np.isfinite(robustness)]
     if not len(known):
@@ -26,25 +26,24 @@ def draw_histogram(robustness: Floats, splitting: bool) -> Markup | None:
     edges = _choose_bin_edges(known)
     counts, _ = np.histogram(known, edges)
     tallest = float(counts.max())
-    chart = LineChart(
-        Scale(edges[0], edges[-1]), Scale(0.0, 1.08 * math.sqrt(tallest)),
-        f"Histogram of the robustness of {len(known)} rollouts, {int((known < 0).sum())} below zero",
-        x_label="robustness",
-    )  # fmt: skip
-    chart.draw_bars(edges, np.sqrt(counts), edges[1:] <= 0.0)
-    chart.draw_zero(vertical=True)
     of = "the rollouts of the first stage" if splitting else "the rollouts"
     left = len(robustness) - len(known)
     beyond = f"; {left:,} without a finite value are not shown" if left else ""
-    key = [
-        render_legend(("box", "satisfied"), ("box marked", "violated")),
-        f"heights: square root of the count{beyond}",
-    ]
-    figure = chart.render(f"Robustness of {of}", key)  # heights have no unit: the numbers are hidden
-    return Markup(figure.replace('<figure class="chart">', '<figure class="chart bare">', 1))
+    chart = Chart(
+        Scale(float(edges[0]), float(edges[-1])), Scale(0.0, 1.08 * math.sqrt(tallest)),
+        f"Histogram of the robustness of {len(known)} rollouts, {int((known < 0).sum())} below zero",
+        caption=f"Robustness of {of}", x_label="robustness",
+        legend=(("box", "satisfied"), ("box marked", "violated")),
+        note=f"heights: square root of the count{beyond}",
+        bare=True,  # heights have no unit
+    )  # fmt: skip
+    heights = np.sqrt(counts)
+    violated = int((edges[1:] <= 0.0).sum())
+    chart = chart.bars(edges[: violated + 1], heights[:violated], "bar marked")
+    return chart.bars(edges[violated:], heights[violated:], "bar").zero(vertical=True)
 
 
-def draw_convergence(result: Result, robustness: Floats) -> Markup | None:
+def draw_convergence(result: Result, robustness: Floats) -> Chart | None:
     """Return the running estimate and its interval over rollouts or runs; None if it is unknown.
 
     Over an ensemble of models the rollouts are those of the scenario's own, and there are no runs.
@@ -68,7 +67,7 @@ def _count_rollouts(result: Result) -> int:
     return int(diagnostics.get("used_rollouts", diagnostics.get("twin", {}).get("counted", counted)))
 
 
-def _draw_rollout_convergence(result: Result, robustness: Floats) -> Markup | None:
+def _draw_rollout_convergence(result: Result, robustness: Floats) -> Chart | None:
     # The failures of Monte Carlo are identified by their robustness, where that is possible.
     violated = robustness < 0.0
     if result.failures.count != violated.sum():
@@ -88,18 +87,18 @@ def _draw_rollout_convergence(result: Result, robustness: Floats) -> Markup | No
     least = min((*low[low > 0], *share[share > 0]), default=float(high[-1]) / 10.0)
     scale = make_log_scale([max(least, float(high[-1]) / 1e3), 1.0], 1.0)
     title = f"Estimate after 1 to {total} rollouts, ending at {share[-1]:.3g}"
-    chart = LineChart(Scale(1.0, float(total), log=True), scale, title, "rollouts", "probability")
-    chart.fill_band(at, np.maximum(low, scale.low), high)
-    chart.draw_line(at, np.where(share > 0, share, np.nan), "accent")
-    interval = f"{format_percent(confidence)} interval of that many"
-    heading = "Convergence"
+    interval, caption = f"{format_percent(confidence)} interval of that many", "Convergence"
     if _of_ensemble(result):
-        heading, interval = "Convergence under the scenario's own model", f"{interval}, of sampling alone"
-    key = render_legend(("line accent", "estimate"), ("box soft", interval))
-    return chart.render(heading, key)
+        caption, interval = "Convergence under the scenario's own model", f"{interval}, of sampling alone"
+    chart = Chart(
+        Scale(1.0, float(total), log=True), scale, title, caption=caption, x_label="rollouts",
+        y_label="probability", legend=(("line accent", "estimate"), ("box soft", interval)),
+    )  # fmt: skip
+    chart = chart.band(at, np.maximum(low, scale.low), high)
+    return chart.line(at, np.where(share > 0, share, np.nan), "accent")
 
 
-def _draw_run_convergence(result: Result, values: Floats) -> Markup:
+def _draw_run_convergence(result: Result, values: Floats) -> Chart:
     many = len(values)
     at = np.arange(1, many + 1)
     mean = np.cumsum(values) / at
@@ -109,15 +108,16 @@ def _draw_run_convergence(result: Result, values: Floats) -> Markup:
     shown = [x for x in (*values, *mean, *result.interval) if x > 0.0]  # of two runs it may span everything
     scale = make_log_scale([*shown, min(1.0, 2.0 * max(shown, default=1.0))], 1.0)
     title = f"Estimates of {many} independent runs and their running mean, ending at {mean[-1]:.3g}"
-    chart = LineChart(make_linear_scale(at, margin=0.04), scale, title, "runs", "probability")
-    known = np.isfinite(low)
-    chart.fill_band(at[known], np.maximum(low[known], scale.low), np.minimum(high[known], scale.high))
-    chart.draw_line(at, np.where(mean > 0, mean, np.nan), "accent")
-    chart.draw_dots(at, np.where(values > 0, values, scale.low), "quiet")
+    zeros, known = int((values == 0).sum()), np.isfinite(low)
     interval = f"{format_percent(result.confidence)} interval"
-    key = render_legend(("dot", "a run"), ("line accent", "mean"), ("box soft", interval))
-    zeros = int((values == 0).sum())
-    return chart.render("Convergence", [key, f"{zeros} died out, drawn at the lower edge" if zeros else None])
+    chart = Chart(
+        make_linear_scale(at, margin=0.04), scale, title, caption="Convergence", x_label="runs",
+        y_label="probability", legend=(("dot", "a run"), ("line accent", "mean"), ("box soft", interval)),
+        note=f"{zeros} died out, drawn at the lower edge" if zeros else "",
+    )  # fmt: skip
+    chart = chart.band(at[known], np.maximum(low[known], scale.low), np.minimum(high[known], scale.high))
+    chart = chart.line(at, np.where(mean > 0, mean, np.nan), "accent")
+    return chart.dots(at, np.where(values > 0, values, scale.low), "quiet")
 
 
 def _compute_run_interval(values: Floats, confidence: float) -> tuple[float, float]:
@@ -131,34 +131,36 @@ def _compute_run_interval(values: Floats, confidence: float) -> tuple[float, flo
     )
 
 
-def draw_levels(diagnostics: dict[str, Any], gamma: Any, label: str) -> Markup | None:
-    """Return level and surviving share of each stage of splitting, a line for each run; None if unknown.
+def draw_levels(
+    diagnostics: dict[str, Any], gamma: Callable[[float], float], label: str
+) -> tuple[Chart, ...]:
+    """Return charts of level and surviving share of each stage of splitting; none if they are unknown.
 
     ``gamma`` maps a level of the score to the value to draw, which ``label`` names.
     """
     runs, shares = _read_stage_values(diagnostics.get("levels")), _list_surviving_shares(diagnostics)
     if not any(map(len, runs)) or not shares:
-        return None
+        return ()
     longest = max(map(len, runs))
     x = make_linear_scale([0, longest], margin=0.02)
     thresholds = [np.array([gamma(level) for level in run], dtype=np.float64) for run in runs]
     weights = [np.r_[1.0, np.cumprod(run)] for run in shares]
-    down = LineChart(
+    note = "each line is a run"
+    down = Chart(
         x, make_linear_scale(np.concatenate(thresholds).tolist(), zero=True),
-        f"Level of each of {len(runs)} runs over up to {longest} stages", "stage", label,
+        f"Level of each of {len(runs)} runs over up to {longest} stages",
+        caption="Levels", x_label="stage", y_label=label, note=note,
     )  # fmt: skip
     for run in thresholds:
-        down.draw_steps(np.arange(len(run) + 1), np.r_[run, run[-1:]], "thin")
-    down.draw_zero()
-    left = LineChart(
+        down = down.steps(np.arange(len(run) + 1), np.r_[run, run[-1:]], "thin")
+    left = Chart(
         x, make_log_scale([w for run in weights for w in run], 1.0),
         f"Share of the particles' weight left after each stage in {len(runs)} runs",
-        "stage", "probability to reach this stage",
+        caption="Survivors", x_label="stage", y_label="probability to reach this stage", note=note,
     )  # fmt: skip
     for run in weights:
-        left.draw_line(np.arange(len(run)), np.where(run > 0, run, np.nan), "thin")
-    note = "each line is a run"
-    return tag("div", down.render("Levels", note), left.render("Survivors", note), class_="pair")
+        left = left.line(np.arange(len(run)), np.where(run > 0, run, np.nan), "thin")
+    return down.zero(), left
 
 
 def _list_surviving_shares(diagnostics: dict[str, Any]) -> list[list[float]]:

@@ -1,4 +1,4 @@
-"""Player of a stored rollout in a report: animation, charts on the same clock, predicates, noise."""
+"""Player of a stored rollout: animation, charts on the same clock, predicates, noise."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult
+from avrare.analysis.monitor.summary import summarise
+from avrare.analysis.page.drive_charts import DriveCharts, make_time_axis
+from avrare.analysis.page.model import Player
+from avrare.analysis.page.stored_rollouts import MonitoredRollout, StoredRollout
+from avrare.analysis.page.strips import draw_noise, draw_predicates
+from avrare.base.chart import Chart, make_linear_scale
 from avrare.base.number_format import format_robustness
 from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
-from avrare.report.html.drive_charts import DriveCharts, make_time_axis
-from avrare.report.html.heat_strips import draw_noise, draw_predicates
-from avrare.report.html.line_chart import LineChart, make_linear_scale, render_legend
-from avrare.report.html.markup import Markup, json_block, tag
-from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
-from avrare.report.plots.rollout_plot import Frame
-from avrare.report.terminal.monitoring_text import summarise
+from avrare.rollout.frames import Frame
 from avrare.rollout.problem import Problem
 from avrare.stack.drawn_start import SIGNAL
 
@@ -30,36 +30,41 @@ _MAX_SIGNALS = 12
 _MAX_NUMBERS = 60_000  # largest size of plans and predictions; a longer rollout is shown without them
 
 
-def render_player(
-    rollout: MonitoredRollout, problem: Problem, opened: bool, folder: Path | None = None
-) -> Markup:
+def build_player(rollout: MonitoredRollout, problem: Problem, folder: Path | None = None) -> Player:
     """Return everything about one rollout, synchronised by one clock.
 
     ``folder`` is that of the run, for the command that replays it.
     """
     stored, result = rollout.stored, rollout.result
-    summary = tag("summary", tag("h3", stored.title), tag("span", _describe_rollout(stored), class_="muted"))
-    anchor = None if stored.index is None else name_rollout(stored.specification, stored.index)
+    anchor = "" if stored.index is None else name_rollout(stored.specification, stored.index)
     if result is None:
-        text = tag("p", f"It cannot be shown: {rollout.problem}.")
-        return tag("details", summary, text, open=opened, id=anchor)
-    decisive = [one for one in (result.first, result.worst) if one is not None]
-    marked = sorted({name for one in decisive for name in one.vehicles.values()})
-    return tag(
-        "details", summary,
-        tag("p", typeset_minus(summarise(result)), class_="sentence"),
-        _render_lost(rollout),
-        _render_difference(stored, result), _render_drawn(result),
-        tag(
-            "div", _render_stage(result), json_block(_tabulate_view(result, rollout.frames, marked)),
-            DriveCharts(rollout, marked).render(), _draw_robustness(result),
-            draw_predicates(problem.monitor(result.name), result),
-            draw_noise(problem, stored.tape, stored.failed),
-            class_="player", data_start=_select_start(result),
-        ),
-        _render_command(stored, folder),
-        open=opened, id=anchor, class_="target",
-    )  # fmt: skip
+        return Player(stored.title, _describe_rollout(stored), anchor, problem=rollout.problem)
+    decisive = [sample for sample in (result.first, result.worst) if sample is not None]
+    marked = sorted({name for sample in decisive for name in sample.vehicles.values()})
+    recording, start = result.recording, _select_start(result)
+    charts = DriveCharts(rollout, marked)
+    shown = charts.draw()
+    return Player(
+        stored.title,
+        _describe_rollout(stored),
+        anchor,
+        sentence=typeset_minus(summarise(result)),
+        lost=_describe_lost(rollout),
+        difference=_describe_difference(stored, result),
+        drawn=_list_drawn(result),
+        start=start,
+        samples=recording.samples,
+        clock=float(recording.time(start)),
+        top_view="" if recording.scene is None else f"Top view of the rollout: {summarise(result)}",
+        view=_tabulate_view(result, rollout.frames, marked),
+        signals=_draw_signals(result) if recording.scene is None else (),
+        charts=shown,
+        marks=charts.list_marks() if shown else (),
+        robustness=_draw_robustness(result),
+        predicates=draw_predicates(problem.monitor(result.name), result),
+        noise=draw_noise(problem, stored.tape, stored.failed),
+        command=_write_command(stored, folder),
+    )
 
 
 def name_rollout(specification: str, index: int) -> str:
@@ -67,33 +72,26 @@ def name_rollout(specification: str, index: int) -> str:
     return f"failure-{specification}-{index}"
 
 
-def _render_lost(rollout: MonitoredRollout) -> Markup | None:
+def _describe_lost(rollout: MonitoredRollout) -> str:
     if rollout.not_continued:
-        return tag("p", f"When it was lost could not be found: {rollout.not_continued}.", class_="sentence")
+        return f"When it was lost could not be found: {rollout.not_continued}."
     if rollout.continuations is None:
-        return None
+        return ""
     text = rollout.continuations.describe(rollout.violation)
-    return tag("p", f"{text[0].upper()}{text[1:]}.", class_="sentence")
+    return f"{text[0].upper()}{text[1:]}."
 
 
-def _render_command(stored: StoredRollout, folder: Path | None) -> Markup | None:
+def _write_command(stored: StoredRollout, folder: Path | None) -> str:
     if folder is None or stored.index is None:
-        return None
+        return ""
     words = ["avrare", "replay", "--run", str(folder), "--specification", stored.specification]
-    words += ["--failure", str(stored.index), "--lost"]
-    text = "The same in the terminal; --shrink finds what it needs, --csv and --rerun export it:"
-    return tag(
-        "div", tag("p", text, class_="muted"), tag("pre", shlex.join(words), class_="command", tabindex=0)
-    )
+    return shlex.join([*words, "--failure", str(stored.index), "--lost"])
 
 
-def _render_drawn(result: MonitoringResult) -> Markup | None:
-    drawn = {name: values for name, values in result.recording.signals.items() if name.startswith(SIGNAL)}
-    rows = [
-        tag("div", tag("dt", name.removeprefix(SIGNAL).replace("_", " ")), tag("dd", f"{values[0]:.4g}"))
-        for name, values in drawn.items()
-    ]
-    return tag("div", tag("p", "Drawn at the start:"), tag("dl", rows, class_="facts")) if rows else None
+def _list_drawn(result: MonitoringResult) -> tuple[tuple[str, str], ...]:
+    signals = result.recording.signals
+    drawn = {name.removeprefix(SIGNAL): signals[name] for name in signals if name.startswith(SIGNAL)}
+    return tuple((name.replace("_", " "), f"{values[0]:.4g}") for name, values in drawn.items())
 
 
 def typeset_minus(text: str) -> str:
@@ -107,14 +105,14 @@ def _describe_rollout(stored: StoredRollout) -> str:
     return f"robustness {robustness} · norm of the noise {stored.norm:.3g} (random rollouts: {expected:.3g})"
 
 
-def _render_difference(stored: StoredRollout, result: MonitoringResult) -> Markup | None:
+def _describe_difference(stored: StoredRollout, result: MonitoringResult) -> str:
     now, then = result.robustness, stored.robustness
     if now == then:
-        return None
-    return tag(
-        "p", f"Its robustness is now {typeset_minus(f'{now:.9g}')}, not {typeset_minus(f'{then:.9g}')} as "
-        "stored: the version or the machine differs.", class_="note",
-    )  # fmt: skip
+        return ""
+    return (
+        f"Its robustness is now {typeset_minus(f'{now:.9g}')}, not {typeset_minus(f'{then:.9g}')} as "
+        "stored: the version or the machine differs."
+    )
 
 
 def _select_start(result: MonitoringResult) -> int:
@@ -124,65 +122,40 @@ def _select_start(result: MonitoringResult) -> int:
     return max(decisive.sample - before, 0) if decisive is not None else 0
 
 
-def _render_stage(result: MonitoringResult) -> Markup:
-    recording = result.recording
-    start, last = _select_start(result), recording.samples - 1
-    controls = tag(
-        "div",
-        tag("button", "Play", type="button", class_="play"),
-        tag("input", type="range", min=0, max=last, step=1, value=start, aria_label="time"),
-        tag("output", f"{recording.time(start):.2f} s"),
-        tag("button", "1×", type="button", class_="speed", aria_label="playback speed"),
-        class_="controls",
-    )  # fmt: skip
-    if recording.scene is None:
-        return tag("div", _draw_signals(result), controls)
-    description = f"Top view of the rollout: {summarise(result)}"
-    key = render_legend(
-        ("car ego", "ego"), ("car other", "others"), ("car decisive", "decides"), ("dot seen", "observed"),
-        ("ring", "missed"), ("line accent", "plan"), ("line predicted", "predicted"),
-    )  # fmt: skip
-    canvas = tag("canvas", description, role="img", aria_label=description, class_="view")
-    return tag("div", canvas, tag("div", key, class_="legend"), controls)
-
-
-def _draw_signals(result: MonitoringResult) -> Markup:
+def _draw_signals(result: MonitoringResult) -> tuple[Chart, ...]:
     # scalar ones, those of the formula first
     scalar = [name for name, values in result.recording.signals.items() if np.ndim(values) == 1]
-    chosen = sorted(scalar, key=lambda one: one not in result.formula)[:_MAX_SIGNALS]
-    return tag("div", _draw_lines(result, chosen), class_="signals")
-
-
-def _draw_lines(result: MonitoringResult, names: Sequence[str]) -> list[Markup]:
+    chosen = sorted(scalar, key=lambda name: name not in result.formula)[:_MAX_SIGNALS]
     times, x = make_time_axis(result)
-    figures = []
-    for name in names:
+    charts = []
+    for name in chosen:
         values = np.asarray(result.recording.signals[name], dtype=np.float64)
-        chart = LineChart(x, make_linear_scale(values.tolist()), f"Signal {name} over time", over_time=True)
-        chart.draw_line(times, values, "accent")
-        figures.append(chart.render(name, height=84))
-    return figures
+        title = f"Signal {name} over time"
+        chart = Chart(x, make_linear_scale(values.tolist()), title, caption=name, height=84, over_time=True)
+        charts.append(chart.line(times, values, "accent"))
+    return tuple(charts)
 
 
-def _draw_robustness(result: MonitoringResult) -> Markup:
+def _draw_robustness(result: MonitoringResult) -> Chart:
     times, x = make_time_axis(result)
     values = result.prefix if result.body is None else result.body
-    title = f"Robustness over time, least {format_robustness(result.robustness)}"
-    y = make_linear_scale([*values.tolist(), *result.prefix.tolist()], zero=True)
-    chart = LineChart(x, y, title, "time [s]", over_time=True)
-    chart.fill_below_zero(times, values)
-    chart.draw_zero()
-    entries = [("line dashed", "of the samples so far")]
+    entries = [("line dashed", "of the samples so far"), ("box violated", "violated")]
     if result.body is not None:
-        chart.draw_line(times, result.body, "accent")
         entries.insert(0, ("line accent", "at each sample"))
-    chart.draw_line(times, result.prefix, "dashed")
+    chart = Chart(
+        x, make_linear_scale([*values.tolist(), *result.prefix.tolist()], zero=True),
+        f"Robustness over time, least {format_robustness(result.robustness)}", caption="Robustness",
+        x_label="time [s]", legend=tuple(entries), height=150, over_time=True,
+    )  # fmt: skip
+    chart = chart.below_zero(times, values).zero()
+    if result.body is not None:
+        chart = chart.line(times, result.body, "accent")
+    chart = chart.line(times, result.prefix, "dashed")
     for decisive in (result.first, result.worst):
         if decisive is not None and math.isfinite(decisive.robustness):
             at = np.array([decisive.sample])
-            chart.draw_dots(times[at], values[at], "violated" if result.violated else "accent")
-    entries.append(("box violated", "violated"))
-    return tag("div", chart.render("Robustness", render_legend(*entries), height=150), class_="gutter")
+            chart = chart.dots(times[at], values[at], "violated" if result.violated else "accent")
+    return chart
 
 
 def _tabulate_view(

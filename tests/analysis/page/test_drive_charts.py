@@ -1,7 +1,6 @@
 """Charts beside the animation, on worlds made by hand."""
 
 import dataclasses
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,15 +9,15 @@ import pytest
 import avrare
 from avrare.analysis.failures.lost import Continuations
 from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.analysis.page import player
+from avrare.analysis.page.drive_charts import DriveCharts
+from avrare.analysis.page.kind_pictures import draw_map, draw_moment
+from avrare.analysis.page.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.driving import Lane, Observation, Road, Scene, Vehicles, World
 from avrare.driving.reference_line import CurvedLine, Piece
-from avrare.report.html import rollout_player
-from avrare.report.html.drive_charts import DriveCharts
-from avrare.report.html.kind_pictures import draw_map, draw_moment
-from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
-from avrare.report.plots.rollout_plot import Frame
 from avrare.results.recordings.recording import Recording
 from avrare.results.stored_causes import StoredKinds
+from avrare.rollout.frames import Frame
 
 STEPS = 20
 
@@ -53,26 +52,26 @@ def rollout():
 
 
 def test_every_chart_stands_on_the_clock_and_has_both_marks(rollout):
-    html = DriveCharts(rollout, ["van"]).render()
+    charts = DriveCharts(rollout, ["van"])
+    drawn = charts.draw()
     captions = (
         "Robustness if the noise ended here", "Error of van as seen [m]", "Distance to van [m]",
         "Speed [m/s]", "Acceleration of the ego [m/s²]", "Distance over closing speed, van [s]",
     )  # fmt: skip
-    assert all(caption in html for caption in captions)
-    assert html.count('class="chart over-time"') == html.count('class="mark lost"') == len(captions)
-    assert html.count('class="mark"') == len(captions)
-    assert html.count('class="cursor"') == len(captions)
+    assert {chart.caption for chart in drawn} == set(captions)
+    assert all(chart.over_time for chart in drawn)
+    for chart in drawn:
+        styles = [layer.style for layer in chart.layers]
+        assert (styles.count("mark lost"), styles.count("mark")) == (1, 1)
+    assert [word for _, word in charts.list_marks()] == ["lost", "violated first"]
 
 
 def test_what_was_missed_is_shaded_and_errors_are_in_metres(rollout):
-    charts = DriveCharts(rollout, ["van"])
-    chart = charts._draw_errors(0, "van")
-    assert chart.count('class="missed"') == 1
-    left = charts.x.at(0.25), charts.x.at(0.55)
-    [path] = [one.split('"')[0] for one in chart.split('class="missed" d="')[1:]]
-    xs = [float(point.split()[0]) for point in path.strip("MZ").split("L")]
-    assert (min(xs), max(xs)) == pytest.approx(left, abs=0.01)
-    assert "box missed" in chart
+    chart = DriveCharts(rollout, ["van"])._draw_errors(0, "van")
+    [shade] = [layer for layer in chart.layers if layer.style == "missed"]
+    times = [x for x, _ in shade.pieces[0]]
+    assert (min(times), max(times)) == pytest.approx((0.25, 0.55))
+    assert ("box missed", "missed") in chart.legend
 
 
 def test_the_distance_is_between_the_boxes(rollout):
@@ -82,11 +81,10 @@ def test_the_distance_is_between_the_boxes(rollout):
 
 def test_a_moment_from_above_has_all_vehicles(rollout):
     picture = draw_moment(rollout)
-    assert picture.count("<text") == 2
-    assert 'class="ego"' in picture
-    assert "The road at 1.6 s, at the first violation" in picture
+    assert [(car.name, car.style) for car in picture.cars] == [("van", "other"), ("ego", "ego")]
+    assert picture.title == "The road at 1.6 s, at the first violation"
     worst = dataclasses.replace(rollout, result=dataclasses.replace(rollout.result, first=None))
-    assert "The road at 2.0 s, at the least robustness" in draw_moment(worst)
+    assert draw_moment(worst).title == "The road at 2.0 s, at the least robustness"
     assert draw_moment(SimpleNamespace(result=None)) is None
 
 
@@ -100,17 +98,13 @@ def bent(rollout, road):
 def test_a_moment_in_a_bend_is_drawn_bent(rollout):
     line = CurvedLine((Piece(500.0, 0.02, 0.02),))  # a circle of 50 m to the left
     picture = draw_moment(bent(rollout, Road((-1.75, 1.75), 3.5, line=line)))
-    number = r"([\d.-]+)"
-    place = rf'translate\({number} {number}\) rotate\({number}\)"'
-    [van] = re.findall(f'{place} class="other"', picture)
-    x, y, turn = map(float, van)
+    van, ego = picture.cars  # the ego is 30 m from the left of the picture
     at = 0.02 * (30.0 - 16.0)  # angle on the circle between the ego at 16 m and the van at 30 m
-    assert x == pytest.approx(30.0 + 50.0 * np.sin(at), abs=0.01)  # the ego is 30 m from the picture's left
-    assert -y == pytest.approx(50.0 * (1.0 - np.cos(at)), abs=0.01)
-    assert -turn == pytest.approx(np.degrees(at), abs=0.01)
-    [ego] = re.findall(r'rotate\(([\d.-]+)\)" class="ego"', picture)
-    assert float(ego) == 0.0
-    assert picture.count('class="road"') == 2
+    assert van.x == pytest.approx(30.0 + 50.0 * np.sin(at), abs=0.01)
+    assert -van.y == pytest.approx(50.0 * (1.0 - np.cos(at)), abs=0.01)
+    assert -van.turn == pytest.approx(np.degrees(at), abs=0.01)
+    assert ego.turn == pytest.approx(0.0)
+    assert len(picture.lanes) == 2
 
 
 def test_lanes_that_end_are_drawn_so_far(rollout):
@@ -119,8 +113,7 @@ def test_lanes_that_end_are_drawn_so_far(rollout):
         for y, end in ((-1.75, 20.0), (1.75, 200.0))
     )
     picture = draw_moment(bent(rollout, Road((-1.75, 1.75), 3.5, lanes=lanes)))
-    ends = [max(float(x) for x in re.findall(r"[ML]([\d.-]+) ", path)) for path in
-            re.findall(r'<path d="([^"]*)" class="road"', picture)]  # fmt: skip
+    ends = [max(x for x, _ in lane) for lane in picture.lanes]
     assert ends == [pytest.approx(34.0, abs=1.0), pytest.approx(80.0)]
 
 
@@ -130,11 +123,11 @@ def test_the_player_knows_lanes_that_end_and_what_is_no_lane_of_its_own(rollout)
         for y, end in ((-1.75, 20.0), (1.75, 200.0), (5.25, 200.0))
     )
     road = Road((-1.75, 1.75, 5.25), 3.5, access_ramp=(0,), opposing=(2,), lanes=lanes)
-    found = rollout_player._tabulate_view(bent(rollout, road).result, rollout.frames, ["van"])["road"]
+    found = player._tabulate_view(bent(rollout, road).result, rollout.frames, ["van"])["road"]
     assert found["ramp"] == [0, 2]
     assert found["borders"][0] == [[-100.0, 20.0], [-3.5, -3.5], [0.0, 0.0]]
     parallel = dataclasses.replace(road, lanes=(), shoulder=(1,))
-    found = rollout_player._tabulate_view(bent(rollout, parallel).result, rollout.frames, ["van"])["road"]
+    found = player._tabulate_view(bent(rollout, parallel).result, rollout.frames, ["van"])["road"]
     assert (sorted(found["ramp"]), len(found["borders"])) == ([0, 1, 2], 3)
 
 
@@ -144,12 +137,12 @@ def test_dashes_are_between_lanes_that_are_there(rollout):
         for y, end in ((-1.75, 20.0), (1.75, 200.0), (12.0, 200.0))
     )
     picture = draw_moment(bent(rollout, Road((-1.75, 1.75, 12.0), 3.5, lanes=lanes)))
-    [dashed] = re.findall(r'<path d="([^"]*)" class="lane"', picture)
-    assert max(float(x) for x in re.findall(r"[ML]([\d.-]+) ", dashed)) == pytest.approx(34.0, abs=1.0)
+    [dashed] = picture.lines
+    assert max(x for x, _ in dashed) == pytest.approx(34.0, abs=1.0)
 
 
 def test_a_player_has_the_lanes_and_lines_of_its_road(rollout):
-    view = rollout_player._tabulate_view(rollout.result, rollout.frames, [])["road"]
+    view = player._tabulate_view(rollout.result, rollout.frames, [])["road"]
     assert view["borders"] == [[[-1e5, 1e5], [y, y], [y + 3.5, y + 3.5]] for y in (-3.5, 0.0)]
     assert sorted((y[0], inner) for _, y, inner in view["lines"]) == [
         (-3.5, False),
@@ -163,7 +156,7 @@ def test_a_player_turns_no_car_round_that_comes_towards_the_ego(rollout):
     for t, heading in ((1, np.pi - 0.01), (2, 0.01 - np.pi)):
         others = dataclasses.replace(frames[t].world.others, heading=np.full((1, 1), heading))
         frames[t] = dataclasses.replace(frames[t], world=dataclasses.replace(frames[t].world, others=others))
-    [van] = rollout_player._tabulate_view(rollout.result, frames, [])["others"]
+    [van] = player._tabulate_view(rollout.result, frames, [])["others"]
     assert van["h"][2] - van["h"][1] == pytest.approx(0.02, abs=1e-3)
 
 
@@ -172,6 +165,6 @@ def test_the_map_has_a_colour_for_each_kind():
         probability=0.1, kinds=[], points=[[0.0, 0.0], [1.0, 2.0], [3.0, 1.0]], labels=[0, 0, 1]
     )
     picture = draw_map(kinds)
-    assert "kind 1" in picture
-    assert 'class="dot kind-1"' in picture
+    assert [word for _, word in picture.legend] == ["kind 1", "kind 2"]
+    assert [layer.style for layer in picture.layers] == ["dot kind-0", "dot kind-1"]
     assert draw_map(StoredKinds(probability=0.1, kinds=[])) is None

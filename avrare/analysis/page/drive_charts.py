@@ -10,11 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult
+from avrare.analysis.page.stored_rollouts import MonitoredRollout
+from avrare.base.chart import Chart, Scale, make_linear_scale
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.protocols import Bools, Floats
-from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, render_legend
-from avrare.report.html.markup import Markup, tag
-from avrare.report.html.stored_rollouts import MonitoredRollout
 
 _HEIGHT = 96
 _MAX_VEHICLES = 3
@@ -41,44 +40,51 @@ class DriveCharts:
         order = sorted(range(len(names)), key=lambda v: names[v] not in marked)
         self.vehicles = [(v, names[v]) for v in order[:_MAX_VEHICLES]]
 
-    def render(self) -> Markup:
-        """Return all charts that this rollout has, and what their marks mean."""
+    def draw(self) -> tuple[Chart, ...]:
+        """Return all charts that this rollout has."""
         figures = [self._draw_continuations()]
         if self.rollout.frames:
             figures += [self._draw_errors(v, name) for v, name in self.vehicles]
             figures += [self._draw_distance(), self._draw_speed()]
             figures += [self._draw_acceleration(), self._draw_time_to_collision(), self._draw_jerk()]
-        shown = [one for one in figures if one is not None]
+        return tuple(figure for figure in figures if figure is not None)
+
+    def list_marks(self) -> tuple[tuple[str, str], ...]:
+        """Return the legend of the moments that the charts mark."""
         marks = [("line mark lost", "lost")] if self._lost is not None else []
         marks += [("line mark", "violated first")] if self.rollout.violation is not None else []
-        key = tag("div", render_legend(*marks), class_="legend") if marks and shown else None
-        return tag("div", tag("div", shown, class_="signals"), key)
+        return tuple(marks)
 
     @property
     def _lost(self) -> int | None:
         found = self.rollout.continuations
         return None if found is None else found.lost
 
-    def _finish(self, chart: LineChart, caption: str, *key: tuple[str, str]) -> Markup:
+    def _start(self, caption: str, y: Scale, title: str = "", *legend: tuple[str, str]) -> Chart:
+        return Chart(
+            self.x, y, title or caption, caption=caption, legend=legend, height=_HEIGHT, over_time=True
+        )
+
+    def _finish(self, chart: Chart) -> Chart:
         for sample, style in ((self._lost, "mark lost"), (self.rollout.violation, "mark")):
             if sample is not None:
-                chart.draw_mark(float(self.times[sample]), style)
-        return chart.render(caption, render_legend(*key) if key else None, height=_HEIGHT)
+                chart = chart.moment(float(self.times[sample]), style)
+        return chart
 
-    def _draw_continuations(self) -> Markup | None:
+    def _draw_continuations(self) -> Chart | None:
         found = self.rollout.continuations
         if found is None:
             return None
         at = found.steps >= 0
         steps, values = found.steps[at], found.robustness[at]
-        title = "Robustness of the drive if the noise ended at each time"
-        chart = LineChart(self.x, make_linear_scale(values.tolist(), zero=True), title, over_time=True)
-        chart.fill_below_zero(self.times[steps], values)
-        chart.draw_zero()
-        chart.draw_line(self.times[steps], values, "accent")
-        return self._finish(chart, "Robustness if the noise ended here")
+        chart = self._start(
+            "Robustness if the noise ended here", make_linear_scale(values.tolist(), zero=True),
+            "Robustness of the drive if the noise ended at each time",
+        )  # fmt: skip
+        at_times = self.times[steps]
+        return self._finish(chart.below_zero(at_times, values).zero().line(at_times, values, "accent"))
 
-    def _draw_errors(self, v: int, name: str) -> Markup | None:
+    def _draw_errors(self, v: int, name: str) -> Chart | None:
         seen = [one.observation for one in self.rollout.frames]
         if not any(one is not None for one in seen):
             return None
@@ -92,37 +98,32 @@ class DriveCharts:
         )  # fmt: skip
         missed = np.array([one is not None and not one.detected[0, v] for one in seen])
         finite = np.concatenate([part[np.isfinite(part)] for part in (along, across)])
-        chart = LineChart(
-            self.x, make_linear_scale([*finite.tolist(), -_FEW, _FEW], zero=True),
-            f"Error of the observed position of {name}", over_time=True,
-        )  # fmt: skip
-        self._shade(chart, missed)
-        chart.draw_zero()
-        chart.draw_line(self.times, along, "accent")
-        chart.draw_line(self.times, across, "second")
         key = [("line accent", "ahead"), ("line second", "left")]
         key += [("box missed", "missed")] if missed.any() else []
-        return self._finish(chart, f"Error of {name} as seen [m]", *key)
+        chart = self._start(
+            f"Error of {name} as seen [m]", make_linear_scale([*finite.tolist(), -_FEW, _FEW], zero=True),
+            f"Error of the observed position of {name}", *key,
+        )  # fmt: skip
+        chart = self._shade(chart, missed).zero()
+        chart = chart.line(self.times, along, "accent").line(self.times, across, "second")
+        return self._finish(chart)
 
-    def _shade(self, chart: LineChart, where: Bools) -> None:
+    def _shade(self, chart: Chart, where: Bools) -> Chart:
         half = 0.5 * self.result.recording.dt
         edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
         for first, end in edges.reshape(-1, 2):
             ends = np.array([self.times[first] - half, self.times[end - 1] + half])
-            chart.fill_band(ends, np.full(2, chart.y.low), np.full(2, chart.y.high), "missed")
+            chart = chart.band(ends, np.full(2, chart.y.low), np.full(2, chart.y.high), "missed")
+        return chart
 
-    def _draw_distance(self) -> Markup | None:
+    def _draw_distance(self) -> Chart | None:
         if not self.vehicles:
             return None
         v, name = self.vehicles[0]
         values = self._distance(v)
-        chart = LineChart(
-            self.x, make_linear_scale(values.tolist(), zero=True), f"Distance to {name}", over_time=True
-        )
-        chart.fill_below_zero(self.times, values)
-        chart.draw_zero()
-        chart.draw_line(self.times, values, "accent")
-        return self._finish(chart, f"Distance to {name} [m]")
+        y = make_linear_scale(values.tolist(), zero=True)
+        chart = self._start(f"Distance to {name} [m]", y, f"Distance to {name}")
+        return self._finish(chart.below_zero(self.times, values).zero().line(self.times, values, "accent"))
 
     def _distance(self, v: int) -> Floats:
         scene = self.result.recording.scene
@@ -135,7 +136,7 @@ class DriveCharts:
         ]
         return np.array(found, dtype=np.float64)
 
-    def _draw_speed(self) -> Markup:
+    def _draw_speed(self) -> Chart:
         ego = np.array([float(one.world.ego.speed[0]) for one in self.rollout.frames])
         lines, key = [(ego, "accent")], [("line accent", "ego")]
         if self.vehicles:
@@ -144,31 +145,26 @@ class DriveCharts:
                 (np.array([float(one.world.others.speed[0, v]) for one in self.rollout.frames]), "second")
             )
             key.append(("line second", name))
-        chart = LineChart(
-            self.x,
-            make_linear_scale(np.concatenate([one for one, _ in lines]).tolist()),
-            "Speed",
-            over_time=True,
-        )
+        y = make_linear_scale(np.concatenate([speeds for speeds, _ in lines]).tolist())
+        chart = self._start("Speed [m/s]", y, "Speed", *key)
         for values, style in lines:
-            chart.draw_line(self.times, values, style)
-        return self._finish(chart, "Speed [m/s]", *key)
+            chart = chart.line(self.times, values, style)
+        return self._finish(chart)
 
-    def _draw_acceleration(self) -> Markup:
+    def _draw_acceleration(self) -> Chart:
         signals = self.result.recording.signals
         ego = np.array([float(one.world.ego.acceleration[0]) for one in self.rollout.frames])
         lines, key = [(ego, "accent")], [("line accent", "forward")]
         if "lateral_acceleration" in signals:
             lines.append((np.asarray(signals["lateral_acceleration"], dtype=np.float64), "second"))
             key.append(("line second", "to the left"))
-        scale = make_linear_scale(np.concatenate([one for one, _ in lines]).tolist(), zero=True)
-        chart = LineChart(self.x, scale, "Acceleration of the ego", over_time=True)
-        chart.draw_zero()
+        y = make_linear_scale(np.concatenate([values for values, _ in lines]).tolist(), zero=True)
+        chart = self._start("Acceleration of the ego [m/s²]", y, "Acceleration of the ego", *key).zero()
         for values, style in lines:
-            chart.draw_line(self.times, values, style)
-        return self._finish(chart, "Acceleration of the ego [m/s²]", *key)
+            chart = chart.line(self.times, values, style)
+        return self._finish(chart)
 
-    def _draw_time_to_collision(self) -> Markup | None:
+    def _draw_time_to_collision(self) -> Chart | None:
         values = self.result.recording.signals.get("time_to_collision")
         caption = "Time to collision [s]"
         if values is None:
@@ -183,21 +179,14 @@ class DriveCharts:
         near = np.where(values <= _LONGEST, values, np.nan)
         if not np.isfinite(near).any():
             return None
-        chart = LineChart(
-            self.x, make_linear_scale([*near.tolist(), 0.0], zero=True), caption, over_time=True
-        )
-        chart.draw_zero()
-        chart.draw_line(self.times, near, "accent")
-        return self._finish(chart, caption)
+        chart = self._start(caption, make_linear_scale([*near.tolist(), 0.0], zero=True))
+        return self._finish(chart.zero().line(self.times, near, "accent"))
 
-    def _draw_jerk(self) -> Markup | None:
+    def _draw_jerk(self) -> Chart | None:
         values = self.result.recording.signals.get("jerk")
         if values is None:
             return None
         values = np.asarray(values, dtype=np.float64)
-        chart = LineChart(
-            self.x, make_linear_scale(values.tolist(), zero=True), "Jerk of the ego", over_time=True
-        )
-        chart.draw_zero()
-        chart.draw_line(self.times, values, "accent")
-        return self._finish(chart, "Jerk of the ego [m/s³]")
+        y = make_linear_scale(values.tolist(), zero=True)
+        chart = self._start("Jerk of the ego [m/s³]", y, "Jerk of the ego")
+        return self._finish(chart.zero().line(self.times, values, "accent"))

@@ -1,34 +1,28 @@
-"""Heat strips: predicates and noise over time as rows of coloured pixels."""
+"""Strips of a player: predicates and noise over time as rows of shares of full colour."""
 
 from __future__ import annotations
 
-import base64
 import re
-import struct
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.analysis.monitor.monitoring import MonitoringResult, list_vehicle_names, select_inputs
+from avrare.analysis.page.model import Strip, Strips
 from avrare.base.errors import FormulaError
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats, Specification
-from avrare.report.html.line_chart import render_cursor, render_legend
-from avrare.report.html.markup import Markup, tag
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
 
 _MAX_ROWS = 24
 _FULL_OPACITY = 3.0  # magnitude of a standard normal number drawn fully opaque
-_POSITIVE, _NEGATIVE = (59, 111, 196), (205, 84, 55)
 
 
-def draw_predicates(specification: Specification, result: MonitoringResult) -> Markup | None:
+def draw_predicates(specification: Specification, result: MonitoringResult) -> Strips | None:
     """Return a strip for each predicate that changes over time; None if there are none."""
     predicates = evaluate_predicates(specification, result)
     changing = {text: values for text, values in predicates.items() if len(np.unique(values)) > 1}
@@ -39,15 +33,15 @@ def draw_predicates(specification: Specification, result: MonitoringResult) -> M
         finite = np.abs(values[np.isfinite(values)])
         largest = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
         description = f"{text}: holds at {int((values > 0).sum())} of {len(values)} samples"
-        rows.append(_draw_strip(text, encode_signed(values[None], largest, 0.3), 14, description))
+        rows.append(Strip(text, description, shade(values[None], largest), 0.3, 14))
     hidden, constant = len(changing) - len(rows), len(predicates) - len(changing)
     note = f"; {constant} constant ones are not shown" if constant else ""
     note += f"; {hidden} more are not shown" if hidden > 0 else ""
-    key = render_legend(("box positive", "holds"), ("box negative", "does not hold"))
-    return _draw_figure("Predicates", rows, [key, f"darker: further from the bound{note}"])
+    key = ("box positive", "holds"), ("box negative", "does not hold")
+    return Strips("Predicates", tuple(rows), key, f"darker: further from the bound{note}")
 
 
-def draw_noise(problem: Problem, tape: Floats, failed: bool) -> Markup | None:
+def draw_noise(problem: Problem, tape: Floats, failed: bool) -> Strips | None:
     """Return the strips of a noise tape (steps + 1, noise_size); None for a system without noise."""
     if not tape.shape[1]:
         return None
@@ -57,12 +51,12 @@ def draw_noise(problem: Problem, tape: Floats, failed: bool) -> Markup | None:
         part = tape[:, first:last].T
         description = f"Noise of {label}, {part.shape[0]} channels over {part.shape[1]} steps, up to "
         description += f"{np.abs(part).max():.2f} standard deviations"
-        picture = encode_signed(part, _FULL_OPACITY)
-        rows.append(_draw_strip(label, picture, max(11 * len(part), 14), description))
+        rows.append(Strip(label, description, shade(part, _FULL_OPACITY), 0.0, max(11 * len(part), 14)))
     hidden = len(groups) - len(rows)
-    key = render_legend(("box positive", "+3 standard deviations"), ("box negative", "−3"))
+    key = ("box positive", "+3 standard deviations"), ("box negative", "−3")
     note = f"{hidden} more rows are not shown" if hidden > 0 else "a row for each channel"
-    return _draw_figure("Noise that caused the failure" if failed else "Noise", rows, [key, note])
+    caption = "Noise that caused the failure" if failed else "Noise"
+    return Strips(caption, tuple(rows), key, note)
 
 
 def evaluate_predicates(specification: Specification, result: MonitoringResult) -> dict[str, Floats]:
@@ -143,39 +137,8 @@ def _group_channels(problem: Problem, size: int) -> list[tuple[str, int, int]]:
     ]
 
 
-def encode_signed(values: Floats, largest: Floats | float, least: float = 0.0) -> str:
-    """Return the data URI of a picture (rows, columns): colour for the sign, opacity for the size of a value.
-
-    NaN is transparent, infinities and magnitudes from ``largest`` on are opaque; the smallest value other
-    than zero has the opacity ``least``.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip(np.abs(values) / largest, 0.0, 1.0)
-    share = np.where(np.isnan(share), np.where(np.isnan(values), 0.0, 1.0), share)
-    opacity = np.where((share > 0.0) | (values < 0.0), least + (1.0 - least) * share, 0.0)
-    colours = np.where((values > 0.0)[..., None], _POSITIVE, _NEGATIVE)
-    pixels = np.concatenate([colours, np.round(255.0 * opacity)[..., None]], axis=-1).astype(np.uint8)
-    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
-
-
-def encode_png(pixels: NDArray[np.uint8]) -> bytes:
-    """Encode an RGBA picture (rows, columns, 4) as PNG."""
-    rows, columns, _ = pixels.shape
-    lines = b"".join(b"\0" + row.tobytes() for row in pixels)
-    head = struct.pack(">IIBBBBB", columns, rows, 8, 6, 0, 0, 0)
-    parts = ((b"IHDR", head), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-        for kind, content in parts
-    )
-
-
-def _draw_figure(caption: str, rows: Sequence[Markup], notes: Sequence[Markup | str]) -> Markup:
-    key = tag("div", notes, class_="legend")
-    return tag("figure", tag("figcaption", caption), rows, key, class_="strips gutter")
-
-
-def _draw_strip(label: str, uri: str, height: int, description: str) -> Markup:
-    picture = tag("img", src=uri, alt=description, style=f"height:{height}px")
-    name = tag("div", tag("span", label), class_="name", title=label)
-    return tag("div", name, tag("div", picture, render_cursor(), class_="area"), class_="strip over-time")
+def shade(values: Floats, largest: float) -> tuple[tuple[float, ...], ...]:
+    """Return values (rows, columns) as signed shares of ``largest``, at most 1; 0 for NaN."""
+    with np.errstate(invalid="ignore"):
+        shares = np.nan_to_num(np.clip(values / largest, -1.0, 1.0))
+    return tuple(tuple(row) for row in shares.tolist())

@@ -8,12 +8,8 @@ import numpy as np
 
 import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording
-from avrare.report.html.heat_strips import (
-    encode_png,
-    encode_signed,
-    evaluate_predicates,
-    select_rows,
-)
+from avrare.analysis.page.strips import evaluate_predicates, select_rows, shade
+from avrare.report.html.pictures import encode_png, encode_strip
 from avrare.results.recordings.recording import Recording
 
 
@@ -39,7 +35,7 @@ def test_colour_is_the_sign_and_opacity_the_size():
     import base64
 
     values = np.array([[-2.0, -1.0, 0.0, 1.0, 9.0, np.nan, -np.inf]])
-    uri = encode_signed(values, 2.0, 0.2)
+    uri = encode_strip(shade(values, 2.0), 0.2)
     (row,) = unpacked(base64.b64decode(uri.partition(",")[2]))
     assert row[:, 3].tolist() == [255, 153, 0, 153, 255, 0, 255]
     assert row[0, 0] > row[0, 2]

@@ -12,9 +12,9 @@ from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recordi
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.result import Result
 from avrare.protocols import Floats
-from avrare.report.plots.rollout_plot import Frame, extract_frames
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.results.stored_causes import StoredKinds
+from avrare.rollout.frames import Frame, extract_frames
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 

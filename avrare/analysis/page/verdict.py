@@ -4,42 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from avrare.analysis.page.model import Answer, Summary
 from avrare.analysis.rates.combination import Quantity, Total, combine, from_exposure
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.result import Result, worst_verdict
-from avrare.report.html.markup import Markup, link_command, tag
+from avrare.estimation.result import Result
 from avrare.results.run import Run
 from avrare.scenario.schema import Threshold
 
-_VERDICTS = {"pass": "Passes", "fail": "Fails", "inconclusive": "Inconclusive", None: "No threshold"}
-_SIGNS = {"pass": "✓", "fail": "✕", "inconclusive": "?", None: "–"}
 _FREQUENT = 0.1  # a smaller probability is written as one in so many
 
 
-def render_badge(verdict: str | None) -> Markup:
-    """Return a verdict as a word with a sign, so that it does not depend on colour alone."""
-    return tag("span", render_sign(verdict), f" {_VERDICTS[verdict]}", class_=f"badge {verdict or 'none'}")
-
-
-def render_sign(verdict: str | None) -> Markup:
-    """Return the sign of a verdict alone."""
-    return tag("span", _SIGNS[verdict], aria_hidden="true")
-
-
-def render_verdict(run: Run) -> Markup:
-    """Return the section with the overall verdict and a sentence for each specification."""
+def build_summary(run: Run) -> Summary:
+    """Return the overall verdict and a sentence for each specification."""
     estimates = list(run.values())
-    judged = [one for one in estimates if one.verdict]
-    lines = [_render_line(run, one) for one in sorted(estimates, key=_by_gravity)]
-    return tag(
-        "section",
-        tag("div", render_badge(worst_verdict(one.verdict for one in estimates)), class_="verdict"),
-        tag("p", _summarise(judged), link_command("run"), class_="lead"),
-        _render_hint(run) if not judged else None,
-        tag("ul", lines, class_="answers"),
-        _render_exposure(run),
-        class_="summary", id="verdict", aria_label="Verdict",
-    )  # fmt: skip
+    judged = [result for result in estimates if result.verdict]
+    example = f'thresholds: [{{specification: {estimates[0].specification}, probability: "< 1e-3"}}]'
+    return Summary(
+        run.verdict,
+        _summarise(judged),
+        "" if judged else example,
+        tuple(_build_answer(run, result) for result in sorted(estimates, key=_by_gravity)),
+        _describe_exposure(run),
+    )
 
 
 def _by_gravity(result: Result) -> tuple[int, float]:
@@ -67,19 +53,13 @@ def _summarise(judged: Sequence[Result]) -> str:
     return ", ".join(part for part in parts if part) + "."
 
 
-def _render_hint(run: Run) -> Markup:
-    name = next(iter(run.values())).specification
-    example = f'thresholds: [{{specification: {name}, probability: "< 1e-3"}}]'
-    return tag("p", "To get one, add to the scenario, for example: ", tag("code", example), class_="muted")
-
-
-def _render_line(run: Run, result: Result) -> Markup:
-    index = list(run).index(result.specification)
-    link = tag("a", result.specification, href=f"#specification-{index}")
-    sign = tag("span", render_sign(result.verdict), class_=f"sign {result.verdict or 'none'}")
-    said = f": {_say_estimate(result)}{_say_thresholds(result, run.thresholds(result.specification))}."
-    rates = [tag("span", f" {_say_rate(unit, rate)}.") for unit, rate in compute_rates(run, result).items()]
-    return tag("li", sign, tag("div", tag("strong", link), said, rates))
+def _build_answer(run: Run, result: Result) -> Answer:
+    thresholds = run.thresholds(result.specification)
+    return Answer(
+        list(run).index(result.specification),
+        f"{_say_estimate(result)}{_say_thresholds(result, thresholds)}.",
+        tuple(f"{_say_rate(unit, rate)}." for unit, rate in compute_rates(run, result).items()),
+    )
 
 
 def _say_estimate(result: Result) -> str:
@@ -134,13 +114,12 @@ def _say_rate(unit: str, rate: Total) -> str:
     return f"On the road: {often} ({format_amount_in_words(1.0 / high)} {rarest})"
 
 
-def _render_exposure(run: Run) -> Markup | None:
+def _describe_exposure(run: Run) -> str:
     exposure = None if run.definition is None else run.definition.exposure
     if exposure is None:
-        return None
+        return ""
     known = from_exposure(exposure, next(iter(run.values())).confidence)
     source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
     often = f"{known.value:.3g} times per {exposure.unit}"
     often += f" ({known.low:.2g} – {known.high:.2g})" if known.low < known.high else ""
-    text = f"This scene is met {often}, {source}."
-    return tag("p", text, class_="muted")
+    return f"This scene is met {often}, {source}."
