@@ -5,12 +5,10 @@ from __future__ import annotations
 from rich.console import Console
 from rich.markup import escape
 
-from avrare.analysis.rates.rates import CatalogueRates, RuleRate
+from avrare.analysis.rates.rates import CatalogueRates
+from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
 from avrare.base.number_format import format_interval, format_percent, format_probability
 from avrare.report.terminal.console import colour_verdict, make_table, print_lines, print_table
-
-MOST = 3
-"""Scenes that are named for each rule."""
 
 
 def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) -> None:
@@ -53,36 +51,3 @@ def _print_own(console: Console, rates: CatalogueRates) -> None:
         cost = [f"{one.rollouts:,}", f"{own.simulated_steps:,}"]
         table.add_row(escape(name), escape(rule), own.estimator, *numbers, *cost)
     print_table(console, table)
-
-
-def describe_warnings(rates: CatalogueRates) -> list[str]:
-    """Return the health warnings of all scenes; each line once, with the scenes and rules that it is of."""
-    lines: dict[str, list[str]] = {}
-    for entry, estimates in zip(rates.catalogue.document.scenes, rates.estimates, strict=True):
-        for rule, one in estimates.items():
-            for name, text in one.warnings.items():
-                lines.setdefault(f"warning {name}: {text}", []).append(f"{entry.name} {rule}")
-    return [f"{', '.join(places)}: {text}" for text, places in lines.items()]
-
-
-def describe_blind(rates: CatalogueRates) -> list[str]:
-    """Return what the rates leave out of failures that the scores of estimators do not lead to."""
-    found = []
-    for rate in rates.rates:
-        for unit, bound in list(rate.blind.items())[:1]:
-            text = "failures that the score or proposal of a scene's estimator does not lead to"
-            found.append(f"{rate.rule}: {text} could add {format_probability(bound, 2)} per {unit}")
-    return found
-
-
-def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
-    """Return the scenes that contribute most to a rate, and the one that its interval owes most to."""
-    total = next(iter(rate.totals.values()))
-    names = [entry.name for entry in rates.catalogue.document.scenes]
-    doubtful = max(zip(total.doubts, names, strict=True))
-    doubt = f"{format_percent(round(doubtful[0], 2))} of the interval's squared width is from {doubtful[1]}"
-    if not total.value:
-        return f"no failure was seen; {doubt}"
-    largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:MOST]
-    parts = [f"{name} {format_percent(round(share, 2))}" for share, name in largest if share]
-    return f"mostly {', '.join(parts)}; {doubt}"

@@ -51,3 +51,7 @@ def test_each_kind_has_its_most_typical_failure():
         ("Most typical failure of kind 1, and the worst", 2, 1),
         ("Most typical failure of kind 2", 1, 2),
     ]
+
+
+def test_hyphens_in_names_are_not_minus_signs():
+    assert player.typeset_minus("a-b cut-in -0.5 (-3) x-1 1e-5") == "a-b cut-in −0.5 (−3) x-1 1e-5"
