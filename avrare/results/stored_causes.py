@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -69,6 +71,9 @@ class StoredAttribution(_Stored):
     perfect: list[StoredSaving]
 
 
+_Analysis = TypeVar("_Analysis", StoredKinds, StoredAttribution)
+
+
 class _KindsFile(_Stored):
     kinds: dict[str, StoredKinds]
 
@@ -77,18 +82,41 @@ class _AttributionFile(_Stored):
     attribution: dict[str, StoredAttribution]
 
 
-def read_kinds(folder: Path) -> dict[str, StoredKinds]:
-    """Return the kinds by specification; empty where none were written. UsageError if they cannot be read."""
-    return _read(folder / KINDS_FILE, _KindsFile).kinds if (folder / KINDS_FILE).is_file() else {}
+@dataclass(frozen=True)
+class StoredCauses:
+    """Analyses of a run's failures by specification; ``problem`` says why none can be read."""
+
+    kinds: Mapping[str, StoredKinds] = field(default_factory=dict)
+    attribution: Mapping[str, StoredAttribution] = field(default_factory=dict)
+    problem: str = ""
 
 
-def read_attribution(folder: Path) -> dict[str, StoredAttribution]:
-    """Return the attributions by specification, likewise."""
-    path = folder / ATTRIBUTION_FILE
-    return _read(path, _AttributionFile).attribution if path.is_file() else {}
+def read_causes(folder: Path | None, probabilities: Mapping[str, float]) -> StoredCauses:
+    """Return the analyses in a folder that belong to estimates with these probabilities.
+
+    An analysis of another estimate, which an earlier run has left, is left out.
+    """
+    if folder is None:
+        return StoredCauses()
+    try:
+        kinds = _read(folder / KINDS_FILE, _KindsFile, _KindsFile(kinds={})).kinds
+        parts = _read(folder / ATTRIBUTION_FILE, _AttributionFile, _AttributionFile(attribution={}))
+    except UsageError as error:
+        return StoredCauses(problem=f"{error.message}.")
+    return StoredCauses(_select(kinds, probabilities), _select(parts.attribution, probabilities))
 
 
-def _read(path: Path, model: type[_Content]) -> _Content:
+def _select(analyses: Mapping[str, _Analysis], probabilities: Mapping[str, float]) -> dict[str, _Analysis]:
+    return {
+        name: analysis
+        for name, analysis in analyses.items()
+        if analysis.probability == probabilities.get(name)
+    }
+
+
+def _read(path: Path, model: type[_Content], absent: _Content) -> _Content:
+    if not path.is_file():
+        return absent
     try:
         return model.model_validate(read_json(path, _AGAIN))
     except ValidationError as error:

@@ -8,6 +8,7 @@ import pytest
 from avrare.analysis.page.causes import build_causes
 from avrare.cli.main import main
 from avrare.results.run import Run
+from avrare.results.stored_causes import read_causes
 from pushed_point import pushed_point
 
 PLANE = pushed_point(0.5, steps=10, variance=0.04)
@@ -61,7 +62,9 @@ def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
     written = json.loads((run / "attribution.json").read_text())["attribution"]["left"]["perfect"]
     assert all(row["low"] is None for row in written)
     stored = Run.read(run)
-    savings = build_causes(stored, stored["left"]).savings
+    savings = build_causes(
+        stored, stored["left"], read_causes(run, {"left": stored["left"].probability})
+    ).savings
     assert savings.heads == ("Change", "Failures that vanish", "Interval")  # what vanishes is known
     assert len(savings.rows) == len(written)
     assert not [cell for row in savings.rows for cell in row if "up to" in cell]

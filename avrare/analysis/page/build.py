@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
-from avrare.analysis.page.model import Notice, Origin, ReportModel
+from avrare.analysis.page.model import Estimate, Limit, Notice, Origin, ReportModel
 from avrare.analysis.page.section import build_sections
 from avrare.analysis.page.verdict import build_summary
 from avrare.base.chart import Scale, make_log_scale
+from avrare.estimation.result import Result
 from avrare.results.run import Run
 
 
 def build_report(run: Run) -> ReportModel:
     """Return everything that the page of a run shows; its stored rollouts are replayed."""
+    estimates = [_build_estimate(run, result) for result in run.values()]
+    definition = run.definition
     return ReportModel(
         run.name,
         run.versions.get("avrare", ""),
-        (run.definition and run.definition.description) or "",
+        "" if definition is None else definition.description or "",
         _list_facts(run),
-        build_summary(run),
-        _make_axis(run),
+        build_summary(estimates, None if definition is None else definition.exposure),
+        _make_axis(estimates),
         tuple(_list_notices(run)),
-        build_sections(run),
+        build_sections(run, estimates),
         _build_origin(run),
     )
 
@@ -34,13 +39,31 @@ def _list_facts(run: Run) -> tuple[str, ...]:
     return (*facts, f"commit {commit[:10]}") if commit else tuple(facts)
 
 
-def _make_axis(run: Run) -> Scale:
+def _build_estimate(run: Run, result: Result) -> Estimate:
+    limits = run.thresholds(result.specification)
+    return Estimate(
+        result.specification,
+        result.verdict,
+        result.probability,
+        result.interval,
+        result.confidence,
+        result.relative_error if math.isfinite(result.relative_error) else None,
+        result.rollouts,
+        result.failures.count,
+        result.errors,
+        result.seconds,
+        tuple(Limit(threshold.strict, threshold.limit) for threshold in limits),
+        tuple(result.health.items()),
+        tuple(note.text for note in result.notes),
+    )
+
+
+def _make_axis(estimates: Sequence[Estimate]) -> Scale:
     # An interval from 0 gets a decade of its own.
     values: list[float] = []
-    for result in run.values():
-        low, high = result.interval
-        values += [low, high, result.probability]
-        values += [threshold.limit for threshold in run.thresholds(result.specification)]
+    for estimate in estimates:
+        low, high = estimate.interval
+        values += [low, high, estimate.probability, *(limit.limit for limit in estimate.limits)]
         values += [high / 10.0] if low <= 0.0 else []
     return make_log_scale(values, most=1.0)
 

@@ -9,50 +9,33 @@ from avrare.analysis.page.kind_pictures import STYLES, draw_map, draw_moment
 from avrare.analysis.page.model import Causes, Command, Kind, Kinds, Savings
 from avrare.analysis.page.player import name_rollout
 from avrare.analysis.page.stored_rollouts import MonitoredRollout
-from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_typeset
 from avrare.estimation.result import Result
 from avrare.results.run import Run
 from avrare.results.stored_causes import (
     StoredAttribution,
+    StoredCauses,
     StoredKind,
     StoredKinds,
     StoredSaving,
-    read_attribution,
-    read_kinds,
 )
 
 _UNKNOWN = "unknown"
 
 
-def find_stored_kinds(run: Run, result: Result) -> StoredKinds | None:
-    """Return the stored kinds of an estimate; None without them, or if they are of another result."""
-    if run.folder is None:
-        return None
-    try:
-        kinds = read_kinds(run.folder).get(result.specification)
-    except UsageError:  # the section says so
-        return None
-    return kinds if kinds is not None and kinds.probability == result.probability else None
-
-
-def build_causes(run: Run, result: Result, rollouts: Sequence[MonitoredRollout] = ()) -> Causes | None:
+def build_causes(
+    run: Run, result: Result, stored: StoredCauses, rollouts: Sequence[MonitoredRollout] = ()
+) -> Causes | None:
     """Return what is known of the causes of failure; None without failures.
 
-    Analyses of another result, left in the folder by an earlier run, are not shown. ``rollouts`` are those
-    that the report shows.
+    ``rollouts`` are those that the report shows.
     """
     if not result.failures.count or run.folder is None:
         return None
+    if stored.problem:
+        return Causes(stored.problem)
     name = result.specification
-    try:
-        read_kinds(run.folder)
-        attribution = read_attribution(run.folder).get(name)
-    except UsageError as error:
-        return Causes(f"{error.message}.")
-    kinds = find_stored_kinds(run, result)
-    if attribution is not None and attribution.probability != result.probability:
-        attribution = None
+    kinds, attribution = stored.kinds.get(name), stored.attribution.get(name)
     return Causes(
         "",
         None if kinds is None else _build_kinds(name, kinds, rollouts),

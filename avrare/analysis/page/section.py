@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from avrare.analysis.page import estimate_charts as charts
-from avrare.analysis.page.causes import build_causes, find_stored_kinds
-from avrare.analysis.page.model import Estimate, Limit, Notice, Rule, Section
+from avrare.analysis.page.causes import build_causes
+from avrare.analysis.page.model import Estimate, Notice, Rule, Section
 from avrare.analysis.page.player import build_player
-from avrare.analysis.page.stored_rollouts import (
-    MonitoredRollout,
-    replay_stored,
-    select_rollouts,
-    with_continuations,
-)
+from avrare.analysis.page.stored_rollouts import replay_stored
 from avrare.base.chart import Chart
 from avrare.base.errors import AvrareError
 from avrare.estimation.loop import prepare_problem
@@ -24,51 +18,31 @@ from avrare.logic.formula import find_formula
 from avrare.logic.syntax.words import HasWords, to_words
 from avrare.protocols import find_ability
 from avrare.results.run import Run
+from avrare.results.stored_causes import read_causes
 
-_PATIENCE = 120.0
-"""Predicted time above which the report does not look for the moments at which drives were lost [s]."""
 _LONG = 400
 """Words of a formula longer than this are not shown: they say less than the formula."""
 
 
-def build_sections(run: Run) -> tuple[Section, ...]:
-    """Return a section for each specification; all stored rollouts are replayed in one batch."""
-    estimates = list(run.values())
-    selected = [select_rollouts(result, find_stored_kinds(run, result)) for result in estimates]
-    rollouts: list[MonitoredRollout] = []
-    errors = run.build_errors
-    if not errors:
-        try:
-            rollouts = replay_stored(run.problem, [stored for several in selected for stored in several])
-            if _predict_seconds(estimates, len(rollouts), run.problem.steps) <= _PATIENCE:
-                rollouts = with_continuations(run.problem, rollouts)
-        except AvrareError as error:
-            errors = tuple(error.lines())
+def build_sections(run: Run, estimates: Sequence[Estimate]) -> tuple[Section, ...]:
+    """Return a section for each estimate of a run."""
+    stored = read_causes(run.folder, {name: result.probability for name, result in run.items()})
+    rollouts, errors = replay_stored(run, stored.kinds)
     sections = []
-    for result, stored in zip(estimates, selected, strict=True):
-        shown = [rollout for rollout in rollouts if rollout.stored.specification == result.specification]
-        sections.append(_build_section(run, result, shown, errors if stored else ()))
+    for estimate in estimates:
+        name = estimate.specification
+        result, shown = run[name], rollouts.get(name, [])
+        section = Section(
+            estimate,
+            _build_rule(run, name),
+            build_causes(run, result, stored, shown),
+            _draw_convergence(result),
+            _draw_levels(result),
+            tuple(build_player(rollout, run.problem, run.folder) for rollout in shown),
+            None if shown else _explain_absence(run, errors if name in rollouts else ()),
+        )
+        sections.append(section)
     return tuple(sections)
-
-
-def _predict_seconds(estimates: Sequence[Result], shown: int, steps: int) -> float:
-    # of all continuations without noise, from the cost of the run's rollouts
-    each = max(one.seconds / max(one.rollouts, 1) for one in estimates)
-    return each * shown * (steps + 2)
-
-
-def _build_section(
-    run: Run, result: Result, rollouts: Sequence[MonitoredRollout], errors: Sequence[str]
-) -> Section:
-    return Section(
-        _build_estimate(run, result),
-        _build_rule(run, result.specification),
-        build_causes(run, result, rollouts),
-        _draw_convergence(result),
-        _draw_levels(result),
-        tuple(build_player(rollout, run.problem, run.folder) for rollout in rollouts),
-        _explain_absence(run, errors) if not rollouts else None,
-    )
 
 
 def _build_rule(run: Run, name: str) -> Rule | None:
@@ -81,25 +55,6 @@ def _build_rule(run: Run, name: str) -> Rule | None:
         words = to_words(formula.node, float(formula.dt))
     text = "" if formula is None else formula.text.strip()
     return Rule("" if len(words) > _LONG else words, text)
-
-
-def _build_estimate(run: Run, result: Result) -> Estimate:
-    limits = run.thresholds(result.specification)
-    return Estimate(
-        result.specification,
-        result.verdict,
-        result.probability,
-        result.interval,
-        result.confidence,
-        result.relative_error if math.isfinite(result.relative_error) else None,
-        result.rollouts,
-        result.failures.count,
-        result.errors,
-        result.seconds,
-        tuple(Limit(threshold.strict, threshold.limit) for threshold in limits),
-        tuple(result.health.items()),
-        tuple(note.text for note in result.notes),
-    )
 
 
 def _draw_convergence(result: Result) -> tuple[Chart, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,11 +13,14 @@ from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.results.recordings.replayed_failure import record_rollout
+from avrare.results.run import Run
 from avrare.results.stored_causes import StoredKinds
 from avrare.rollout.frames import Frame, extract_frames
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
+_PATIENCE = 120.0
+"""Predicted time above which the moments at which drives were lost are not looked for [s]."""
 _MAX_KINDS = 4
 """Kinds of one specification whose most typical failure is shown."""
 
@@ -99,17 +102,45 @@ def select_rollouts(result: Result, kinds: StoredKinds | None = None) -> list[St
     ]
 
 
-def replay_stored(problem: Problem, stored: Sequence[StoredRollout]) -> list[MonitoredRollout]:
-    """Replay rollouts in one batch and monitor them."""
-    if not stored:
-        return []
-    if len({one.tape.shape for one in stored}) > 1:
+def replay_stored(
+    run: Run, kinds: Mapping[str, StoredKinds]
+) -> tuple[dict[str, list[MonitoredRollout]], tuple[str, ...]]:
+    """Return the rollouts to show of each specification, replayed in one batch and monitored.
+
+    Failing ones have their continuations without noise, where these take less than two minutes.
+
+    Returns:
+        The rollouts by specification, of those that have any, and lines that say why there are none.
+    """
+    stored = [chosen for name, result in run.items() for chosen in select_rollouts(result, kinds.get(name))]
+    found: dict[str, list[MonitoredRollout]] = {rollout.specification: [] for rollout in stored}
+    if run.build_errors or not stored:
+        return found, run.build_errors
+    problem = run.problem
+    try:
+        _check_tapes(problem, stored)
+        replayed = replay_tapes(problem, np.stack([rollout.tape for rollout in stored]))
+        continued = _predict_seconds(run, len(stored), problem.steps) <= _PATIENCE
+        for rollout, replay in zip(stored, replayed, strict=True):
+            monitored = _monitor(problem, rollout, replay)
+            found[rollout.specification].append(_continue(problem, monitored) if continued else monitored)
+    except AvrareError as error:
+        return {name: [] for name in found}, tuple(error.lines())
+    return found, ()
+
+
+def _check_tapes(problem: Problem, stored: Sequence[StoredRollout]) -> None:
+    if len({rollout.tape.shape for rollout in stored}) > 1:
         raise UsageError("the stored tapes have different shapes", "run the scenario again")
-    missing = [one.specification for one in stored if one.specification not in problem.names]
+    missing = [rollout.specification for rollout in stored if rollout.specification not in problem.names]
     if missing:
         raise UsageError(f"its scenario.yaml has no specification {missing[0]!r}", "run the scenario again")
-    rollouts = replay_tapes(problem, np.stack([one.tape for one in stored]))
-    return [_monitor(problem, one, rollout) for one, rollout in zip(stored, rollouts, strict=True)]
+
+
+def _predict_seconds(run: Run, shown: int, steps: int) -> float:
+    # of all continuations without noise, from the cost of the run's rollouts
+    each = max(result.seconds / max(result.rollouts, 1) for result in run.values())
+    return each * shown * (steps + 2)
 
 
 def _monitor(problem: Problem, stored: StoredRollout, rollout: ReplayedRollout) -> MonitoredRollout:
@@ -125,16 +156,9 @@ def _monitor(problem: Problem, stored: StoredRollout, rollout: ReplayedRollout) 
     return MonitoredRollout(stored, result, tuple(extract_frames(problem, rollout)))
 
 
-def with_continuations(problem: Problem, rollouts: Sequence[MonitoredRollout]) -> list[MonitoredRollout]:
-    """Return the rollouts, the failing ones with their continuations without noise."""
-    return [_continue(problem, one) if _fails(one) else one for one in rollouts]
-
-
-def _fails(rollout: MonitoredRollout) -> bool:
-    return rollout.stored.failed and rollout.result is not None and rollout.result.violated
-
-
 def _continue(problem: Problem, rollout: MonitoredRollout) -> MonitoredRollout:
+    if not (rollout.stored.failed and rollout.result is not None and rollout.result.violated):
+        return rollout
     alone = problem.subset([rollout.stored.specification])
     try:
         return replace(rollout, continuations=continue_without_noise(alone, rollout.stored.tape))

@@ -4,41 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from avrare.analysis.page.model import Answer, Summary
-from avrare.analysis.rates.combination import Quantity, Total, combine, from_exposure
+from avrare.analysis.page.model import Answer, Estimate, Limit, Summary
+from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.result import Result
-from avrare.results.run import Run
-from avrare.scenario.schema import Threshold
+from avrare.estimation.result import worst_verdict
+from avrare.scenario.exposure import Exposure
 
 _FREQUENT = 0.1  # a smaller probability is written as one in so many
 
 
-def build_summary(run: Run) -> Summary:
-    """Return the overall verdict and a sentence for each specification."""
-    estimates = list(run.values())
-    judged = [result for result in estimates if result.verdict]
+def build_summary(estimates: Sequence[Estimate], exposure: Exposure | None) -> Summary:
+    """Return the overall verdict and a sentence for each specification; ``exposure`` gives rates."""
+    judged = [estimate for estimate in estimates if estimate.verdict]
     example = f'thresholds: [{{specification: {estimates[0].specification}, probability: "< 1e-3"}}]'
+    met = None if exposure is None else from_exposure(exposure, estimates[0].confidence)
     return Summary(
-        run.verdict,
+        worst_verdict(estimate.verdict for estimate in estimates),
         _summarise(judged),
         "" if judged else example,
-        tuple(_build_answer(run, result) for result in sorted(estimates, key=_by_gravity)),
-        _describe_exposure(run),
+        tuple(
+            _build_answer(index, estimate, exposure)
+            for index, estimate in sorted(enumerate(estimates), key=lambda entry: _grade(entry[1]))
+        ),
+        "" if exposure is None or met is None else _describe_exposure(exposure, met),
     )
 
 
-def _by_gravity(result: Result) -> tuple[int, float]:
+def _grade(estimate: Estimate) -> tuple[int, float]:
     order = ("fail", "inconclusive", "pass", None)
-    return order.index(result.verdict), -result.probability
+    return order.index(estimate.verdict), -estimate.probability
 
 
-def _summarise(judged: Sequence[Result]) -> str:
+def _summarise(judged: Sequence[Estimate]) -> str:
     # One of several thresholds of a rule decides: its worst verdict is stored.
     if not judged:
         return "No threshold is set, so there is no verdict: this is how often each rule was broken."
     many = len(judged)
-    kept, broken = (sum(one.verdict == word for one in judged) for word in ("pass", "fail"))
+    kept, broken = (sum(estimate.verdict == word for estimate in judged) for word in ("pass", "fail"))
     if kept == many:
         return "The threshold holds." if many == 1 else f"All {many} thresholds hold."
     parts = [f"{kept} of {many} thresholds hold" if many > 1 else ""]
@@ -53,23 +55,23 @@ def _summarise(judged: Sequence[Result]) -> str:
     return ", ".join(part for part in parts if part) + "."
 
 
-def _build_answer(run: Run, result: Result) -> Answer:
-    thresholds = run.thresholds(result.specification)
-    return Answer(
-        list(run).index(result.specification),
-        f"{_say_estimate(result)}{_say_thresholds(result, thresholds)}.",
-        tuple(f"{_say_rate(unit, rate)}." for unit, rate in compute_rates(run, result).items()),
-    )
+def _build_answer(index: int, estimate: Estimate, exposure: Exposure | None) -> Answer:
+    rates = []
+    if exposure is not None:
+        probability = Quantity(estimate.probability, *estimate.interval)
+        total = combine([from_exposure(exposure, estimate.confidence)], [probability])
+        rates.append(f"{_say_rate(exposure.unit, total.value, total.interval)}.")
+    return Answer(index, f"{_say_estimate(estimate)}{_say_limits(estimate)}.", tuple(rates))
 
 
-def _say_estimate(result: Result) -> str:
-    low, high = result.interval
-    level = f"{format_percent(result.confidence)} confidence"
-    if not result.probability:
-        return f"never broken in {result.rollouts:,} rollouts, so in at most {say_share(high)} ({level})"
-    rollouts = " of all rollouts" if result.probability >= _FREQUENT else " rollouts"
+def _say_estimate(estimate: Estimate) -> str:
+    low, high = estimate.interval
+    level = f"{format_percent(estimate.confidence)} confidence"
+    if not estimate.probability:
+        return f"never broken in {estimate.rollouts:,} rollouts, so in at most {say_share(high)} ({level})"
+    rollouts = " of all rollouts" if estimate.probability >= _FREQUENT else " rollouts"
     ends = f"at most {say_share(high)}" if low <= 0.0 else f"{say_share(low)} to {say_share(high)}"
-    return f"broken in {say_share(result.probability)}{rollouts} ({ends}, {level})"
+    return f"broken in {say_share(estimate.probability)}{rollouts} ({ends}, {level})"
 
 
 def say_share(probability: float) -> str:
@@ -81,44 +83,33 @@ def say_share(probability: float) -> str:
     return f"1 in {format_amount_in_words(1.0 / probability)}"
 
 
-def _say_thresholds(result: Result, thresholds: Sequence[Threshold]) -> str:
-    if not thresholds or result.verdict is None:
+def _say_limits(estimate: Estimate) -> str:
+    if not estimate.limits or estimate.verdict is None:
         return ""
-    bounds = " and ".join(
-        f"{'less than' if one.strict else 'at most'} {say_share(one.limit)}" for one in thresholds
-    )
+    bounds = " and ".join(map(_say_limit, estimate.limits))
     said = {
         "pass": f"; allowed is {bounds}: it holds",
         "fail": f"; allowed is {bounds}: it does not hold",
         "inconclusive": f"; allowed is {bounds}: undecided, more rollouts are needed",
     }
-    return said[result.verdict]
+    return said[estimate.verdict]
 
 
-def compute_rates(run: Run, result: Result) -> dict[str, Total]:
-    """Return how often a rule is broken per hour or per km; empty where the exposure is not known."""
-    exposure = None if run.definition is None else run.definition.exposure
-    if exposure is None:
-        return {}
-    probability = Quantity(result.probability, *result.interval)
-    return {exposure.unit: combine([from_exposure(exposure, result.confidence)], [probability])}
+def _say_limit(limit: Limit) -> str:
+    return f"{'less than' if limit.strict else 'at most'} {say_share(limit.limit)}"
 
 
-def _say_rate(unit: str, rate: Total) -> str:
-    low, high = rate.interval
+def _say_rate(unit: str, value: float, interval: Interval) -> str:
+    low, high = interval
     noun = "hours" if unit == "hour" else "km"
     rarest = f"to {format_amount_in_words(1.0 / low)} {noun}" if low > 0.0 else f"{noun} or more"
-    if not rate.value:
+    if not value:
         return f"On the road: less than once in {format_amount_in_words(1.0 / high)} {noun}"
-    often = f"once in {format_amount_in_words(1.0 / rate.value)} {noun}"
+    often = f"once in {format_amount_in_words(1.0 / value)} {noun}"
     return f"On the road: {often} ({format_amount_in_words(1.0 / high)} {rarest})"
 
 
-def _describe_exposure(run: Run) -> str:
-    exposure = None if run.definition is None else run.definition.exposure
-    if exposure is None:
-        return ""
-    known = from_exposure(exposure, next(iter(run.values())).confidence)
+def _describe_exposure(exposure: Exposure, known: Quantity) -> str:
     source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
     often = f"{known.value:.3g} times per {exposure.unit}"
     often += f" ({known.low:.2g} – {known.high:.2g})" if known.low < known.high else ""
