@@ -252,7 +252,7 @@ class Result:
         """Replay the least robust rollout, or the kept failure ``index``; see ``Problem.trace``.
 
         Raises:
-            UsageError: There is no such failure, or the result was not made in this process.
+            UsageError: There is no such failure, or the result does not know its problem.
         """
         return late_import("avrare.report.session.trace:trace_result")(self, index)
 
@@ -267,7 +267,7 @@ class Result:
             ``avrare.analysis.causes.kinds.Kinds``, a sequence with ``table()`` that prints itself.
 
         Raises:
-            UsageError: There are no failures, or the result was not made in this process.
+            UsageError: There are no failures, or the result does not know its problem.
         """
         find = late_import("avrare.analysis.causes.kinds:kinds_of_result")
         return find(self, max_kinds, method)
@@ -284,7 +284,7 @@ class Result:
             ``avrare.analysis.causes.attribution.Attribution``, which prints itself.
 
         Raises:
-            UsageError: There are fewer than two failures, or the result was not made in this process.
+            UsageError: There are fewer than two failures, or the result does not know its problem.
         """
         attribute = late_import("avrare.analysis.causes.attribution:attribution_of_result")
         return attribute(self, fresh, channels, workers)
@@ -293,7 +293,7 @@ class Result:
         """Write the result as one HTML file and return its path.
 
         Raises:
-            UsageError: The file cannot be written, or the result was not made in this process.
+            UsageError: The file cannot be written, or the result does not know its problem.
         """
         return late_import("avrare.report.session.python_report:write_report")([self], path)  # type: ignore[no-any-return]
 
