@@ -6,8 +6,8 @@ A component is described by names and import strings, so listing and validating 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import pluggy
@@ -97,6 +97,8 @@ class Component:
             the folder that their paths may be relative to; returns options to add or to put in their place,
             laws among them. Raises a ``UsageError`` where such a file is wrong. Must import nothing heavy.
         driving: True for components of road vehicles; they are refused if the simulator has no ``Scene``.
+        warnings: Health warnings that the component may raise, name to text; a scenario may suppress them.
+            A text may have {placeholders} (``avrare.base.health_messages.fill``).
     """
 
     kind: str
@@ -110,6 +112,7 @@ class Component:
     check: str = ""
     complete: str = ""
     driving: bool = False
+    warnings: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def load_config(self) -> type[Any]:
         """Import the pydantic model of the options."""

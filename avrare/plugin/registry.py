@@ -13,7 +13,8 @@ from typing import Any, Literal
 import pluggy
 
 from avrare.base import version
-from avrare.base.errors import PluginError, did_you_mean
+from avrare.base.errors import PluginError, UsageError, did_you_mean
+from avrare.base.health_messages import MESSAGES
 from avrare.plugin import first_party
 from avrare.plugin.component import API_VERSION, GROUP, KINDS, Component, HookSpecs
 from avrare.plugin.first_party import FIRST_PARTY, pip_line
@@ -129,6 +130,25 @@ class Registry:
         """Return the names of the components of a kind."""
         return sorted({row.name for row in self._rows if row.kind == kind})
 
+    def usable(self, kind: str) -> list[Row]:
+        """Return the rows of the components of a kind that can be built, by name."""
+        return [row for row in self.rows() if (row.kind, row.status) == (kind, "ok")]
+
+    def warnings(self) -> dict[str, str]:
+        """Return the texts of all health warnings, the core's and those of the components, by name."""
+        declared = [row.component.warnings for row in self._rows if row.component is not None]
+        return {**MESSAGES, **{name: text for texts in declared for name, text in texts.items()}}
+
+    def check_suppressed(self, names: Iterable[str]) -> None:
+        """Raise a ``UsageError`` for a name of no health warning, and for a warning that must be shown."""
+        for name in names:
+            if name == "errors":
+                raise UsageError(
+                    "health warning 'errors' cannot be suppressed", "raise max_error_rate instead"
+                )
+            if name not in MESSAGES and name not in (texts := self.warnings()):
+                raise UsageError(f"there is no health warning {name!r}", did_you_mean(name, texts))
+
     def find(self, kind: str, name: str) -> Row:
         """Return the row of the component ``name``; its dependencies may be missing.
 
@@ -210,6 +230,8 @@ def _row(item: object, distribution: str, version: str) -> Row:
         if not isinstance(value, str) or (is_reference and ":" not in value):
             text = f"component {item.name!r}: {field} is {value!r}"
             raise TypeError(f"{text}; expected 'package.module:attribute'" if is_reference else text)
+    if not all(isinstance(word, str) for pair in item.warnings.items() for word in pair):
+        raise TypeError(f"component {item.name!r}: warnings should be texts by name, not {item.warnings!r}")
     fits = item.api == API_VERSION
     detail = "" if fits else f"written for plugin interface {item.api}; this avrare has {API_VERSION}"
     status: Status = "ok" if fits else "incompatible"

@@ -22,6 +22,7 @@ def scenario_schema(registry: Registry) -> Schema:
         if kind in _OPTIONAL:
             choices.append({"type": "null"})
         properties[kind] = {"description": properties[kind]["description"], "oneOf": choices}
+    properties["suppress"]["items"]["enum"] = sorted(registry.warnings().keys() - {"errors"})
     formula = Formula.model_json_schema()
     choices = [formula, *_choices(registry, "specification", definitions)]
     properties["specifications"]["additionalProperties"] = {"oneOf": choices}

@@ -20,7 +20,6 @@ from pydantic_core import PydanticCustomError
 
 from avrare.base import version
 from avrare.base.errors import UsageError
-from avrare.base.health_messages import MESSAGES, check_names
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
 from avrare.scenario.draws import Draws
@@ -164,18 +163,14 @@ def _as_cross_check(value: Any) -> Any:
 
 def _suppressible(name: str) -> str:
     try:
-        check_names((name,))
+        default_registry().check_suppressed((name,))
     except UsageError as error:
         details = {"message": error.message, "hint": error.hint}
         raise PydanticCustomError("with_hint", "{message}", details) from None
     return name
 
 
-HealthWarning = Annotated[
-    str,
-    AfterValidator(_suppressible),
-    WithJsonSchema({"type": "string", "enum": [name for name in MESSAGES if name != "errors"]}),
-]
+HealthWarning = Annotated[str, AfterValidator(_suppressible)]
 
 
 class Cheap(_Model):
