@@ -75,6 +75,19 @@ class RuleCard:
 
 
 @dataclass(frozen=True)
+class CheckRole:
+    """Role of an estimator that can cross-check estimates of other families.
+
+    Attributes:
+        order: Of two estimators that can check, the one with the smaller number does.
+        first_for: Families whose estimates it checks before all others, whatever their numbers.
+    """
+
+    order: int
+    first_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Component:
     """Part that a scenario can name with ``plugin:``.
 
@@ -99,6 +112,10 @@ class Component:
         driving: True for components of road vehicles; they are refused if the simulator has no ``Scene``.
         warnings: Health warnings that the component may raise, name to text; a scenario may suppress them.
             A text may have {placeholders} (``avrare.base.health_messages.fill``).
+        family: Method of an estimator: estimators of one family do not cross-check each other. Default: its
+            name.
+        cross_check: Role of an estimator in cross-checks; it then has ``scaled``
+            (``avrare.estimation.cross_check.ScalesToCost``). None: it checks no others.
     """
 
     kind: str
@@ -113,6 +130,12 @@ class Component:
     complete: str = ""
     driving: bool = False
     warnings: Mapping[str, str] = field(default_factory=dict, hash=False)
+    family: str = ""
+    cross_check: CheckRole | None = None
+
+    def __post_init__(self) -> None:
+        """Take the name for the family where none is given."""
+        object.__setattr__(self, "family", self.family or self.name)
 
     def load_config(self) -> type[Any]:
         """Import the pydantic model of the options."""

@@ -130,9 +130,25 @@ class Registry:
         """Return the names of the components of a kind."""
         return sorted({row.name for row in self._rows if row.kind == kind})
 
-    def usable(self, kind: str) -> list[Row]:
-        """Return the rows of the components of a kind that can be built, by name."""
-        return [row for row in self.rows() if (row.kind, row.status) == (kind, "ok")]
+    def usable(self, kind: str) -> list[Component]:
+        """Return the components of a kind that can be built, by name."""
+        rows = [self._checked(row) for row in self._rows if row.kind == kind]
+        components = [row.component for row in rows if row.status == "ok" and row.component is not None]
+        return sorted(components, key=lambda component: component.name)
+
+    def checkers(self) -> list[Component]:
+        """Return the estimators that can cross-check others."""
+        return [component for component in self.usable("estimator") if component.cross_check is not None]
+
+    def family(self, estimator: str) -> str:
+        """Return the family of an estimator; its name where it is not installed."""
+        rows = [row for row in self._rows if (row.kind, row.name) == ("estimator", estimator)]
+        return next((row.component.family for row in rows if row.component is not None), estimator)
+
+    def versions(self, components: Iterable[Component]) -> dict[str, str]:
+        """Return the versions of the distributions that these components come from."""
+        rows = [self.find(component.kind, component.name) for component in components]
+        return {row.distribution: row.version for row in rows if row.distribution}
 
     def warnings(self) -> dict[str, str]:
         """Return the texts of all health warnings, the core's and those of the components, by name."""
@@ -224,7 +240,7 @@ def _row(item: object, distribution: str, version: str) -> Row:
     if item.kind not in KINDS:
         known = ", ".join(KINDS)
         raise TypeError(f"component {item.name!r} has the unknown kind {item.kind!r}; known: {known}")
-    for field in ("name", "summary", "config", "factory", "rules", "check"):
+    for field in ("name", "summary", "config", "factory", "rules", "check", "family"):
         value = getattr(item, field)
         is_reference = field in ("config", "factory") or (field in ("rules", "check") and value)
         if not isinstance(value, str) or (is_reference and ":" not in value):

@@ -163,6 +163,11 @@ def test_the_schema_lists_the_warnings_that_can_be_suppressed(registry):
     assert "errors" not in names
 
 
+def test_the_schema_lists_the_estimators_that_can_check(registry):
+    options = scenario_schema(registry)["$defs"]["CrossCheck"]["properties"]
+    assert options["estimator"]["anyOf"] == [{"enum": ["mc"], "type": "string"}, {"type": "null"}]
+
+
 class _Normal(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     law: Literal["normal"]

@@ -1,6 +1,6 @@
 """Rare-event estimators: multilevel splitting, slice sampling, importance sampling, cross-entropy."""
 
-from avrare.plugin import Component, hookimpl
+from avrare.plugin import CheckRole, Component, hookimpl
 from avrare_estimators.health import WARNINGS
 
 
@@ -15,6 +15,7 @@ def avrare_components() -> list[Component]:
             factory="avrare_estimators.ams.splitting:build",
             summary="adaptive multilevel splitting, unbiased for any formula",
             warnings=WARNINGS,
+            cross_check=CheckRole(order=20, first_for=("ess", "mc")),
         ),
         Component(
             kind="estimator",
@@ -23,6 +24,7 @@ def avrare_components() -> list[Component]:
             factory="avrare_estimators.ess.estimator:build",
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
             warnings=WARNINGS,
+            cross_check=CheckRole(order=10),
         ),
         Component(
             kind="estimator",

@@ -23,5 +23,6 @@ def avrare_components() -> list[Component]:
             factory="avrare_linear.estimator:build",
             summary="nested levels with exact ellipse slices, for linear systems and predicates",
             warnings=WARNINGS,
+            family="ess",
         ),
     ]
