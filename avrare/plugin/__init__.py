@@ -1,6 +1,25 @@
 """Plugin interface: descriptions of components, and the registry that finds them."""
 
-from avrare.plugin.component import KINDS, CheckRole, Component, Finding, RuleCard, RuleParameter, hookimpl
+from avrare.plugin.component import (
+    KINDS,
+    AutoRole,
+    CheckRole,
+    Component,
+    Finding,
+    RuleCard,
+    RuleParameter,
+    hookimpl,
+)
 from avrare.plugin.drawable import Drawable
 
-__all__ = ["KINDS", "CheckRole", "Component", "Drawable", "Finding", "RuleCard", "RuleParameter", "hookimpl"]
+__all__ = [
+    "KINDS",
+    "AutoRole",
+    "CheckRole",
+    "Component",
+    "Drawable",
+    "Finding",
+    "RuleCard",
+    "RuleParameter",
+    "hookimpl",
+]

@@ -88,6 +88,32 @@ class CheckRole:
 
 
 @dataclass(frozen=True)
+class AutoRole:
+    """Role of an estimator that ``auto`` may choose where failures are too rare for Monte Carlo.
+
+    Attributes:
+        order: Candidates with smaller numbers are tried first.
+        with_steps: True: for problems with steps only; False: for those without; None: for both.
+        gives_up: The estimator raises ``GaveUp`` where it gains nothing, before any rollout counts. Any other
+            candidate has ``scaled`` (``avrare.estimation.cross_check.ScalesToCost``), and is chosen where a
+            small trial of it promises a gain.
+        options: ``"package.module:function"``, called as ``function(relative_error, pilot)`` with the error
+            to reach (None: the rollouts are spent) and the most rollouts of a pilot; returns further options.
+            ``relative_error`` and ``memory`` are given to estimators that have them. Must import nothing
+            heavy.
+    """
+
+    order: int
+    with_steps: bool | None = None
+    gives_up: bool = False
+    options: str = ""
+
+    def fits(self, steps: int) -> bool:
+        """Return whether it is a candidate for problems with so many steps."""
+        return self.with_steps in (None, steps > 0)
+
+
+@dataclass(frozen=True)
 class Component:
     """Part that a scenario can name with ``plugin:``.
 
@@ -116,6 +142,7 @@ class Component:
             name.
         cross_check: Role of an estimator in cross-checks; it then has ``scaled``
             (``avrare.estimation.cross_check.ScalesToCost``). None: it checks no others.
+        auto: Role of an estimator in ``auto``; None: it is never chosen.
     """
 
     kind: str
@@ -132,6 +159,7 @@ class Component:
     warnings: Mapping[str, str] = field(default_factory=dict, hash=False)
     family: str = ""
     cross_check: CheckRole | None = None
+    auto: AutoRole | None = None
 
     def __post_init__(self) -> None:
         """Take the name for the family where none is given."""

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
+from types import NoneType
 from typing import Any, Literal
 
 import pluggy
@@ -16,7 +17,7 @@ from avrare.base import version
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.base.health_messages import MESSAGES
 from avrare.plugin import first_party
-from avrare.plugin.component import API_VERSION, GROUP, KINDS, Component, HookSpecs
+from avrare.plugin.component import API_VERSION, GROUP, KINDS, AutoRole, CheckRole, Component, HookSpecs
 from avrare.plugin.first_party import FIRST_PARTY, pip_line
 
 VARIABLE = "AVRARE_PLUGINS"
@@ -140,6 +141,12 @@ class Registry:
         """Return the estimators that can cross-check others."""
         return [component for component in self.usable("estimator") if component.cross_check is not None]
 
+    def candidates(self) -> list[tuple[Component, AutoRole]]:
+        """Return the estimators that ``auto`` may choose, in the order in which it tries them."""
+        estimators = self.usable("estimator")
+        pairs = [(component, component.auto) for component in estimators if component.auto is not None]
+        return sorted(pairs, key=lambda pair: pair[1].order)
+
     def family(self, estimator: str) -> str:
         """Return the family of an estimator; its name where it is not installed."""
         rows = [row for row in self._rows if (row.kind, row.name) == ("estimator", estimator)]
@@ -246,6 +253,9 @@ def _row(item: object, distribution: str, version: str) -> Row:
         if not isinstance(value, str) or (is_reference and ":" not in value):
             text = f"component {item.name!r}: {field} is {value!r}"
             raise TypeError(f"{text}; expected 'package.module:attribute'" if is_reference else text)
+    for field, role in (("cross_check", CheckRole), ("auto", AutoRole)):
+        if not isinstance(value := getattr(item, field), (role, NoneType)):
+            raise TypeError(f"component {item.name!r}: {field} is {value!r}, not of type {role.__name__}")
     if not all(isinstance(word, str) for pair in item.warnings.items() for word in pair):
         raise TypeError(f"component {item.name!r}: warnings should be texts by name, not {item.warnings!r}")
     fits = item.api == API_VERSION

@@ -1,6 +1,6 @@
 """Rare-event estimators: multilevel splitting, slice sampling, importance sampling, cross-entropy."""
 
-from avrare.plugin import CheckRole, Component, hookimpl
+from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
 from avrare_estimators.health import WARNINGS
 
 
@@ -16,6 +16,7 @@ def avrare_components() -> list[Component]:
             summary="adaptive multilevel splitting, unbiased for any formula",
             warnings=WARNINGS,
             cross_check=CheckRole(order=20, first_for=("ess", "mc")),
+            auto=AutoRole(order=30, with_steps=True),
         ),
         Component(
             kind="estimator",
@@ -25,6 +26,7 @@ def avrare_components() -> list[Component]:
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
             warnings=WARNINGS,
             cross_check=CheckRole(order=10),
+            auto=AutoRole(order=40, with_steps=False),
         ),
         Component(
             kind="estimator",
@@ -33,6 +35,9 @@ def avrare_components() -> list[Component]:
             factory="avrare_estimators.importance.importance_sampling:build",
             summary="importance sampling from a law of the noise or another perception model",
             warnings=WARNINGS,
+            auto=AutoRole(
+                order=10, gives_up=True, options="avrare_estimators.importance.auto_options:choose_options"
+            ),
         ),
         Component(
             kind="estimator",
@@ -49,5 +54,6 @@ def avrare_components() -> list[Component]:
             factory="avrare_estimators.smc.estimator:build",
             summary="sequential Monte Carlo with potentials and a proposal that are learned",
             warnings=WARNINGS,
+            auto=AutoRole(order=20, with_steps=True),
         ),
     ]
