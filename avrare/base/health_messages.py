@@ -13,8 +13,8 @@ MESSAGES = {
     "failures are, and they could be as likely as {bound:.2g}; more first rollouts lower this bound, a score "
     "function that rises on the way there finds them",
     "outliers": "failures that begin with {what} {when} have a probability of at least {low:.2g}, and the "
-    "estimate's interval ends at {upper:.2g}: it misses them; use mc, more first rollouts, or is with a "
-    "learned proposal",
+    "estimate's interval ends at {upper:.2g}: it misses them; use mc, more first rollouts, or "
+    "importance sampling with a learned proposal",
     "horizon_short": "the formula looks {horizon} samples ahead but a rollout has {steps} step(s): windows "
     "are clipped at its last sample",
     "solver_failures": "{fallbacks} of {solves} solves of the controller failed: it reused its last plan",

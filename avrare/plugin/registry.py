@@ -170,7 +170,8 @@ class Registry:
                     "health warning 'errors' cannot be suppressed", "raise max_error_rate instead"
                 )
             if name not in MESSAGES and name not in (texts := self.warnings()):
-                raise UsageError(f"there is no health warning {name!r}", did_you_mean(name, texts))
+                hint = did_you_mean(name, texts.keys() - {"errors"})
+                raise UsageError(f"there is no health warning {name!r}", hint)
 
     def find(self, kind: str, name: str) -> Row:
         """Return the row of the component ``name``; its dependencies may be missing.
