@@ -1,7 +1,7 @@
 """Rare-event estimators: multilevel splitting, slice sampling, importance sampling, cross-entropy."""
 
 from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
-from avrare_estimators.health import WARNINGS
+from avrare_estimators.health_messages import WARNINGS
 
 
 @hookimpl

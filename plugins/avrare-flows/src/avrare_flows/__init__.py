@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from avrare.plugin import Component, hookimpl
-from avrare_flows.health import WARNINGS
+from avrare_flows.health_messages import WARNINGS
 
 if TYPE_CHECKING:
     from avrare_flows.system import transformed as transformed

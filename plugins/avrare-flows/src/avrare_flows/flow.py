@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
 from avrare.protocols import Floats
-from avrare_flows.health import WARNINGS
+from avrare_flows.health_messages import WARNINGS
 
 KINDS = ("affine_coupling", "spline_autoregressive")
 _FORMAT = 1

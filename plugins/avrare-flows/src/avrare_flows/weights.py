@@ -17,7 +17,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.health_messages import fill
 from avrare.protocols import Bools, Floats, ReportsFaults, Signals, System, find_ability
 from avrare_flows.flow import Warped
-from avrare_flows.health import WARNINGS
+from avrare_flows.health_messages import WARNINGS
 from avrare_flows.laws import Law, log_normal_density
 from avrare_flows.system import check_size
 
