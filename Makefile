@@ -67,5 +67,6 @@ clean:  ## remove .venv and what the tools left
 	$(PIP) 'torch==2.13.0'
 	$(PIP) --no-build-isolation --editable '.[plot,test,lint,commonroad,mcap,docs]' --editable './plugins/avrare-gp-pem[train]' \
 		--editable './plugins/avrare-imm[test]' --editable './plugins/avrare-gymnasium[box2d]' \
-		--editable './plugins/avrare-highway-env[render]' --editable './plugins/avrare-policy[onnx]'
+		--editable './plugins/avrare-highway-env[render]' --editable './plugins/avrare-policy[onnx]' \
+		--editable './plugins/avrare-ray[ray]'
 	@touch $@

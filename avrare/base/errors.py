@@ -30,7 +30,7 @@ class ExitCode(IntEnum):
     PLUGIN = 5
     """A plugin is missing, broken or incompatible."""
     ROLLOUT_ERRORS = 6
-    """More rollouts ended in an error than the scenario allows."""
+    """More rollouts ended in an error than the scenario allows, or the system ended its process."""
     BUG = 70
     """A bug of avrare itself."""
 

@@ -283,16 +283,6 @@ def _steps(law: _Law) -> Floats:
 Law: TypeAlias = Annotated[
     Normal | Lognormal | Uniform | Truncated | Mixture | Empirical | Discrete, Field(discriminator="law")
 ]
-LAWS: dict[str, type[_Law]] = {
-    "normal": Normal,
-    "lognormal": Lognormal,
-    "uniform": Uniform,
-    "truncated": Truncated,
-    "mixture": Mixture,
-    "empirical": Empirical,
-    "discrete": Discrete,
-}
-"""Name after ``law:`` -> model of its options."""
 for _kind in (Truncated, Part, Mixture):
     _kind.model_rebuild()
 

@@ -15,47 +15,47 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.estimation.checkpoint import SCENARIO
-from avrare.results.reader import RunFolder, read_run_folder, select_specifications
+from avrare.results.run import Run
 from avrare.results.stored_causes import ATTRIBUTION_FILE
+from avrare.results.stored_failures import select_failing
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 
 
 def execute(args: argparse.Namespace) -> int:
     """Attribute the failures of each specification, print the tables and write them."""
-    folder = read_run_folder(Path(args.folder))
-    print_warnings((line, None) for line in folder.changes)
+    run = Run.read(args.folder)
+    print_warnings((line, None) for line in run.changes)
     settings: dict[str, list[str]] = {}
     for name, setting in _split(args.variant):
         settings.setdefault(name, []).append(setting)
-    variants = {name: load(folder.path / SCENARIO, several) for name, several in settings.items()}
-    names = select_specifications(folder, args.specification)
-    few = [name for name in names if len(folder.failures[name].robustness) < 2]
+    variants = {name: load(Path(args.folder) / SCENARIO, several) for name, several in settings.items()}
+    names = select_failing(run, args.specification)
+    few = [name for name in names if len(run[name].failures.robustness) < 2]
     print_warnings((f"{name}: one failure is too few to attribute", None) for name in few)
     chosen = [name for name in names if name not in few]
     out = None if args.out is None else Path(args.out)
-    with keep_outcomes(out, "attribution", _identify(folder, chosen, variants, args)) as journal:
-        found = {name: _attribute(folder, name, variants, args, journal) for name in chosen}
-        _show(folder, found, args)
-    most = folder.require_scenario().definition.max_error_rate
+    with keep_outcomes(out, "attribution", _identify(run, chosen, variants, args)) as journal:
+        found = {name: _attribute(run, name, variants, args, journal) for name in chosen}
+        _show(run, found, args)
+    most = run.scenario.definition.max_error_rate
     failed = any(one.errors > most * one.rollouts for one in found.values())
     return int(ExitCode.ROLLOUT_ERRORS if failed else ExitCode.PASS)
 
 
 def _identify(
-    folder: RunFolder, names: list[str], variants: dict[str, LoadedScenario], args: argparse.Namespace
+    run: Run, names: list[str], variants: dict[str, LoadedScenario], args: argparse.Namespace
 ) -> dict[str, Any]:
     return {
         "specifications": names, "fresh": args.fresh, "channels": args.channels, "seed": args.seed,
-        "run": identify_run(folder), "scenario": identify_scenario(folder.require_scenario().definition),
+        "run": identify_run(run), "scenario": identify_scenario(run.scenario.definition),
         "variants": {name: identify_scenario(one.definition) for name, one in variants.items()},
     }  # fmt: skip
 
 
-def _show(folder: RunFolder, found: dict[str, Attribution], args: argparse.Namespace) -> None:
-    estimates = {one.specification: one for one in folder.result.estimates}
+def _show(run: Run, found: dict[str, Attribution], args: argparse.Namespace) -> None:
     content = {
         name: {
-            "probability": estimates[name].probability,
+            "probability": run[name].probability,
             "noise": list(one.table()),
             "perfect": list(one.savings_table()),
             "rollouts": one.rollouts,
@@ -77,12 +77,10 @@ def _split(variants: list[str]) -> list[tuple[str, str]]:
 
 
 def _attribute(
-    folder: RunFolder, name: str, variants: dict[str, LoadedScenario], args: argparse.Namespace,
+    run: Run, name: str, variants: dict[str, LoadedScenario], args: argparse.Namespace,
     journal: OpenJournal,
 ) -> Attribution:  # fmt: skip
-    estimate = next(one for one in folder.result.estimates if one.specification == name)
-    sample = FailureSample.stored(estimate, folder.failures[name])
-    problem = folder.require_scenario().problem(name)
+    sample, problem = FailureSample.of(run[name]), run.scenario.problem(name)
     others = {label: scenario.problem(name) for label, scenario in variants.items()}
     groups = list_groups(problem, channels=args.channels)
     with progress_line() as progress:

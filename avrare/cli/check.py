@@ -40,6 +40,7 @@ from avrare.report.terminal.check_table import print_check, print_plan
 from avrare.report.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
+from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping
 from avrare.scenario.safe_mode import refuse_outside
 
@@ -210,7 +211,7 @@ def _write(args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], 
     for one in subjects:
         results = outcome.results[one.definition.name]
         folder = rundir.choose(out, one.definition.name, len(subjects) > 1)
-        rundir.write(folder, one.definition, rundir.document(one.definition, results), results)
+        Run.of_scenario(one.definition, results).write(folder)
         told += call_back(folder)
     write_files(out, {_CHECK: json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
     (out / UNFINISHED).unlink()

@@ -9,7 +9,7 @@ from pathlib import Path
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.analysis.failures.stored_replays import store_worst
 from avrare.cli.output import print_warnings, say
-from avrare.results.reader import find_changes, load_run_scenario, read_failures
+from avrare.results.run import Run
 
 
 def execute(args: argparse.Namespace) -> None:
@@ -35,8 +35,9 @@ def _blob(args: argparse.Namespace, database: FailureDatabase) -> Sequence[str]:
 
 
 def _add(args: argparse.Namespace, database: FailureDatabase) -> Sequence[str]:
-    folder = Path(args.run)
-    print_warnings((line, None) for line in find_changes(folder))
-    new, complaints = store_worst(database, load_run_scenario(folder), read_failures(folder))
+    run = Run.read(args.run)
+    print_warnings((line, None) for line in run.changes)
+    failures = {name: run[name].failures for name in run if len(run[name].failures.robustness)}
+    new, complaints = store_worst(database, run.scenario, failures)
     summary = f"{len(new)} new failures in {database.folder}: {', '.join(new)}" if new else "no new failures"
     return [summary, *complaints]

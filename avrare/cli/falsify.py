@@ -23,7 +23,7 @@ def execute(args: argparse.Namespace) -> int:
     with progress_line() as progress:
         found = falsify(problem, args.seed, BUDGET if args.budget is None else args.budget, progress)
     say(f"{scenario.name}: {name}")
-    for line in describe_falsification(scenario, found):
+    for line in describe_falsification(problem, found):
         say(line)
     if found.noise is not None:
         store_failure(args, record_failure(scenario, name, found.noise))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
@@ -14,17 +13,18 @@ from avrare.analysis.failures.shrink import BUDGET
 from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
-from avrare.results.reader import RunFolder, read_run_folder, select_specifications
+from avrare.results.run import Run
 from avrare.results.stored_causes import KINDS_FILE
+from avrare.results.stored_failures import select_failing
 
 
 def execute(args: argparse.Namespace) -> None:
     """Sort the failures of each specification, print the kinds and write them."""
     if args.budget is not None and not args.shrink:
         raise UsageError("--budget requires --shrink", "it bounds the rollouts that shrink a failure")
-    folder = read_run_folder(Path(args.folder))
-    print_warnings((line, None) for line in folder.changes)
-    found = {name: _find(folder, name, args) for name in select_specifications(folder, args.specification)}
+    run = Run.read(args.folder)
+    print_warnings((line, None) for line in run.changes)
+    found = {name: _find(run, name, args) for name in select_failing(run, args.specification)}
     content = {
         "kinds": {
             name: {
@@ -40,14 +40,12 @@ def execute(args: argparse.Namespace) -> None:
     show_or_write(args, KINDS_FILE, content, lines)
 
 
-def _find(folder: RunFolder, name: str, args: argparse.Namespace) -> Kinds:
-    estimate = next(one for one in folder.result.estimates if one.specification == name)
-    sample = FailureSample.stored(estimate, folder.failures[name])
-    scenario = folder.require_scenario()
-    problem = scenario.problem(name)
-    kinds = find_kinds(problem, sample, estimate.interval, max_kinds=args.max_kinds, method=args.method)
+def _find(run: Run, name: str, args: argparse.Namespace) -> Kinds:
+    result, problem = run[name], run.scenario.problem(name)
+    sample = FailureSample.of(result)
+    kinds = find_kinds(problem, sample, result.interval, max_kinds=args.max_kinds, method=args.method)
     if not args.shrink:
         return kinds
     budget = BUDGET if args.budget is None else args.budget
     with progress_line() as progress:
-        return describe_kinds(scenario, kinds, folder.failures[name].noise, budget, progress)
+        return describe_kinds(problem, kinds, result.failures.noise, budget, progress)

@@ -22,13 +22,13 @@ from avrare.report.documents.monitoring_documents import monitoring_document, wr
 from avrare.report.plots import monitoring_plot
 from avrare.report.terminal.console import make_console
 from avrare.report.terminal.monitoring_text import draw_chart, headline
-from avrare.results.reader import find_changes
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
 from avrare.results.recordings.drives import open_drives
 from avrare.results.recordings.drone_recording import is_drone_recording
 from avrare.results.recordings.recording import parse_road
 from avrare.results.recordings.replayed_failure import replay_run_failure
+from avrare.results.run import Run
 from avrare.scenario.load import load
 from avrare.stack.builder import build_block, build_formula, build_rule, build_specification
 
@@ -83,11 +83,11 @@ def _check(args: argparse.Namespace, batch: bool) -> None:
 
 
 def _case_of_run(args: argparse.Namespace) -> tuple[str, Any, Any]:
-    found = replay_run_failure(Path(args.file), args.specification, args.failure, args.rule)
-    print_warnings((line, None) for line in (*find_changes(Path(args.file)), *found.changes))
+    run = Run.read(args.file)
+    found = replay_run_failure(run, args.specification, args.failure, args.rule)
+    print_warnings((line, None) for line in (*run.changes, *found.changes))
     if args.rule is None and args.stl is None:
-        specification = found.scenario.stack.specifications[found.specification]
-        return found.specification, specification, found.recording
+        return found.specification, run.problem.monitor(found.specification), found.recording
     return *_specification(args, found.recording, None), found.recording
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -24,6 +25,7 @@ from avrare.report.html.rate_page import render_rates
 from avrare.report.terminal.console import make_console
 from avrare.report.terminal.rate_table import print_rates
 from avrare.results import run_folder as rundir
+from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.safe_mode import is_safe
@@ -98,13 +100,12 @@ def _estimate(
     # 1. The scenes' own estimators; what they find is a part of the rates that the others are to narrow.
     own = runner.run_own()
     found: list[dict[str, SceneEstimate]] = [dict(one) for one in own]
-    contents: list[dict[str, Any]] = []
     if budget is not None:
         # 2. Pilots of the other rules divide the budget, and 3. their shares are run.
-        pilot = [_read(content) for content in runner.run("pilot", [document.pilot] * count)]
+        pilot = [_read(run) for run in runner.run("pilot", [document.pilot] * count)]
         rollouts = divide(catalogue, budget, steps, pilot, own)
-        contents = runner.run("scenes", rollouts)
-        found = [one | _read(content) for one, content in zip(found, contents, strict=True)]
+        runs = runner.run("scenes", rollouts)
+        found = [estimates | _read(run) for estimates, run in zip(found, runs, strict=True)]
     broken = [
         entry.name
         for entry, estimates in zip(document.scenes, found, strict=True)
@@ -118,15 +119,14 @@ def _whole(catalogue: Catalogue, index: int) -> Scenario:
     return catalogue.scenario(index, "scenes" if catalogue.shared(index) else "own", 1)
 
 
-def _read(content: Mapping[str, Any], own: bool = False) -> dict[str, SceneEstimate]:
-    entries = content.get("estimates", ())
-    together = {
-        name: sum(one["estimator"] == name for one in entries) if name in TOGETHER else 1
-        for name in {one["estimator"] for one in entries}
-    }
+def _read(run: Run | None, own: bool = False) -> dict[str, SceneEstimate]:
+    results = [] if run is None else list(run.values())
+    together = Counter(result.estimator for result in results)
     return {
-        one["specification"]: SceneEstimate.read(one, together[one["estimator"]] if own else 0)
-        for one in entries
+        result.specification: SceneEstimate.of(
+            result, (together[result.estimator] if result.estimator in TOGETHER else 1) if own else 0
+        )
+        for result in results
     }
 
 
@@ -172,39 +172,38 @@ class _Runner:
         for scenario, budget in asked.values():
             if not (self.out / "own" / scenario.name / "result.json").exists():
                 check_start(scenario, budget)  # of all, before the first is run
-        contents = {
+        runs = {
             index: self._run_scene("own", scenario, budget, catalogue.own[index])
             for index, (scenario, budget) in asked.items()
         }
-        return [_read(contents.get(index, {}), True) for index in range(len(catalogue.own))]
+        return [_read(runs.get(index), True) for index in range(len(catalogue.own))]
 
-    def run(self, phase: Phase, rollouts: Sequence[int]) -> list[dict[str, Any]]:
-        """Return the result of each scene by so many rollouts of Monte Carlo; empty where it shares none."""
-        contents = []
+    def run(self, phase: Phase, rollouts: Sequence[int]) -> list[Run | None]:
+        """Return the run of each scene by so many rollouts of Monte Carlo; None where it shares none."""
+        runs: list[Run | None] = []
         for index, count in enumerate(rollouts):
-            rules, content = self.catalogue.shared(index), {}
-            if rules:
-                scenario = self.catalogue.scenario(index, phase, count)
-                content = self._run_scene(phase, LoadedScenario(scenario), None, rules)
-            contents.append(content)
-        return contents
+            rules = self.catalogue.shared(index)
+            scenario = LoadedScenario(self.catalogue.scenario(index, phase, count)) if rules else None
+            runs.append(None if scenario is None else self._run_scene(phase, scenario, None, rules))
+        return runs
 
     def _run_scene(
         self, phase: Phase, scenario: LoadedScenario, budget: Budget | None, rules: Sequence[str]
-    ) -> dict[str, Any]:
+    ) -> Run:
         definition, resumed = scenario.definition, self.args.resume is not None
         folder = rundir.choose(self.out / phase, definition.name, True)
-        found = rundir.finished_results(folder, [definition])
-        if not found:
+        finished = rundir.read_finished(folder, [definition])
+        if finished:
+            run = finished[0]
+        else:
             with rundir.begin_checkpoint(folder, [definition], budget, resumed) as checkpoint:
                 results = estimate_run(scenario, self.args, budget, checkpoint, self.stop)
-                found = [rundir.document(definition, results)]
-                rundir.write(folder, definition, found[0], results, budget)
+                run = Run.of_scenario(definition, results, budget).write(folder)
                 checkpoint.remove()
-        missing = set(rules) - {one["specification"] for one in found[0]["estimates"]}
+        missing = set(rules) - set(run)
         if missing:
             raise UsageError(
                 f"{folder}: its result has no estimate of {', '.join(sorted(missing))}",
                 "remove this folder and --resume: its rollouts are run again",
             )
-        return found[0]
+        return run

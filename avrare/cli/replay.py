@@ -16,20 +16,16 @@ from avrare.analysis.failures.stored_replays import replay_failure
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say, write_file
+from avrare.estimation.checkpoint import SCENARIO
 from avrare.report.documents.mcap_recording import write_mcap
 from avrare.report.documents.rerun_recording import write_rerun
 from avrare.report.plots.rollout_plot import extract_frames
 from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
-from avrare.results.reader import (
-    find_changes,
-    load_run_scenario,
-    read_failures,
-    read_versions,
-    select_failure,
-)
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
+from avrare.results.run import Run
+from avrare.results.stored_failures import select_failure
 from avrare.rollout.loaded_scenario import load
 
 _EXPORTS = ("csv", "commonroad", "mcap", "rerun")
@@ -98,14 +94,13 @@ def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
     if args.failure is not None and not args.failure.isdecimal():
         raise UsageError(f"--failure {args.failure}: with --run, give the index of a failure, from 0")
     wanted = None if args.failure is None else int(args.failure)
-    folder = Path(args.run)
-    print_warnings((line, None) for line in find_changes(folder))
-    own, failures = load_run_scenario(folder), read_failures(folder)
-    name, index = select_failure(folder, failures, args.specification, wanted)
-    noise, robustness = failures[name].noise[index], float(failures[name].robustness[index])
-    stored = make_failure_of_run(own, name, noise, robustness, read_versions(folder))
-    path = args.scenario or folder / "scenario.yaml"
-    return load(path, args.set), stored
+    run = Run.read(args.run)
+    print_warnings((line, None) for line in run.changes)
+    name, index = select_failure(run, args.specification, wanted)
+    failures = run[name].failures
+    noise, robustness = failures.noise[index], float(failures.robustness[index])
+    stored = make_failure_of_run(run.scenario, name, noise, robustness, run.versions)
+    return load(args.scenario or Path(args.run) / SCENARIO, args.set), stored
 
 
 def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) -> None:
@@ -113,7 +108,8 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
         return
     if not found.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
-    recording = record_rollout(scenario, found, source)
+    problem = scenario.problem(scenario.specifications)
+    recording = record_rollout(problem, found, source)
     names = recording.names
     if args.csv is not None:
         _write(args.csv, to_csv(recording))
@@ -126,10 +122,10 @@ def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) ->
     if args.commonroad is not None:
         _write(args.commonroad, to_commonroad(recording, scenario.name))
     if args.mcap is not None:
-        write_mcap(Path(args.mcap), recording, extract_frames(scenario, found))
+        write_mcap(Path(args.mcap), recording, extract_frames(problem, found))
         say(f"written to {args.mcap}")
     if args.rerun is not None:
-        write_rerun(Path(args.rerun), recording, extract_frames(scenario, found))
+        write_rerun(Path(args.rerun), recording, extract_frames(problem, found))
         say(f"written to {args.rerun}")
 
 
@@ -140,8 +136,9 @@ def _write(path: str, text: str) -> None:
 
 def _shrink(args: argparse.Namespace, scenario: Any, failure: Any) -> None:
     budget = BUDGET if args.budget is None else args.budget
+    problem = scenario.problem(failure.specification)
     with progress_line() as progress:
-        small = shrink(scenario.problem(failure.specification), failure.noise, budget, progress)
-    for line in describe_shrinking(scenario, small):
+        small = shrink(problem, failure.noise, budget, progress)
+    for line in describe_shrinking(problem, small):
         say(line)
     store_failure(args, record_failure(scenario, failure.specification, small.noise))

@@ -18,11 +18,8 @@ from avrare.base.number_format import format_confidence
 from avrare.cli.options import display, load_scenarios, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import SaveError
-from avrare.estimation.cross_check import without_check
-from avrare.estimation.estimate_problem import estimate_specifications
-from avrare.estimation.loop import Settings, check_system, planned
-from avrare.estimation.memory import forecast
+from avrare.estimation.checkpoint import Checkpoint, SaveError
+from avrare.estimation.estimate_problem import check_scenario, estimate_specifications
 from avrare.estimation.result import with_verdict
 from avrare.plugin.registry import default_registry
 from avrare.protocols import ReplacesWorkers, find_ability
@@ -37,6 +34,8 @@ from avrare.report.terminal.result_table import (
 )
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
+from avrare.results.run import Run
+from avrare.rollout.child_process import SystemCrashed
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
@@ -59,10 +58,10 @@ def execute(args: argparse.Namespace) -> int:
     scenarios, budget = _named_scenarios(args), Budget.parse(args.budget)
     if args.resume is not None:
         assert out is not None
-        contents = rundir.finished_results(out, scenarios, _overrides(args), args.estimator, budget)
-        if contents:
+        finished = rundir.read_finished(out, scenarios, _overrides(args), args.estimator, budget)
+        if finished:
             say(f"{out}: this run is already finished", error=True)
-            return _finish(args, contents)
+            return _finish(args, finished)
         budget = budget or rundir.saved_budget(out)
         scenarios = scenarios or _interrupted_scenarios(args, out)
     for scenario in scenarios:
@@ -74,13 +73,13 @@ def execute(args: argparse.Namespace) -> int:
         rundir.choose(home, names[0], several=False)
         with rundir.begin_checkpoint(home, scenarios, budget, args.resume is not None) as checkpoint:
             folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
-            contents = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
+            runs = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:
         if out is None:
             rundir.remove_empty(home)
         raise
-    return _finish(args, contents)
+    return _finish(args, runs)
 
 
 def _out_folder(args: argparse.Namespace) -> Path | None:
@@ -143,19 +142,10 @@ def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
 
 def check_start(scenario: Any, budget: Any) -> None:
     """Raise the ``UsageError`` of a scenario that cannot be estimated, before any rollout."""
-    definition, estimator = scenario.definition, scenario.estimator()
-    problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
-    settings = Settings(
-        definition.seed, definition.confidence, without_check(budget, definition.cross_check),
-        definition.max_error_rate, definition.suppress,
-    )  # fmt: skip
     try:
-        problem, plan = planned(problem, estimator, settings)
-        check_system(problem, estimator)
-        forecast(problem, estimator, plan)
-        estimator.init(plan)
+        check_scenario(scenario, budget)
     except UsageError as error:
-        raise UsageError(f"{definition.name}: {error.message}", error.hint) from None
+        raise UsageError(f"{scenario.name}: {error.message}", error.hint) from None
 
 
 def _overrides(args: argparse.Namespace) -> list[str]:
@@ -172,8 +162,9 @@ def _overrides(args: argparse.Namespace) -> list[str]:
 
 
 def _run_all(
-    pairs: Iterable[tuple[Any, Path]], args: argparse.Namespace, budget: Any, checkpoint: Any
-) -> list[dict[str, Any]]:
+    pairs: Iterable[tuple[LoadedScenario, Path]], args: argparse.Namespace, budget: Budget | None,
+    checkpoint: Checkpoint,
+) -> list[Run]:  # fmt: skip
     try:
         with Stopping() as stop:
             return [_run_scenario(*pair, args, budget, checkpoint, stop) for pair in pairs]
@@ -186,8 +177,10 @@ def _run_all(
         resume = f"; completed chunks are saved: {_resume_command(checkpoint)} resumes where there is more"
         stopped.hint = f"{stopped.hint}{resume if checkpoint.chunks else ''}"
         raise stopped from None
-    except (SaveError, WorkerDied) as error:
-        error.hint = f"{error.hint}; completed chunks are saved: resume with {_resume_command(checkpoint)}"
+    except (SaveError, SystemCrashed, WorkerDied) as error:
+        if checkpoint.chunks:
+            resume = _resume_command(checkpoint)
+            error.hint = f"{error.hint}; completed chunks are saved: resume with {resume}"
         raise
 
 
@@ -196,32 +189,31 @@ def _resume_command(checkpoint: Any) -> str:
     return shlex.join(["avrare", "run", "--resume", str(checkpoint.folder.parent), *safe])
 
 
-def _finish(args: argparse.Namespace, contents: list[dict[str, Any]]) -> int:
+def _finish(args: argparse.Namespace, runs: Sequence[Run]) -> int:
     if args.json:
+        contents = [run.to_dict() for run in runs]
         print(json.dumps(contents[0] if len(contents) == 1 else contents))
-    too_many_errors = any(
-        "errors" in entry["health"] for content in contents for entry in content["estimates"]
-    )
+    too_many_errors = any("errors" in result.health for run in runs for result in run.values())
     return int(ExitCode.ROLLOUT_ERRORS if too_many_errors else ExitCode.PASS)
 
 
 def _run_scenario(
-    scenario: Any, folder: Path, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
-) -> dict[str, Any]:
+    scenario: LoadedScenario, folder: Path, args: argparse.Namespace, budget: Budget | None,
+    checkpoint: Checkpoint, stop: Stopping,
+) -> Run:  # fmt: skip
     definition = scenario.definition
     _use_failures(scenario, None, args)
     results = estimate_run(scenario, args, budget, checkpoint, stop)
-    content = rundir.document(definition, results)
-    rundir.write(folder, definition, content, results, budget)
+    run = Run.of_scenario(definition, results, budget).write(folder)
     _use_failures(scenario, results, args)
     draws = not args.no_pictures and scenario.scene is not None and can_draw()
     pictures = draw_run(scenario, results, folder) if draws else []
-    told = call_back(folder)
+    replies = call_back(folder)
     with suppress(BrokenPipeError):  # `| head -1`: further scenarios still run, and no checkpoint stays
         if not args.json:
             _show(definition, results, folder, pictures, display(args))
-        say(*told, error=args.json)
-    return content
+        say(*replies, error=args.json)
+    return run
 
 
 def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import show_or_write
 from avrare.estimation.budget import Budget
-from avrare.results.reader import read_run_folder
+from avrare.results.run import Run
 from avrare.scenario.load import load
 
 _ROLLOUTS = 2000
@@ -24,7 +24,7 @@ def execute(args: argparse.Namespace) -> int:
     task = {
         "specification": args.specification, "parameters": args.parameter, "rollouts": rollouts,
         "step": args.step, "seed": args.seed or 0, "scenario": identify_scenario(definition),
-        "run": None if args.run is None else identify_run(read_run_folder(Path(args.run))),
+        "run": None if args.run is None else identify_run(Run.read(args.run)),
     }  # fmt: skip
     out = None if args.out is None else Path(args.out)
     with keep_outcomes(out, "sensitivity", task) as journal:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from avrare.analysis.rates.catalogue import is_catalogue, load_catalogue
 from avrare.base.error_place import find_place
@@ -12,6 +13,8 @@ from avrare.base.errors import AvrareError, ExitCode, PluginError, UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
+
+_PURPOSE = "the first steps of the stack"
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -24,17 +27,18 @@ def execute(args: argparse.Namespace) -> int:
 def _build(scenario: Scenario) -> list[str]:
     """Build the stack, run a few steps and return what there is to say of draws and memory."""
     from avrare.estimation.estimate_problem import check_scenario  # builds no part unless it is asked to
+    from avrare.rollout.child_process import run_guarded
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.stack.builder import try_draws, try_stack
 
     built = LoadedScenario(scenario)
     stack = built.stack
     with first_steps(scenario):
-        print_warnings(try_stack(scenario, stack, steps=3))
+        print_warnings(run_guarded(_PURPOSE, stack.loop, partial(try_stack, scenario, stack, steps=3)))
     found, memory = check_scenario(built)
     print_warnings((f"{scenario.path}: {name}: {text}", None) for name, text in found.items())
     with first_steps(scenario):
-        draws = try_draws(scenario, stack)
+        draws = run_guarded(_PURPOSE, stack.loop, partial(try_draws, scenario, stack))
     return [*draws, memory.describe()]
 
 

@@ -22,8 +22,8 @@ from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
 from avrare.estimation.cross_check import cross_checked, parse_cross_check, shared_by, without_check
 from avrare.estimation.ensemble import include_model
-from avrare.estimation.loop import Progress, Settings, check_system, planned, run
-from avrare.estimation.memory import Forecast, forecast
+from avrare.estimation.loop import Progress, Settings, check_estimate, run
+from avrare.estimation.memory import Forecast
 from avrare.estimation.plan import Estimator, Journal
 from avrare.estimation.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
@@ -151,7 +151,7 @@ class _Call:
                         one = partial(_first, execute)
                         parts = shared_by(result, len(results))
                         result = cross_checked(part, result, check, settings, one, parts=parts)
-                    origin = Origin(part, built, self.seed, self.options)
+                    origin = Origin(partial(_pair, part, built), self.seed, self._describe(built))
                     found.append(dataclasses.replace(result, origin=origin))
             return found
 
@@ -165,6 +165,10 @@ class _Call:
             saved.remove()
         return results
 
+    def _describe(self, estimator: Estimator) -> str:
+        options = "".join(f", {name}={value!r}" for name, value in self.options.items())
+        return f'avrare.estimate(problem, "{estimator.name}", seed={self.seed}{options})'
+
     def _watch(self, problem: Problem, estimator: Estimator) -> AbstractContextManager[Progress | None]:
         if callable(self.progress):
             return nullcontext(self.progress)
@@ -172,6 +176,10 @@ class _Call:
             return nullcontext()
         show = late_import("avrare.report.session.live_progress:show_progress")
         return show(problem, estimator.name, self.confidence)  # type: ignore[no-any-return]
+
+
+def _pair(problem: Problem, estimator: Estimator) -> tuple[Problem, Estimator]:
+    return problem, estimator
 
 
 def _first(execute: Callable[..., list[Result]], *arguments: Any) -> Result:
@@ -240,18 +248,28 @@ Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 """Called with a label and a problem as each estimate begins; gives its progress display."""
 
 
-def check_scenario(scenario: LoadedScenario) -> tuple[dict[str, str], Forecast]:
+def check_scenario(scenario: LoadedScenario, budget: Budget | None = None) -> tuple[dict[str, str], Forecast]:
     """Return the health warnings on a scenario's system, found by a few steps, and the memory of a run.
 
     Raises:
-        UsageError: The scenario cannot be estimated; see ``check_system`` and ``forecast``.
+        UsageError: The scenario cannot be estimated.
     """
     definition, estimator = scenario.definition, scenario.estimator()
     problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
     if problem.twin is not None:
         check_twin(problem, problem.twin.problem, problem.twin.cost)
-    problem, plan = planned(problem, estimator, Settings(definition.seed, definition.confidence))
-    return check_system(problem, estimator), forecast(problem, estimator, plan)
+    return check_estimate(problem, estimator, _settings(scenario, budget))
+
+
+def _settings(scenario: LoadedScenario, budget: Budget | None) -> Settings:
+    definition = scenario.definition
+    return Settings(
+        definition.seed,
+        definition.confidence,
+        without_check(budget, definition.cross_check),
+        definition.max_error_rate,
+        definition.suppress,
+    )
 
 
 def estimate_specifications(
@@ -272,14 +290,9 @@ def estimate_specifications(
     journal of an estimate by its first specification, and ``stop`` is as in ``run``.
     """
     definition, estimator = scenario.definition, scenario.estimator()
-    check = definition.cross_check
-    settings = Settings(
-        definition.seed if seed is None else seed,
-        definition.confidence,
-        without_check(budget, check),
-        definition.max_error_rate,
-        definition.suppress,
-    )
+    check, settings = definition.cross_check, _settings(scenario, budget)
+    if seed is not None:
+        settings = dataclasses.replace(settings, seed=seed)
 
     def execute(problem: Problem, checker: Estimator, settings: Settings) -> Result:
         name = problem.names[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -14,7 +14,7 @@ from avrare.base.health_messages import MESSAGES
 from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.fresh_rows import NO_ROWS, FreshRows
-from avrare.estimation.memory import forecast
+from avrare.estimation.memory import Forecast, forecast, measure_carry
 from avrare.estimation.pace import Pace
 from avrare.estimation.plan import (
     DelegatesEstimates,
@@ -38,7 +38,8 @@ from avrare.protocols import (
     find_notes,
 )
 from avrare.rollout.chunk_size import spread
-from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces, run_errand
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -84,7 +85,21 @@ def run(
     if delegating is not None:
         execute = _Parts(executor, progress, journal, stop)
         return delegating.estimate_by(problem, settings, execute)
-    return _Task.begin(problem, estimator, settings).run(executor, progress, journal, stop)
+    with _begin(problem, estimator, settings, executor) as task:
+        return task.run(progress, journal, stop)
+
+
+@contextmanager
+def _begin(given: Problem, estimator: Estimator, settings: Settings, executor: Executor) -> Iterator[_Task]:
+    """Yield an estimate that may begin; the executor is open until it ends."""
+    problem, plan = planned(given, estimator, settings)
+    work = Work(problem, plan.noise, scored=estimator.single)
+    executor.open(work)
+    with closing(executor):
+        warnings, carry = check_system(problem, estimator, executor)
+        memory = forecast(estimator, plan, carry)
+        estimator.init(plan)  # refuses a budget that does not pay for it
+        yield _Task(given, estimator, settings, work, plan, executor, warnings, memory)
 
 
 @dataclass(frozen=True)
@@ -92,40 +107,34 @@ class _Task:
     """An estimate that may begin: nothing that can be told beforehand speaks against it."""
 
     given: Problem
-    problem: Problem  # what the estimator puts in its place
     estimator: Estimator
-    plan: Plan
     settings: Settings
+    work: Work  # with the problem that the estimator puts in the place of the given one
+    plan: Plan
+    executor: Executor
     warnings: dict[str, str]
-
-    @staticmethod
-    def begin(given: Problem, estimator: Estimator, settings: Settings) -> _Task:
-        problem, plan = planned(given, estimator, settings)
-        warnings = check_system(problem, estimator)
-        forecast(problem, estimator, plan)
-        estimator.init(plan)  # refuses a budget that does not pay for it
-        return _Task(given, problem, estimator, plan, settings, warnings)
+    memory: Forecast
 
     def run(
-        self, executor: Executor, progress: Progress | None, journal: Journal | None,
-        stop: Callable[[], bool] | None,
-    ) -> list[Result]:  # fmt: skip
-        problem, estimator = self.problem, self.estimator
-        work = Work(problem, self.plan.noise, scored=estimator.single)
-        loop = _Loop(estimator, self.plan, work, executor, progress or (lambda info: None), journal, stop)
-        executor.open(work)
-        with closing(executor):
-            try:
-                state = loop.run()
-            except GaveUp as end:
-                end.seconds = loop.seconds
-                raise
+        self, progress: Progress | None, journal: Journal | None, stop: Callable[[], bool] | None
+    ) -> list[Result]:
+        estimator, executor, problem = self.estimator, self.executor, self.work.problem
+        loop = _Loop(
+            estimator, self.plan, self.work, executor, progress or (lambda info: None), journal, stop
+        )
+        try:
+            state = loop.run()
+        except GaveUp as end:
+            end.seconds = loop.seconds
+            raise
         seconds = loop.seconds
         # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
         replayed = problem is self.given and not _stops_early(estimator)
         found = estimator.estimate(state)
         suppress, seed = self.settings.suppress, self.settings.seed
-        results = examined(problem, found, self.warnings, replay=replayed, suppress=suppress, seed=seed)
+        results = examined(
+            problem, found, self.warnings, executor, replay=replayed, suppress=suppress, seed=seed
+        )
         return [replace(result, seconds=seconds) for result in results]
 
 
@@ -149,15 +158,40 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
     return problem, plan
 
 
-def check_system(problem: Problem, estimator: Estimator) -> dict[str, str]:
-    """Return the health warnings on a prepared problem's system, found by a few steps of a few rows.
+def check_estimate(
+    problem: Problem, estimator: Estimator, settings: Settings
+) -> tuple[dict[str, str], Forecast]:
+    """Return the health warnings on a problem's system, found by a few steps, and the memory of an estimate.
+
+    Raises:
+        UsageError: The estimate could not begin.
+    """
+    with _begin(problem, estimator, settings, SerialExecutor()) as task:
+        return task.warnings, task.memory
+
+
+def check_system(
+    problem: Problem, estimator: Estimator, executor: Executor | None = None
+) -> tuple[dict[str, str], int]:
+    """Return the health warnings on a prepared problem's system, and the bytes of a particle's carry.
+
+    Both come from a few steps of a few rows, which an open executor runs; None: a serial one.
 
     Raises:
         UsageError: The system breaks a rule that the estimator relies on.
     """
-    steps = min(STEPS, problem.steps)
-    found = require(problem.system, estimator.name, _needs(estimator), steps)
-    return {name: MESSAGES[name].format(reason=reason) for name, reason in found.items()}
+    if executor is None:
+        with closing(SerialExecutor()) as serial:
+            serial.open(Work(problem, NoiseSource(0, problem.noise_size), scored=False))
+            return check_system(problem, estimator, serial)
+    name, needs = estimator.name, _needs(estimator)
+    reasons, carry = run_errand(executor, "the probe before the estimate", _probe, name, needs)
+    return {name: MESSAGES[name].format(reason=reason) for name, reason in reasons.items()}, carry
+
+
+def _probe(problem: Problem, estimator: str, needs: tuple[str, ...]) -> tuple[dict[str, str], int]:
+    reasons = require(problem.system, estimator, needs, min(STEPS, problem.steps))
+    return reasons, measure_carry(problem)
 
 
 def _needs(estimator: Estimator) -> tuple[str, ...]:
@@ -195,14 +229,15 @@ class _Parts:
             if self.progress is not None:
                 self.progress(before.before(info))
 
-        try:
-            task = _Task.begin(problem, estimator, settings)
-        except UsageError as error:
-            raise Refused(error.message, error.hint) from error
-        try:
-            return task.run(self.executor, watch, journal, self.stop)
-        finally:
-            self.before = before.before(last)
+        with ExitStack() as stack:
+            try:
+                task = stack.enter_context(_begin(problem, estimator, settings, self.executor))
+            except UsageError as error:
+                raise Refused(error.message, error.hint) from None
+            try:
+                return task.run(watch, journal, self.stop)
+            finally:
+                self.before = before.before(last)
 
 
 class _Loop:
@@ -311,10 +346,14 @@ class _Loop:
             self._check_shape(f"{stage:06d}-{index:06d}", chunk, outcome)
             # A law that was learnt again may differ: check each stage that draws under one.
             if index == 0 and (stage == 0 or chunk.law is not None):
-                check_reproduces(self.work, chunk, outcome)
+                check_reproduces(self._repeat, chunk, outcome)
             self.began = time.perf_counter() - seconds
             at, index = at + chunk.rows, index + 1
             yield outcome
+
+    def _repeat(self, chunk: Request) -> Rollouts:
+        (outcome,) = self.executor.map([chunk])
+        return outcome  # type: ignore[no-any-return]
 
     def _check_shape(self, name: str, chunk: Request, outcome: Rollouts) -> None:
         wanted = (chunk.rows, len(self.plan.names)), self.plan.steps + 1 if self.work.scored else 0

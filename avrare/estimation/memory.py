@@ -71,13 +71,12 @@ class Forecast:
         )
 
 
-def forecast(problem: Problem, estimator: object, plan: Plan) -> Forecast:
-    """Foretell the memory of an estimate of a prepared problem; refuse one that cannot work.
+def forecast(estimator: object, plan: Plan, carry: int) -> Forecast:
+    """Foretell the memory of an estimate whose particles' carries have ``carry`` bytes (0: not known).
 
     Raises:
         UsageError: The estimate needs more than its option ``memory``, or than this process may use.
     """
-    carry = _carry_bytes(problem)
     foretelling = find_ability(estimator, ForetellsMemory)
     demand = foretelling.demand(plan, carry) if foretelling is not None else Demand(0, None, "")
     held, limit = demand.bytes, demand.memory
@@ -99,7 +98,7 @@ def forecast(problem: Problem, estimator: object, plan: Plan) -> Forecast:
     return found
 
 
-def _carry_bytes(problem: Problem) -> int:
+def measure_carry(problem: Problem) -> int:
     """Return the bytes of a particle's carry at the start; 0 where it cannot be told without error."""
     try:
         state = problem.system.initial(np.zeros((1, problem.noise_size)))

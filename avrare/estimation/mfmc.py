@@ -29,6 +29,7 @@ from avrare.estimation.result_builder import add_counts
 from avrare.estimation.tape_recorder import Record, Recorder, draw_tapes, take_record
 from avrare.estimation.two_phase import Design, plan_design, scaled
 from avrare.protocols import Bools, Floats
+from avrare.rollout.child_process import run_guarded
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
@@ -87,7 +88,8 @@ class Mfmc(MonteCarlo):
 
 def _cost(problem: Problem, twin: Twin) -> float:
     if twin.cost is None:  # a measured one would make results differ from machine to machine
-        measured = measure_cost(problem, twin.problem)
+        measure = partial(measure_cost, problem, twin.problem)
+        measured = run_guarded("the measurement of its cost", problem.system, measure)
         raise UsageError(
             "the cost of the cheap twin is missing, on which the split of the rollouts depends",
             f"name it: this machine measures `cheap: {{cost: {measured:g}}}`, in Python "

@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.base.late_import import late_import
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
 from avrare.estimation.note import Note
-from avrare.protocols import Floats
+from avrare.protocols import Estimator, Floats
 
 if TYPE_CHECKING:
     from avrare.rollout.problem import Problem
 
 Interval = tuple[float, float]
+AnyEstimator = Estimator[Any, Any, Any, Any, Any]
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
@@ -90,25 +92,32 @@ class CrossCheckResult:
 
 @dataclass(frozen=True)
 class Origin:
-    """Call that made a result in Python.
+    """Problem and estimator behind a result; those of a run folder are built when they are first asked for.
 
     Attributes:
-        problem: Problem with the result's specification.
-        estimator: The estimator that was built.
+        build: Gives the problem with the result's specification, and the estimator; an ``AvrareError`` says
+            why they cannot be built.
         seed: Seed of the estimate.
-        options: Options that the call named.
+        call: Call or command that gives the result again, for people.
     """
 
-    problem: Problem
-    estimator: Any
+    build: Callable[[], tuple[Problem, AnyEstimator]]
     seed: int
-    options: Mapping[str, Any] = field(default_factory=dict)
+    call: str
+
+    @cached_property
+    def _parts(self) -> tuple[Problem, AnyEstimator]:
+        return self.build()
 
     @property
-    def call(self) -> str:
-        """The call as text, for people: ``avrare.estimate(problem, "ams", seed=1, runs=4)``."""
-        options = "".join(f", {name}={value!r}" for name, value in self.options.items())
-        return f'avrare.estimate(problem, "{self.estimator.name}", seed={self.seed}{options})'
+    def problem(self) -> Problem:
+        """Problem with the result's specification."""
+        return self._parts[0]
+
+    @property
+    def estimator(self) -> AnyEstimator:
+        """The estimator."""
+        return self._parts[1]
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,6 +182,19 @@ class Result:
     def interval(self) -> Interval:
         """Interval (lo, hi) with 0 <= lo <= probability <= hi <= 1."""
         return self.interval_at(self.confidence)
+
+    def require_origin(self) -> Origin:
+        """Return the origin, for analyses that run rollouts.
+
+        Raises:
+            UsageError: The result does not know it.
+        """
+        if self.origin is None:
+            raise UsageError(
+                f"the result of {self.specification} does not know its problem, so no rollout can run again",
+                "use it where avrare.estimate or avrare.run gave it, or read its run folder",
+            )
+        return self.origin
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of result.json; NaN and infinities become None."""

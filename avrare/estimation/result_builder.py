@@ -20,6 +20,7 @@ from avrare.logic.formula import find_formula
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.protocols import Floats, find_ability, find_notes
 from avrare.protocols.abilities import WeighsRollouts
+from avrare.rollout.executors.work import Executor, run_errand
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
@@ -30,6 +31,7 @@ _FAR_OFF = 3.0
 _LOOK_SHARE = 20
 """Rollouts of an estimate over those of a look, which are not counted: it costs 5 % at most."""
 _WHEN = {0: "at the start", 1: "at the first step", None: "at a later step"}
+_REPLAY, _SEARCH = "the replay of the least robust rollout", "the search for failures that were missed"
 _ROUNDING = 1e-3
 """Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
@@ -65,25 +67,28 @@ def missing_worst(plan: Plan) -> Worst:
 
 
 def examined(
-    problem: Problem, results: Sequence[Result], warnings: Mapping[str, str], *, replay: bool,
-    suppress: Collection[str], seed: int,
+    problem: Problem, results: Sequence[Result], warnings: Mapping[str, str], executor: Executor, *,
+    replay: bool, suppress: Collection[str], seed: int,
 ) -> list[Result]:  # fmt: skip
     """Add the warnings that need the problem, and the notes on bound and counters, to the results.
 
     Among the warnings are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``:
-    run the least robust rollouts again and compare, unless the system is known not to be deterministic.
+    run the least robust rollouts again on the executor, which is open, and compare, unless the system is
+    known not to be deterministic.
     """
     on_system = {**warnings, **find_notes(problem.system)}
     again: Sequence[float] = ()
     if replay and "not_deterministic" not in on_system:
-        again = _replayed(problem, [result.worst.noise for result in results])
+        tapes = [result.worst.noise for result in results]
+        again = run_errand(executor, _REPLAY, _replayed, tapes)
     complete = []
     for column, result in enumerate(results):
         found = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
         if result.blind_bound is not None and result.blind_bound > _FAR_OFF * result.interval[1]:
-            found |= _flat_part(problem, column, result) or _outliers(problem, column, result, seed)
+            flat = _flat_part(executor, column, result)
+            found |= flat or _outliers(executor, problem, column, result, seed)
         if again and "not_deterministic" not in found:
-            found |= _reproduction(problem, result, column, again[column], rounds="rounding" in found)
+            found |= _reproduction(executor, result, column, again[column], rounds="rounding" in found)
         kept = {name: text for name, text in found.items() if name not in suppress}
         notes = (*result.notes, *describe_blind_bound(result.blind_bound), *describe_counts(result.counts))
         complete.append(replace(result, health=kept, notes=notes))
@@ -98,12 +103,14 @@ def _horizon(problem: Problem, column: int) -> dict[str, str]:
     return health.warn("horizon_short", horizon=span, steps=problem.steps)
 
 
-def _flat_part(problem: Problem, column: int, result: Result) -> dict[str, str]:
-    parts = problem.flat_parts(column) if result.rollouts >= _LOOK_SHARE * PROBE_ROWS else ()
+def _flat_part(executor: Executor, column: int, result: Result) -> dict[str, str]:
+    if result.rollouts < _LOOK_SHARE * PROBE_ROWS:
+        return {}
+    parts = run_errand(executor, _SEARCH, Problem.flat_parts, column)
     return health.warn("flat_part", part=parts[0], bound=result.blind_bound) if parts else {}
 
 
-def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
+def _outliers(executor: Executor, problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
     if _weighs(problem):
         return {}  # rollouts with weights are of another law than the one that is meant
     upper, cost = result.interval[1], 0
@@ -114,7 +121,7 @@ def _outliers(problem: Problem, column: int, result: Result, seed: int) -> dict[
         cost += most(problem)
         if result.rollouts < _LOOK_SHARE * cost:
             break
-        found = probe(problem, column, upper, seed, result.confidence)
+        found = run_errand(executor, _SEARCH, probe, column, upper, seed, result.confidence)
         if found is not None:
             what, when = numbers.format(found.noise), _WHEN[found.step]
             return health.warn("outliers", what=what, when=when, low=found.low, upper=upper)
@@ -133,13 +140,14 @@ def _solver(counts: Mapping[str, int]) -> dict[str, str]:
 
 
 def _reproduction(
-    problem: Problem, result: Result, column: int, again: float, *, rounds: bool
+    executor: Executor, result: Result, column: int, again: float, *, rounds: bool
 ) -> dict[str, str]:
     first: float = result.worst.robustness
     if math.isnan(first) or np.array_equal(first, again):
         return {}
     # Rounding depends on the batch and on nothing else: by itself the rollout repeats.
-    again, repeated = (_replayed_alone(problem, result, column) for _ in range(2))
+    tape = result.worst.noise
+    again, repeated = (run_errand(executor, _REPLAY, _replayed_alone, tape, column) for _ in range(2))
     if first == again == repeated:
         return {}
     spread = float(np.nanstd(result.robustness)) if np.isfinite(result.robustness).any() else 0.0
@@ -149,8 +157,8 @@ def _reproduction(
     return health.warn(name, reason=reason)
 
 
-def _replayed_alone(problem: Problem, result: Result, column: int) -> float:
-    outcome = problem.replay(result.worst.noise[None])
+def _replayed_alone(problem: Problem, tape: Floats, column: int) -> float:
+    outcome = problem.replay(tape[None])
     return math.nan if outcome.error[0] else float(outcome.robustness[0, column])
 
 

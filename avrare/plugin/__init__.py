@@ -10,7 +10,7 @@ from avrare.plugin.component import (
     RuleParameter,
     hookimpl,
 )
-from avrare.plugin.drawable import Drawable
+from avrare.plugin.option_marks import Drawable
 
 __all__ = [
     "KINDS",

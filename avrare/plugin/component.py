@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pluggy
+from pydantic import BaseModel
 
 from avrare.base.late_import import late_import
 
@@ -165,9 +166,12 @@ class Component:
         """Take the name for the family where none is given."""
         object.__setattr__(self, "family", self.family or self.name)
 
-    def load_config(self) -> type[Any]:
+    def load_config(self) -> type[BaseModel]:
         """Import the pydantic model of the options."""
-        return late_import(self.config)  # type: ignore[no-any-return]
+        model = late_import(self.config)
+        if not (isinstance(model, type) and issubclass(model, BaseModel)):
+            raise TypeError(f"{self.config} is not a pydantic model")
+        return model
 
     def load_factory(self) -> Callable[..., Any]:
         """Import the function that builds the component; may import heavy packages."""

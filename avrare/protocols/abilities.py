@@ -73,6 +73,12 @@ class LimitsSteps(Protocol):
         """Raise the ``UsageError`` of a rollout that has too many steps."""
 
 
+class HasStepTime(Protocol):
+    """System or simulator with a time of a step [s]."""
+
+    dt: float
+
+
 class HasScene(Protocol):
     """Driving simulator; its road, sizes and names do not change during a rollout."""
 

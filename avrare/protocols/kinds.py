@@ -175,9 +175,10 @@ class Estimator(Protocol[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
 
 
 class Executor(Protocol[WorkT, ChunkT, OutcomeT]):
-    """Executor: an ordered map over chunks of rollouts.
+    """Executor: an ordered map over chunks of rollouts, and over errands.
 
-    ``avrare.rollout.executors.work.Executor`` names the value types. Optional: ``ReplacesWorkers``.
+    It hands both to ``run`` of the work. ``avrare.rollout.executors.work.Executor`` names the value types.
+    Optional: ``ReplacesWorkers``.
     """
 
     def open(self, work: WorkT) -> None:

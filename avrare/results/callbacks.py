@@ -7,10 +7,10 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from avrare.plugin.registry import VARIABLE
-from avrare.results.reader import read_run_folder
+from avrare.results.run import Run
 
 GROUP = "avrare.results"
-"""Entry points whose value is a function ``on_result(run: RunFolder) -> str | None``."""
+"""Entry points whose value is a function ``on_result(run: Run) -> str | None``."""
 
 
 def call_back(folder: Path) -> list[str]:
@@ -24,7 +24,7 @@ def call_back(folder: Path) -> list[str]:
     lines = []
     for point in _allowed():
         try:
-            said = point.load()(read_run_folder(folder))
+            said = point.load()(Run.read(folder))
         except (Exception, SystemExit) as error:
             lines.append(f"callback {point.name} failed: {type(error).__name__}: {error}")
         else:

@@ -1,47 +1,26 @@
-"""Writer of run folders: result, scenario, provenance, rollouts and checkpoint; every file is atomic."""
+"""Folders of runs: chosen, refused where they hold another run, checkpointed, and found finished."""
 
 from __future__ import annotations
 
-import json
-import platform
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from avrare.base.atomic_files import explain_file_errors, remove_torn, write_text
+from avrare.base.atomic_files import explain_file_errors, remove_torn
 from avrare.base.errors import AvrareError, ExitCode, UsageError
-from avrare.base.stored_files import digest, read_json, seal, write_arrays
+from avrare.base.stored_files import read_json
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoint, read_index, resume_hint
-from avrare.estimation.result import Result
-from avrare.results.checkout import describe_checkout
-from avrare.results.reader import (
-    FAILURE_FIELDS,
-    FAILURES_FILE,
-    ROLLOUTS_FILE,
-    RUN_AGAIN,
-    SAMPLE_LAW,
-    RunFolder,
-    read_run_folder,
-)
-from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
+from avrare.results.run import RESULT, Run
+from avrare.results.stored_results import RUN_AGAIN
 from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
-
-_OF_A_RESULT = (KINDS_FILE, ATTRIBUTION_FILE, "report.html")
-"""Files that other commands derive from a result: they are not true of the next one in its folder."""
-_MAX_SAMPLES = 100_000
-"""Stored robustness values of a specification: those of its first rollouts."""
 
 
 def choose(out: str | Path, name: str, several: bool) -> Path:
@@ -95,50 +74,6 @@ def remove_empty(folder: Path) -> None:
     for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
         with suppress(OSError):
             path.rmdir()
-
-
-def document(scenario: Scenario, results: Sequence[Result]) -> dict[str, Any]:
-    """Return the content of result.json, with its checksum and the digest of scenario.yaml."""
-    content = {
-        "schema": 1,
-        "scenario": scenario.name,
-        "fingerprint": fingerprint(scenario),
-        "seed": scenario.seed,
-        "versions": scenario.versions,
-        "estimates": [result.to_dict() for result in results],
-        "files": {SCENARIO: digest(dump(scenario.resolved))},
-    }
-    return seal(content)
-
-
-def provenance(scenario: Scenario, budget: Budget | None = None) -> dict[str, Any]:
-    """Return the origin of a result: date, command, budget, Python, and commit of the scenario."""
-    commit, changed = describe_checkout(Path(scenario.path).resolve().parent)
-    return {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": sys.argv,
-        "budget": None if budget is None else f"{budget.kind}={budget.amount!r}",
-        "python": platform.python_version(),
-        "commit": commit,
-        "uncommitted_changes": changed,
-    }
-
-
-def write(
-    folder: Path, scenario: Scenario, content: dict[str, Any], results: Sequence[Result] = (),
-    budget: Budget | None = None,
-) -> None:  # fmt: skip
-    """Write result.json, the resolved scenario, provenance.json, rollouts.npz and, if any, failures.npz."""
-    hint = "free some disk space and --resume the run, or choose another --out"
-    with explain_file_errors(f"{folder}: cannot write the result", hint):
-        for name in _OF_A_RESULT if (folder / "result.json").exists() else ():
-            (folder / name).unlink(missing_ok=True)
-        write_text(folder / "scenario.yaml", dump(scenario.resolved))
-        write_text(folder / "provenance.json", json.dumps(provenance(scenario, budget), indent=2) + "\n")
-        write_failures(folder, results)
-        _write_rollouts(folder, results)
-        write_artifacts(folder, results)
-        write_text(folder / "result.json", json.dumps(content, indent=2) + "\n")
 
 
 @contextmanager
@@ -215,28 +150,27 @@ def saved_budget(out: Path) -> Budget | None:
     return Budget.parse(index["task"].get("budget")) if index else None
 
 
-def finished_results(
+def read_finished(
     out: Path, scenarios: Sequence[Scenario], overrides: Sequence[str] = (), estimator: str | None = None,
     budget: Budget | None = None,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Return the contents of the result.json files of a finished run; empty where it is not finished.
+) -> list[Run]:  # fmt: skip
+    """Read the runs of a finished folder; empty where it is not finished.
 
     They must be of these scenarios, or without any, of its own ones, which ``overrides`` and ``estimator``
     must not change; and of this budget if one is given.
     """
     if read_index(out / FOLDER) is not None:
         return []
-    single = out / "result.json"
+    single = out / RESULT
     for index in [] if single.exists() else sorted(out.glob(f"*/{FOLDER}/{INDEX}")):
         inside = index.parent.parent
         raise UsageError(f"{inside}: contains an interrupted run of its own", resume_hint(inside))
-    files = [single] if single.exists() else sorted(out.glob("*/result.json"))
-    runs = [read_run_folder(file.parent) for file in files]
+    files = [single] if single.exists() else sorted(out.glob(f"*/{RESULT}"))
+    runs = [Run.read(file.parent) for file in files]
     if not scenarios and (overrides or estimator):
-        scenarios = [load(run.path / SCENARIO, overrides, estimator) for run in runs]
-    wanted = {one.name: (fingerprint(one), one.seed) for one in scenarios}
-    found = {run.result.scenario: (run.result.fingerprint, run.result.seed) for run in runs}
-    if scenarios and runs and wanted != found:
+        scenarios = [load(file.parent / SCENARIO, overrides, estimator) for file in files]
+    wanted = {scenario.name: (fingerprint(scenario), scenario.seed) for scenario in scenarios}
+    if scenarios and runs and wanted != {run.name: (run.fingerprint, run.seed) for run in runs}:
         raise UsageError(f"{out}: contains the result of another run", "choose another folder")
     if runs and budget is not None and budget != (before := _recorded_budget(runs[0])):
         described = "its own options" if before is None else f"{before.kind}={before.amount:g}"
@@ -247,57 +181,11 @@ def finished_results(
     if runs:  # a process killed after it had finished may have left these
         Checkpoint(out / FOLDER, {}).remove()
         remove_torn(out)
-    return [run.content for run in runs]
+    return runs
 
 
-def _recorded_budget(run: RunFolder) -> Budget | None:
+def _recorded_budget(run: Run) -> Budget | None:
     try:
         return Budget.parse(run.provenance.budget)
     except UsageError:  # a damaged provenance.json must not keep a finished run from being shown
         return None
-
-
-def write_failures(folder: Path, results: Sequence[Result]) -> None:
-    """Write the failing tapes of all results; remove the file where there are none.
-
-    Arrays ``SPECIFICATION.noise`` (F, steps + 1, noise_size), ``.robustness`` (F,) and ``.count`` (), and
-    where the estimator gives them ``.weights`` (F,) and ``.ancestors`` (F, 2).
-    """
-    arrays = {
-        f"{result.specification}.{field}": np.asarray(getattr(result.failures, field))
-        for result in results
-        if len(result.failures.robustness)
-        for field in (*FAILURE_FIELDS, *SAMPLE_LAW)
-        if getattr(result.failures, field) is not None
-    }
-    if arrays:
-        write_arrays(folder / FAILURES_FILE, arrays, compress=False)
-    else:
-        (folder / FAILURES_FILE).unlink(missing_ok=True)  # left by an earlier run in the same folder
-
-
-def write_artifacts(folder: Path, results: Sequence[Result]) -> None:
-    """Write the files that estimators leave, each with an entry by specification."""
-    for name in sorted({name for result in results for name in result.artifacts}):
-        entries = {one.specification: one.artifacts[name] for one in results if name in one.artifacts}
-        write_text(folder / name, json.dumps(entries, indent=1) + "\n")
-
-
-def _write_rollouts(folder: Path, results: Sequence[Result]) -> None:
-    # arrays SPECIFICATION.robustness (n,), .worst (steps + 1, noise_size) and .worst_robustness ()
-    arrays: dict[str, NDArray[np.generic]] = {}
-    for result in results:
-        name = result.specification
-        arrays[f"{name}.robustness"] = _to_single(result.robustness[:_MAX_SAMPLES])
-        arrays[f"{name}.worst"] = np.asarray(result.worst.noise)
-        arrays[f"{name}.worst_robustness"] = np.asarray(result.worst.robustness)
-    write_arrays(folder / ROLLOUTS_FILE, arrays)
-
-
-def _to_single(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    with np.errstate(over="ignore", under="ignore"):
-        single = np.asarray(values).astype(np.float32)
-    # a value that underflows keeps its sign, which tells failures apart
-    lost = (single == 0.0) & (values != 0.0)
-    tiny = np.copysign(np.finfo(np.float32).tiny, values)
-    return np.where(lost, tiny, single).astype(np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from avrare.base.errors import UsageError, did_you_mean
@@ -12,6 +12,7 @@ from avrare.driving import Scene
 from avrare.logic import formula as logic
 from avrare.logic.formula import FormulaMonitor
 from avrare.protocols import HasMargin, find_ability
+from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.progress_score import shape_of
 from avrare.rollout.twin import Twin
@@ -66,7 +67,7 @@ class LoadedScenario:
     def stack(self) -> Stack:
         """Built parts; the noise-free start violates no specification."""
         stack = build_stack(self.definition)
-        check_start(self.definition, stack)
+        run_guarded("its noise-free start", stack.loop, partial(check_start, self.definition, stack))
         return stack
 
     @cached_property

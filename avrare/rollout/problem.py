@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.late_import import late_import
+from avrare.driving import Scene
 from avrare.logic.formula import Formula, FormulaMonitor, find_formula
 from avrare.protocols import (
     Floats,
     HasMargin,
+    HasStepTime,
     SelectsSamples,
     Specification,
     System,
     check_steps,
     find_ability,
+    find_scene,
+    find_simulator,
 )
+from avrare.rollout.child_process import run_guarded, run_here
 from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
@@ -38,6 +43,7 @@ from avrare.rollout.scores.term_sizes import ScaledMonitor, Select, Sizes, measu
 from avrare.rollout.twin import Twin, check_twin
 from avrare.stack.noise_names import check_noise
 
+_MEASURING = "the rollouts that measure the terms of its score"
 SCORES = ("robustness", "margin", "progress")
 
 
@@ -55,8 +61,8 @@ class Problem:
             for formulas that may still become true, such as ``eventually``, else "robustness". All but a
             function and "robustness" by name measure each term of the formula that orders the particles in
             its own size (see ``measure_terms``). The rollouts that this and "margin" and "progress" need,
-            one or two without noise and at most 64 others, run once, before the first that is scored; no
-            cost counts them.
+            one or two without noise and at most 64 others, run once in each process, before the first that
+            is scored; no cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
             default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
 
@@ -106,12 +112,29 @@ class Problem:
     @cached_property
     def chunk(self) -> int:
         """Largest number of rollouts per unit of work."""
-        return self.named_chunk or choose_chunk(self.system, self.monitors, self.steps)
+        return self.named_chunk or run_guarded(
+            "its noise-free start", self.system, partial(choose_chunk, self.system, self.monitors, self.steps)
+        )
 
     @property
     def noise_size(self) -> int:
         """Number of standard normal numbers per step and particle."""
         return int(self.system.noise_size)
+
+    @property
+    def dt(self) -> float | None:
+        """Time of a step [s], None where the system has none."""
+        stepped = find_ability(find_simulator(self.system), HasStepTime)
+        return float(stepped.dt) if stepped is not None else None
+
+    @property
+    def scene(self) -> Scene | None:
+        """Road, sizes and names of a driving simulator, else None."""
+        return find_scene(find_simulator(self.system))
+
+    def monitor(self, name: str) -> Specification:
+        """Return the monitor of a specification."""
+        return self.monitors[self.names.index(name)]
 
     @property
     def specifications(self) -> tuple[Specification, ...]:
@@ -127,10 +150,7 @@ class Problem:
         None where the unscaled formula orders alike.
         """
         if self._sizes is None:
-            self._sizes = tuple(
-                measure_terms(self.system, self.steps, *guide) if guide else None
-                for guide in map(self._find_guide, self.monitors)
-            )
+            self._sizes = run_guarded(_MEASURING, self.system, self._measure_sizes)
         return self._sizes
 
     @property
@@ -206,6 +226,7 @@ class Problem:
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Run a request; ``scored=False`` skips the importance score."""
+        run_here(self.system)
         specifications = self.specifications if scored else self.monitors
         if request.stop_early or request.stop_failed:
             pairs = zip(specifications, self.monitors, strict=True)
@@ -234,6 +255,12 @@ class Problem:
     def nominal(self, *, keep_carries: bool = False) -> Rollouts:
         """Run the noise-free rollout, one row."""
         return self.replay(np.zeros((1, self.steps + 1, self.noise_size)), keep_carries=keep_carries)
+
+    def _measure_sizes(self) -> tuple[Sizes | None, ...]:
+        return tuple(
+            measure_terms(self.system, self.steps, *guide) if guide else None
+            for guide in map(self._find_guide, self.monitors)
+        )
 
     def _measure(self, index: int) -> Specification:
         spec = self.specifications[index]
@@ -277,7 +304,8 @@ class Problem:
         shape = shape_of((guide or spec).formula)
         assert shape is not None  # that of the formula: only its terms differ
         tape = np.zeros((1, self.steps + 1, self.noise_size))
-        found = record(self.system, self.steps, spec.formula.signals, Request.replay(tape)) or {}
+        replay = partial(record, self.system, self.steps, spec.formula.signals, Request.replay(tape))
+        found = run_guarded(_MEASURING, self.system, replay) or {}
         nominal = (
             [{name: x[:, t] for name, x in found.items()} for t in range(self.steps + 1)] if found else None
         )
@@ -308,26 +336,31 @@ class Problem:
     def _with_margin(self) -> tuple[Specification, ...]:
         guides = [self._guide(index) for index in range(len(self.monitors))]
         judges = tuple(guide or spec for guide, spec in zip(guides, self.monitors, strict=True))
-        tape = np.zeros((1, self.steps + 1, self.noise_size))
-        request, noise = Request.replay(tape, keep_carries=True), NoiseSource(0, self.noise_size)
-        outcome = simulate(self.system, judges, self.steps, noise, request, scored=False)
+        margins = run_guarded(_MEASURING, self.system, partial(self._nominal_margins, judges))
         scored: list[Specification] = []
-        for index, (spec, guide, judge) in enumerate(zip(self.monitors, guides, judges, strict=True)):
-            stepped = find_ability(judge, HasMargin)
-            along = [
-                stepped.margin(carry.monitors[index]) if stepped else None for *_, carry in outcome.carries
-            ]
+        rows = zip(self.names, self.monitors, guides, judges, margins, strict=True)
+        for name, spec, guide, judge, along in rows:
             if any(value is None for value in along):
                 raise UsageError(
-                    f"score 'margin' does not fit {self.names[index]}",
+                    f"score 'margin' does not fit {name}",
                     "it needs a formula of the shape `always ...`; leave the score out, or give a function",
                 )
-            nominal = np.array([float(value[0]) for value in along])  # type: ignore[index]
+            nominal = np.array(along)
             # Without a positive margin along the complete noise-free rollout, robustness is the score.
             lost = len(nominal) <= self.steps or nominal.min() <= 0
             measure = judge if lost else MarginScored(judge, nominal)
             scored.append(FormulaScored(spec, measure) if guide else measure)
         return tuple(scored)
+
+    def _nominal_margins(self, judges: tuple[Specification, ...]) -> list[list[float | None]]:
+        """Return the margin of every specification along the noise-free rollout; None where it has none."""
+        tape = np.zeros((1, self.steps + 1, self.noise_size))
+        request, noise = Request.replay(tape, keep_carries=True), NoiseSource(0, self.noise_size)
+        outcome = simulate(self.system, judges, self.steps, noise, request, scored=False)
+        states = [carry.monitors for *_, carry in outcome.carries]
+        return [
+            [_margin_of(judge, monitors[index]) for monitors in states] for index, judge in enumerate(judges)
+        ]
 
 
 def read_tape(noise: Any) -> Floats:
@@ -341,6 +374,12 @@ def read_tape(noise: Any) -> Floats:
     except (TypeError, ValueError):
         text = f"the noise is no array of numbers, but {type(noise).__name__}"
         raise UsageError(text, "give tapes such as result.failures.noise") from None
+
+
+def _margin_of(judge: Specification, state: Any) -> float | None:
+    stepped = find_ability(judge, HasMargin)
+    margin = stepped.margin(state) if stepped is not None else None
+    return None if margin is None else float(margin[0])
 
 
 def _check_integer(name: str, value: object, least: int) -> None:

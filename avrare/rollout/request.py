@@ -111,6 +111,13 @@ class Request:
         """M, the number of rollouts."""
         return len(self.start)
 
+    def describe(self) -> str:
+        """Return where a worker is that runs it."""
+        return (
+            f"on the chunk of {self.rows} rollouts that begins at run {self.run[0]}, stage {self.stage[0]}, "
+            f"particle {self.particle[0]}"
+        )
+
     @staticmethod
     def from_start(run: Integers, particle: Integers, *, keep_carries: bool = False) -> Request:
         """Return a request for fresh rollouts of stage 0."""

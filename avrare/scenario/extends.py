@@ -8,7 +8,7 @@ import re
 from avrare.base.errors import ScenarioError, did_you_mean
 from avrare.base.stored_files import open_regular
 from avrare.scenario.safe_mode import TRUST, is_outside, is_safe
-from avrare.scenario.value_positions import Mark, Node, printable
+from avrare.scenario.value_positions import Mark, Node, merge, printable
 from avrare.scenario.yaml import MAX_BYTES, parse
 
 
@@ -76,33 +76,3 @@ def _similar_files(path: str, named_at: Mark | None) -> str | None:
         return f"{missing}: a copy of a scenario needs a copy of what it extends" if named_at else missing
     files = [file for file in names if file.endswith((".yaml", ".yml"))]
     return did_you_mean(path, [os.path.join(folder, file) for file in files]) if name else None
-
-
-def merge(base: Node, over: Node) -> Node:
-    """Merge ``over`` into ``base``: mappings recursively, everything else replaced.
-
-    A null in ``over`` removes the inherited key. A component block that names another plugin, or a formula
-    in place of a plugin, replaces the block: the options of one plugin mean nothing to another.
-    """
-    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
-        return over
-    ours, theirs = _component(over), _component(base)
-    if ours and theirs and ours != theirs:
-        return over
-    entries = dict(base.value)
-    for key, node in over.value.items():
-        inherited = entries.get(key)
-        if inherited is None:
-            entries[key] = node
-        elif node.value is None:
-            del entries[key]
-        else:
-            entries[key] = merge(inherited, node)
-    return Node(entries, over.mark, over.key)
-
-
-def _component(node: Node) -> tuple[str, ...]:
-    if "stl" in node.entries:
-        return ("stl",)
-    plugin = node.entries.get("plugin")
-    return ("plugin", str(plugin.value)) if plugin else ()

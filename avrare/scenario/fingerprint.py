@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
+from avrare.plugin.option_marks import FILE, find_used_files, is_marked
 from avrare.scenario.schema import Scenario
-
-FILE_OPTION = "file"
-"""Key in ``Field(..., json_schema_extra={"file": True})`` of an option whose value may be a file's path."""
 
 
 def fingerprint(scenario: Scenario) -> str:
@@ -51,7 +48,7 @@ def comparable(scenario: Scenario) -> dict[str, Any]:
 def _leave_folders_out(config: BaseModel, options: dict[str, Any]) -> None:
     for name, field in type(config).model_fields.items():
         value, key = getattr(config, name), field.alias or name
-        if is_marked(field, FILE_OPTION) and is_file(value):
+        if is_marked(field, FILE) and is_file(value):
             options[key] = Path(value).name
         elif isinstance(value, BaseModel) and isinstance(options.get(key), dict):
             _leave_folders_out(value, options[key])
@@ -75,22 +72,22 @@ def digests(scenario: Scenario) -> dict[str, str]:
     return found
 
 
-def named_files(config: Any) -> Iterator[tuple[str, Path]]:
+def named_files(config: BaseModel) -> Iterator[tuple[str, Path]]:
     """Yield (dotted path, file) of the options that name an existing file.
 
-    ``config.used_files``, if there is one, gives those that no mark can tell: of a block within the options,
-    or of what is handed to another program.
+    Its property ``used_files`` gives those that no mark can tell: of a block within the options, or of
+    arguments that are handed to another program.
     """
     for name, field in type(config).model_fields.items():
         value = getattr(config, name)
-        if is_marked(field, FILE_OPTION) and is_file(value):
+        if is_marked(field, FILE) and is_file(value):
             yield name, Path(value)
         elif isinstance(value, BaseModel):
             yield from ((f"{name}.{inner}", path) for inner, path in named_files(value))
-    yield from getattr(config, "used_files", {}).items()
+    yield from find_used_files(config).items()
 
 
-def is_file(value: Any) -> bool:
+def is_file(value: object) -> bool:
     """Return whether a value is the path of a file."""
     try:
         return isinstance(value, str | Path) and Path(value).is_file()
@@ -102,15 +99,3 @@ def changed_files(before: Mapping[str, str], after: Mapping[str, str], keys: tup
     """Return a line for each option below one of ``keys`` whose file has changed between two digests."""
     both = [path for path in before if path in after and path.startswith(tuple(f"{key}." for key in keys))]
     return [f"{path}: its file has changed" for path in both if before[path] != after[path]]
-
-
-def is_marked(field: FieldInfo, kind: str) -> bool:
-    """Return whether an option is marked with ``json_schema_extra={kind: True}``."""
-    extra = field.json_schema_extra
-    return isinstance(extra, dict) and bool(extra.get(kind))
-
-
-def marked_options(model: type[BaseModel], kind: str) -> set[str]:
-    """Return the names, in a file, of the options that are marked so."""
-    fields = model.model_fields.items()
-    return {info.alias or name for name, info in fields if is_marked(info, kind)}

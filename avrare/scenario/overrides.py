@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from avrare.base.errors import ScenarioError, did_you_mean
-from avrare.scenario.value_positions import Mark, Node, Path
+from avrare.base.errors import ScenarioError
+from avrare.scenario.value_positions import Mark, Node, put
 from avrare.scenario.yaml import parse_value
 
 
@@ -43,29 +43,3 @@ def _apply(tree: Node, setting: str) -> Node:
     if key == "cross_check" and value.value is True and tree.entries_at(key):
         return tree  # the options of the file ask for the check already
     return put(tree, tuple(key.split(".")), value, mark)
-
-
-def put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
-    """Return the tree with another value at a path; ``mark`` is the place of what asks for it."""
-    if not path:
-        return value
-    step, rest = str(path[0]), path[1:]
-    if isinstance(node.value, list):
-        index = _index(node.value, step, mark)
-        items = list(node.value)
-        items[index] = put(items[index], rest, value, mark)
-        return Node(items, node.mark, node.key)
-    if node.value is not None and not isinstance(node.value, dict):
-        raise mark.error(f"there is no {step!r} inside {node.value!r}", "shorten the path")
-    entries = node.entries
-    if step == "plugin" and not rest and step in entries and entries[step].value != value.value:
-        entries = {}  # the options of one plugin mean nothing to another
-    changed = put(entries.get(step, Node({}, mark, mark)), rest, value, mark)
-    return Node({**entries, step: changed}, node.mark, node.key)
-
-
-def _index(items: list[Node], step: str, mark: Mark) -> int:
-    if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < len(items):
-        return int(step)
-    known = [str(i) for i in range(len(items))]
-    raise mark.error(f"the list has no item {step!r}", did_you_mean(step, known) or "it is empty")

@@ -11,19 +11,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from importlib.metadata import entry_points
-from typing import Any
+
+from pydantic import BaseModel
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.plugin.component import GROUP
+from avrare.plugin.option_marks import CODE, FILE, find_used_files
 from avrare.plugin.registry import Row
-from avrare.scenario.fingerprint import FILE_OPTION, marked_options
-from avrare.scenario.validation import Mistake
+from avrare.scenario.validation import Mistake, find_places
 from avrare.scenario.value_positions import Node, Path, printable
 
 VARIABLE = "AVRARE_SAFE"
 """Environment variable that switches safe mode on for all commands; empty or 0 means off."""
-CODE_OPTION = "code"
-"""Key in ``Field(..., json_schema_extra={"code": True})`` of an option that names a module or its object."""
 
 _active: ContextVar[bool] = ContextVar("safe", default=False)
 _REFERENCE = re.compile(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)*(:[A-Za-z_][\w.-]*)?")
@@ -79,7 +78,7 @@ def check_import_path(folder: str) -> None:
             )
 
 
-def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: str) -> list[Mistake]:
+def find_refusals(row: Row, model: type[BaseModel], node: Node, path: Path, folder: str) -> list[Mistake]:
     """List what safe mode refuses in the block of a component; the model has not seen the options yet.
 
     What is written on the command line is the user's own and is not refused.
@@ -89,40 +88,31 @@ def find_refusals(row: Row, model: type[Any], node: Node, path: Path, folder: st
     if not row.distribution:
         text = f"safe mode: {row.kind} {row.name!r} is of no installed plugin"
         return [Mistake(node.name_mark, path, text, TRUST, ExitCode.PLUGIN)]
-    marked = {kind: marked_options(model, kind) for kind in (FILE_OPTION, CODE_OPTION)}
-    found = []
-    for at, leaf in _strings(node, ()):
-        if not leaf.mark.line or at == ("plugin",):
+    mistakes = []
+    places = find_places(model, node)
+    for at, place in places.items():
+        word, mark = place.node.value, place.node.mark
+        if not isinstance(word, str) or not mark.line or at == ("plugin",):
             continue
-        text = str(leaf.value)
+        above = [places[at[:depth]] for depth in range(1, len(at) + 1)]
         reason = None
-        if at[0] not in marked[FILE_OPTION]:
-            reason = _code_refusal(text, row, at[0] in marked[CODE_OPTION])
-        reason = reason or _file_refusal(text, folder)
+        if not any(option.is_marked(FILE) for option in above):
+            reason = _code_refusal(word, row, any(option.is_marked(CODE) for option in above))
+        reason = reason or _file_refusal(word, folder)
         if reason is not None:
-            found.append(Mistake(leaf.mark, (*path, *at), f"safe mode: {reason}", TRUST))
-    return found
+            mistakes.append(Mistake(mark, (*path, *at), f"safe mode: {reason}", TRUST))
+    return mistakes
 
 
-def find_linked_files(node: Node, path: Path, config: Any, folder: str) -> list[Mistake]:
+def find_linked_files(node: Node, path: Path, config: BaseModel | None, folder: str) -> list[Mistake]:
     """List what safe mode refuses of files that complete a named one: links to others outside."""
-    if not is_safe():
-        return []
-    used: dict[str, os.PathLike[str]] = getattr(config, "used_files", {})
+    files = find_used_files(config).values() if config is not None and is_safe() else ()
     text = "safe mode: {} is a link to a file outside the scenario's folder"
     return [
         Mistake(node.name_mark, path, text.format(printable(os.fspath(file))), TRUST)
-        for file in used.values()
+        for file in files
         if is_outside(file, folder) and not is_outside(os.path.dirname(file), folder)
     ]
-
-
-def _strings(node: Node, path: Path) -> Iterator[tuple[Path, Node]]:
-    children: list[tuple[str | int, Node]] = [*node.entries.items(), *enumerate(node.items)]
-    for step, child in children:
-        yield from _strings(child, (*path, step))
-    if isinstance(node.value, str):
-        yield path, node
 
 
 def _file_refusal(text: str, folder: str) -> str | None:

@@ -16,14 +16,14 @@ from pydantic import (
     WithJsonSchema,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from avrare.base import version
-from avrare.base.errors import AvrareError, PluginError, UsageError
+from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
 from avrare.scenario.draws import Draws
 from avrare.scenario.exposure import Exposure
+from avrare.scenario.validation import error_with_hint
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
 """Keys of a scenario that hold one component block each; the key is the component's kind."""
@@ -41,10 +41,10 @@ def _slug(text: str) -> str:
 
 
 def _bound(value: str | float) -> str:
-    found = _BOUND.fullmatch(value if isinstance(value, str) else f"< {value!r}")
-    if not found or not 0.0 <= float(found[2]) <= 1.0:
+    bound = _BOUND.fullmatch(value if isinstance(value, str) else f"< {value!r}")
+    if not bound or not 0.0 <= float(bound[2]) <= 1.0:
         raise ValueError("should be an upper bound between 0 and 1 such as '< 2e-2' or '<= 0.1'")
-    return f"{found[1] or '<'} {found[2]}"
+    return f"{bound[1] or '<'} {bound[2]}"
 
 
 Slug = Annotated[
@@ -129,19 +129,14 @@ class Regression(_Model):
         return 2.0 * self.ratio if self.exclude is None else self.exclude
 
 
-def _error(error: AvrareError) -> PydanticCustomError:
-    details = {"message": error.message, "hint": error.hint}
-    return PydanticCustomError("with_hint", "{message}", details)
-
-
 def _checker(name: str) -> str:
     try:
         component = default_registry().get("estimator", name)
     except PluginError as error:
-        raise _error(error) from None
+        raise error_with_hint(error.message, error.hint) from None
     if component.cross_check is None:
         names = ", ".join(checker.name for checker in default_registry().checkers())
-        raise _error(UsageError(f"estimator {name!r} checks no others", f"estimators that do: {names}"))
+        raise error_with_hint(f"estimator {name!r} checks no others", f"estimators that do: {names}")
     return name
 
 
@@ -182,7 +177,7 @@ def _suppressible(name: str) -> str:
     try:
         default_registry().check_suppressed((name,))
     except UsageError as error:
-        raise _error(error) from None
+        raise error_with_hint(error.message, error.hint) from None
     return name
 
 
@@ -193,9 +188,11 @@ class Cheap(_Model):
     """Cheap twin of the stack: parts, or options of parts, that differ from the scenario's own."""
 
     cost: float | None = Field(
-        None, gt=0.0, lt=1.0,
+        None,
+        gt=0.0,
+        lt=1.0,
         description="time of the twin's rollout over that of the stack's; mfmc needs it",
-    )  # fmt: skip
+    )
     simulator: dict[str, Any] | None = Field(None, description="what differs in the simulator")
     perception: dict[str, Any] | None = Field(None, description="what differs in perception")
     tracker: dict[str, Any] | None = Field(None, description="what differs in the tracker")

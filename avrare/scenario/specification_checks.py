@@ -18,21 +18,25 @@ _ANY_STEP = Fraction(1, 10**9)
 
 def step_of(simulator: Block | None) -> float | None:
     """Return the simulator's option ``dt`` [s], or None if it has none."""
-    dt = getattr(simulator.config, "dt", None) if simulator else None
+    if simulator is None or "dt" not in type(simulator.config).model_fields:
+        return None
+    dt = simulator.config.dt
     return float(dt) if isinstance(dt, (int, float)) and not isinstance(dt, bool) else None
 
 
-def check_formula(
-    part: Formula, node: Node, path: Path, dt: float | None, steps: int | None
+def check_specification(
+    part: Block | Formula, node: Node, path: Path, dt: float | None, steps: int | None
 ) -> tuple[list[Mistake], list[Mistake]]:
-    """Return errors and warnings of a formula at ``path``; ``dt`` [s] or ``steps`` is None if not known.
+    """Return errors and warnings of a specification at ``path``; ``dt`` [s] and ``steps`` may be unknown.
 
     The signals are known only once the simulator is built.
     """
+    if isinstance(part, Block):
+        return _check_block(part, node, path, dt)
     errors, warnings = _check_text(part.stl, node, path, dt, steps)
     if isinstance(part.score, ScoreFormula):
-        found = _check_text(part.score.stl, node.entries["score"], (*path, "score"), dt, steps)
-        errors, warnings = errors + found[0], warnings + found[1]
+        score = _check_text(part.score.stl, node.entries["score"], (*path, "score"), dt, steps)
+        errors, warnings = errors + score[0], warnings + score[1]
     return errors, warnings
 
 
@@ -58,7 +62,7 @@ def reach_warnings(formula: nodes.Node, steps: int) -> list[str]:
     return [MESSAGES["horizon_short"].format(horizon=span, steps=steps)]
 
 
-def check_block(
+def _check_block(
     block: Block, node: Node, path: Path, dt: float | None
 ) -> tuple[list[Mistake], list[Mistake]]:
     """Return errors and warnings of a component's own check, if it has one."""

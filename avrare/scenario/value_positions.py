@@ -1,12 +1,12 @@
-"""Plain data with the place where each value was written, for messages."""
+"""Tree of plain data that knows where each value was written; trees are merged, and values put into them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from avrare.base.errors import ScenarioError
+from avrare.base.errors import ScenarioError, did_you_mean
 
 Path: TypeAlias = tuple[str | int, ...]
 Scalar: TypeAlias = bool | int | float | str | None
@@ -64,6 +64,11 @@ class Node:
         """Items of a list; empty for any other value."""
         return self.value if isinstance(self.value, list) else []
 
+    @property
+    def children(self) -> list[tuple[str | int, Node]]:
+        """Keys and entries of a mapping, or places and items of a list."""
+        return [*self.entries.items(), *enumerate(self.items)]
+
     def entries_at(self, key: str) -> dict[str, Node]:
         """Return the entries of the mapping ``key``; empty if there is none."""
         node = self.entries.get(key)
@@ -82,6 +87,80 @@ class Node:
         if isinstance(step, str):
             return self.entries.get(step)
         return self.items[step] if 0 <= step < len(self.items) else None
+
+    def without(self, keys: Collection[str]) -> Node:
+        """Return a mapping without some of its keys; any other value as it is."""
+        if not isinstance(self.value, dict):
+            return self
+        return Node({key: node for key, node in self.value.items() if key not in keys}, self.mark, self.key)
+
+    def replace(self, path: Path, value: Scalar) -> Node:
+        """Return the same tree with another value at an existing place."""
+        if not path:
+            return Node(value, self.mark, self.key)
+        step, rest = path[0], path[1:]
+        if isinstance(self.value, list):
+            items = [node.replace(rest, value) if k == step else node for k, node in enumerate(self.value)]
+            return Node(items, self.mark, self.key)
+        entries = {
+            key: node.replace(rest, value) if key == step else node for key, node in self.entries.items()
+        }
+        return Node(entries, self.mark, self.key)
+
+
+def merge(base: Node, over: Node) -> Node:
+    """Merge ``over`` into ``base``: mappings recursively, everything else replaced.
+
+    A null in ``over`` removes the inherited key. A component block that names another plugin, or a formula
+    in place of a plugin, replaces the block: the options of one plugin mean nothing to another.
+    """
+    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
+        return over
+    chosen, inherited = _component(over), _component(base)
+    if chosen and inherited and chosen != inherited:
+        return over
+    entries = dict(base.value)
+    for key, node in over.value.items():
+        if key not in entries:
+            entries[key] = node
+        elif node.value is None:
+            del entries[key]
+        else:
+            entries[key] = merge(entries[key], node)
+    return Node(entries, over.mark, over.key)
+
+
+def _component(node: Node) -> tuple[str, ...]:
+    if "stl" in node.entries:
+        return ("stl",)
+    plugin = node.entries.get("plugin")
+    return ("plugin", str(plugin.value)) if plugin else ()
+
+
+def put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
+    """Return the tree with another value at a path; ``mark`` is the place of what asks for it."""
+    if not path:
+        return value
+    step, rest = str(path[0]), path[1:]
+    if isinstance(node.value, list):
+        index = _index(node.value, step, mark)
+        items = list(node.value)
+        items[index] = put(items[index], rest, value, mark)
+        return Node(items, node.mark, node.key)
+    if node.value is not None and not isinstance(node.value, dict):
+        raise mark.error(f"there is no {step!r} inside {node.value!r}", "shorten the path")
+    entries = node.entries
+    if step == "plugin" and not rest and step in entries and entries[step].value != value.value:
+        entries = {}  # the options of one plugin mean nothing to another
+    changed = put(entries.get(step, Node({}, mark, mark)), rest, value, mark)
+    return Node({**entries, step: changed}, node.mark, node.key)
+
+
+def _index(items: list[Node], step: str, mark: Mark) -> int:
+    if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < len(items):
+        return int(step)
+    known = [str(i) for i in range(len(items))]
+    raise mark.error(f"the list has no item {step!r}", did_you_mean(step, known) or "it is empty")
 
 
 def dotted(path: Sequence[str | int]) -> str:

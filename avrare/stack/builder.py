@@ -266,14 +266,14 @@ def build_block(block: Block, scene: Scene | None) -> Any:
         part = factory(block.config, scene)
     kind = block.component.kind
     if missing := missing_members(kind, part):
-        what = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
-        raise PluginError(what, f"see what a {kind} needs: avrare check-plugin {block.plugin}")
+        text = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
+        raise PluginError(text, f"see what a {kind} needs: avrare check-plugin {block.plugin}")
     return part
 
 
 @contextmanager
 def _plugin_errors(block: Block, done: str) -> Iterator[None]:
-    """Turn what a plugin raises while it is loaded or built into a ``PluginError`` that names the place."""
+    """Turn an exception of a plugin that is loaded or built into a ``PluginError`` that names the place."""
     try:
         yield
     except (AvrareError, MemoryError):
@@ -286,8 +286,8 @@ def _plugin_errors(block: Block, done: str) -> Iterator[None]:
             reason, hint = str(error), f"pip install --upgrade {package}"
             if isinstance(error, ModuleNotFoundError) and error.name and "." not in error.name:
                 hint = f"pip install the package of the module {error.name!r}, or --upgrade {package}"
-        what = f"{block.component.kind} {block.plugin!r} of {package} cannot be {done}: {reason}"
-        raise PluginError(what, hint) from error
+        text = f"{block.component.kind} {block.plugin!r} of {package} cannot be {done}: {reason}"
+        raise PluginError(text, hint) from error
 
 
 def build_specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
+from avrare.base.laws import Law
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.driving.values import Scene
 from avrare.protocols import Bools, Floats, HasMargin, Signals, Specification, find_ability, find_scene
@@ -28,7 +29,7 @@ SIGNAL = "drawn_"
 class TakesDraws(Protocol):
     """Simulator whose options of type ``avrare.plugin.Drawable`` may be drawn at random."""
 
-    def drawing(self, laws: Mapping[str, Any], /) -> Any:
+    def drawing(self, laws: Mapping[str, Law], /) -> Any:
         """Return the same simulator, ready for draws of options by these laws (``avrare.base.laws``).
 
         Options are named by their place, such as ``vehicles.0.speed``.
@@ -77,8 +78,8 @@ class DrawnStart:
 
     def reset(self, noise: Floats) -> tuple[Any, DrawnValues]:
         """Return the worlds at t = 0 and what was drawn, from noise (N, K + the simulator's)."""
-        scores, own = noise[:, : self.size], noise[:, self.size :]
-        values, world = self._place(scores, own)
+        scores, rest = noise[:, : self.size], noise[:, self.size :]
+        values, world = self._place(scores, rest)
         again, refused = self._judge(world, values)
         redraws = np.zeros(len(noise), dtype=np.int64)
         generators = {row: _generator(scores[row]) for row in np.flatnonzero(again).tolist()}
@@ -88,7 +89,7 @@ class DrawnStart:
                 break
             fresh = np.stack([generators[row].standard_normal(self.size) for row in rows.tolist()])
             redraws[rows] += 1
-            values[rows], placed = self._place(fresh, own[rows])
+            values[rows], placed = self._place(fresh, rest[rows])
             world = batch.map_leaves(lambda old, new, at=rows: _put(old, at, new), world, placed)
             again[rows], refused[rows] = self._judge(placed, values[rows])
         return world, DrawnValues(values, redraws, refused | again)
@@ -97,7 +98,7 @@ class DrawnStart:
         """Return the drawn values as signals (N,)."""
         return {name: drawn.values[:, k] for k, name in enumerate(self.signal_names)}
 
-    def _place(self, scores: Floats, own: Floats) -> tuple[Floats, Any]:
+    def _place(self, scores: Floats, rest: Floats) -> tuple[Floats, Any]:
         # Sums of products in one order: the bits of a row may not depend on the size of the batch.
         correlated = [
             sum((self._factor[k, j] * scores[:, j] for j in range(k)), self._factor[k, k] * scores[:, k])
@@ -105,21 +106,20 @@ class DrawnStart:
         ]
         values = np.stack([law.at(z) for law, z in zip(self.draws.laws, correlated, strict=True)], axis=1)
         named = {path: values[:, k] for k, path in enumerate(self.draws.paths)}
-        return values, self._simulator.reset_drawn(own, named)
+        return values, self._simulator.reset_drawn(rest, named)
 
     def _judge(self, world: Any, values: Floats) -> tuple[Bools, Bools]:
         # Rows to draw again, and rows that are errors.
-        settings, nobody = self.draws.settings, np.zeros(len(values), dtype=bool)
-        found = {"overlap": nobody, "broken_rule": nobody}
-        if self._scene is not None:
-            found["overlap"] = _overlaps(world, self._scene)
+        settings, none = self.draws.settings, np.zeros(len(values), dtype=bool)
+        overlapping = none if self._scene is None else _overlaps(world, self._scene)
+        broken = none
         if settings.broken_rule != "keep":
-            drawn = DrawnValues(values, np.zeros(len(values), dtype=np.int64), nobody)
-            found["broken_rule"] = self._broken({**self._simulator.signals(world), **self.signals(drawn)})
-        again, refused = nobody.copy(), nobody.copy()
-        for name, rows in found.items():
-            again |= rows & (getattr(settings, name) == "resample")
-            refused |= rows & (getattr(settings, name) == "error")
+            drawn = DrawnValues(values, np.zeros(len(values), dtype=np.int64), none)
+            broken = self._broken({**self._simulator.signals(world), **self.signals(drawn)})
+        again, refused = none.copy(), none.copy()
+        for rows, rule in ((overlapping, settings.overlap), (broken, settings.broken_rule)):
+            again |= rows & (rule == "resample")
+            refused |= rows & (rule == "error")
         return again, refused
 
     def _broken(self, signals: Signals) -> Bools:
@@ -136,14 +136,14 @@ class DrawnStart:
 def _overlaps(world: Any, scene: Scene) -> Bools:
     others = other_rectangles(world.others, scene)
     distance = signed_distance(ego_rectangle(world.ego, scene), others)
-    found = np.asarray((distance <= 0.0).any(axis=1))
+    overlapping = np.asarray((distance <= 0.0).any(axis=1))
     for k in range(1, others.x.shape[1]):
-        one, rest = (
+        vehicle, earlier = (
             type(others)(*(np.broadcast_to(part, others.x.shape)[:, rows] for part in vars(others).values()))
             for rows in (slice(k, k + 1), slice(0, k))
         )
-        found |= (signed_distance(one, rest) <= 0.0).any(axis=1)
-    return found
+        overlapping |= (signed_distance(vehicle, earlier) <= 0.0).any(axis=1)
+    return overlapping
 
 
 def _put(old: NDArray[Any], rows: NDArray[np.int64], new: NDArray[Any]) -> NDArray[Any]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Bools, Floats, System
+from avrare.rollout.child_process import run_here
 
 
 class Walk:
@@ -47,9 +48,13 @@ class _Wrapper:
 
 
 class Counting(_Wrapper):
-    """Wrapper that counts the ``rows`` passed to ``step`` in this process."""
+    """Wrapper that counts the ``rows`` passed to ``step`` in this process, in which all of it runs."""
 
     rows = 0
+
+    def __init__(self, system: System) -> None:
+        super().__init__(system)
+        run_here(self)
 
     def step(self, state: Any, noise: Floats) -> Any:
         """Step the system; rows count even where it raises."""

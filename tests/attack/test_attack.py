@@ -42,8 +42,6 @@ def test_no_input_ends_in_a_traceback_a_hang_or_a_wrong_exit_code(name, home):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MANY)
 def test_no_input_does_and_there_are_many(name, home):
-    if "to fit" in name:
-        pytest.importorskip("torch")
     strike(name, range(QUICK.get(name, 0), MANY[name]), home)
 
 

@@ -10,9 +10,6 @@ import pytest
 
 from avrare_gp_pem.runtime.store import load
 
-pytest.importorskip("pyro")
-pytest.importorskip("scipy")
-
 _SOURCE = Path(__file__).parents[2] / "benchmarks" / "train_pointpillars.py"
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from avrare.cli.main import main
 from avrare.report.html.causes import render_causes
-from avrare.results.reader import read_run_folder
+from avrare.results.run import Run
 from pushed_point import pushed_point
 
 PLANE = pushed_point(0.5, steps=10, variance=0.04)
@@ -60,8 +60,8 @@ def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
     assert main(["attribution", str(run), "--out", str(run), "--fresh", "0"]) == 0
     written = json.loads((run / "attribution.json").read_text())["attribution"]["left"]["perfect"]
     assert all(row["low"] is None for row in written)
-    folder = read_run_folder(run)
-    page = str(render_causes(folder, folder.result.estimates[0]))
+    stored = Run.read(run)
+    page = str(render_causes(stored, stored["left"]))
     assert "up to" not in page
     assert 'data-label="Saves"' not in page  # what vanishes is known, and shown with its interval
     assert page.count('data-label="Failures that vanish"') == len(written)

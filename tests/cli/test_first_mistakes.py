@@ -122,7 +122,6 @@ def test_a_mistake_in_the_only_scene_does_not_make_the_scenes_too_few(said, tmp_
 
 
 def test_what_python_hands_over_by_mistake_is_refused(tmp_path):
-    pytest.importorskip("matplotlib")
     problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
     with pytest.raises(UsageError, match="estimator must be a name, not 5"):
         avrare.estimate(problem, 5)

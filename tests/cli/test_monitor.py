@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from avrare.cli.main import main
-from avrare.results.reader import read_failures
+from avrare.results.stored_results import read_failures
 
 ROOT = Path(__file__).parents[2]
 LANE_CHANGE = str(ROOT / "scenarios" / "lane_change_published.yaml")
@@ -268,7 +268,7 @@ def test_files_of_the_result(gaps, monitor, tmp_path):
         (["none.csv", "--stl", "a > 0"], 4, "none.csv: no such file"),
         (["none.xml", "--rule", "R_G1", "--ego", "1"], 4, "none.xml"),
         ([".", "--ego", "a"], 4, "--ego cannot be used with a run folder"),
-        (["."], 4, "no scenario.yaml in it"),
+        (["."], 4, "no result.json in it"),
     ],
 )
 def test_wrong_arguments_are_a_clear_error(gaps, monitor, words, code, message):
@@ -285,7 +285,6 @@ def test_a_formula_without_a_value_gives_no_verdict(monitor, tmp_path):
 
 
 def test_a_commonroad_file(monitor):
-    pytest.importorskip("commonroad.common.file_reader")
     if not COMMONROAD.exists():
         pytest.skip("the sample scenario is not here")
     code, out, err = monitor(COMMONROAD, "--rule", "no_collision", "--ego", "13")
@@ -330,7 +329,8 @@ def test_a_failure_of_a_run_is_replayed(folder, monitor):
 
 
 def test_a_failure_that_replays_differently_is_a_warning(folder, monitor, tmp_path):
-    (tmp_path / "scenario.yaml").write_bytes((folder / "scenario.yaml").read_bytes())
+    for name in ("scenario.yaml", "result.json"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
     with np.load(folder / "failures.npz") as stored:
         arrays = dict(stored)
     arrays["near.robustness"][0] -= 5.0

@@ -14,11 +14,7 @@ from avrare.plugin.component import KINDS
 ROOT = Path(__file__).parents[2]
 
 
-def tool(name):
-    found = Path(sys.executable).parent / name
-    if not found.exists():
-        pytest.skip(f"{name} is not installed")
-    return found
+TOOLS = Path(sys.executable).parent
 
 
 def run(words, **environment):
@@ -71,7 +67,7 @@ def test_their_own_tests_pass(packages, path):
 def test_strict_mypy_passes(packages, path):
     modules = [source / f"avrare_q{kind}" for kind, source in packages.items()]
     cache = ["--cache-dir", ROOT / ".mypy_cache"]
-    done = run([tool("mypy"), "--strict", *cache, *modules], MYPYPATH=path)
+    done = run([TOOLS / "mypy", "--strict", *cache, *modules], MYPYPATH=path)
     assert "Success: no issues found in 24 source files" in done.stdout, done.stdout
 
 
@@ -80,7 +76,7 @@ def test_ruff_passes(name, tmp_path):
     for kind in [*KINDS, "controller --no-driving"]:
         make(kind, tmp_path / kind, name.format(kind[:4]))
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
-        done = run([tool("ruff"), *command, tmp_path])
+        done = run([TOOLS / "ruff", *command, tmp_path])
         assert done.returncode == 0, done.stdout
 
 

@@ -138,7 +138,7 @@ def test_a_mistake_in_a_later_scenario_is_reported_before_the_first_runs(
     tmp_path, monkeypatch, capsys, second, words, code, message
 ):
     ran, files = [], {"first": "{plugin: mc, rollouts: 5}", "second": second}
-    monkeypatch.setattr("avrare.results.run_folder.write", lambda folder, *rest: ran.append(folder.name))
+    monkeypatch.setattr("avrare.results.run.Run.write", lambda run, folder: ran.append(folder.name) or run)
     for name, estimator in files.items():
         (tmp_path / f"{name}.yaml").write_text(TANK.format(name=name, estimator=estimator))
     paths = [str(tmp_path / f"{name}.yaml") for name in files]

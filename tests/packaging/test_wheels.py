@@ -27,7 +27,6 @@ def run(*words, cwd):
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
-    pytest.importorskip("hatchling")
     out = tmp_path_factory.mktemp("dist")
     options = [
         "--quiet",

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from matplotlib import figure as figures
 
 from avrare.driving import Prediction, Road, Scene, Vehicles, World
 from avrare.report.html.rollout_player import _encode_prediction
 from avrare.report.plots.rollout_plot import Frame, draw_drive
-
-figures = pytest.importorskip("matplotlib.figure")
 
 
 def vehicles(x, y):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrare.report.html import charts
-from avrare.results.reader import StoredEstimate
+from plain_results import plain_result
 
 
 def test_the_surviving_share_is_that_of_the_particles():
@@ -32,24 +32,22 @@ def test_zero_is_an_edge_of_the_histogram():
 
 
 def test_convergence_is_left_out_where_failures_are_unknown():
-    entry = StoredEstimate.model_construct(estimator="mc", failures=5, rollouts=4, confidence=0.95)
+    entry = plain_result(failures=5)
     assert charts.draw_convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     for told in ({"used_rollouts": 4}, {"choice": {"counting_rollouts": 4}}, {"twin": {"counted": 4}}):
-        more = entry.model_copy(update={"rollouts": 9, "diagnostics": told})
+        more = plain_result(failures=5, rollouts=9, diagnostics=told)
         assert charts.draw_convergence(more, np.array([-1.0, 1.0, 1.0, 1.0])) is None
-    found = charts.draw_convergence(entry.model_copy(update={"failures": 1}), np.array([-1.0, 1.0, 1.0, 1.0]))
+    found = charts.draw_convergence(plain_result(failures=1), np.array([-1.0, 1.0, 1.0, 1.0]))
     assert "ending at 0.25" in found
 
 
 def test_convergence_over_an_ensemble_is_that_of_the_scenarios_own_model():
     several, found = {"diagnostics": {"model": {"members": [0.1, 0.2]}}}, np.array([-1.0, 1.0, 1.0, 1.0])
-    entry = StoredEstimate.model_construct(estimator="mc", failures=1, rollouts=4, confidence=0.95)
+    entry = plain_result(failures=1)
     assert "own model" not in charts.draw_convergence(entry, found)
-    drawn = charts.draw_convergence(entry.model_copy(update=several), found)
+    drawn = charts.draw_convergence(plain_result(failures=1, **several), found)
     assert "Convergence under the scenario&#x27;s own model" in drawn
     assert "interval of that many, of sampling alone" in drawn
-    runs = StoredEstimate.model_construct(
-        estimator="ams", run_probabilities=[0.1, 0.2], confidence=0.95, interval=(0.05, 0.3), probability=0.15
-    )
-    assert charts.draw_convergence(runs, found) is not None
-    assert charts.draw_convergence(runs.model_copy(update=several), found) is None  # these are no runs
+    runs = {"estimator": "ams", "run_probabilities": np.array([0.1, 0.2]), "interval": (0.05, 0.3)}
+    assert charts.draw_convergence(plain_result(**runs), found) is not None
+    assert charts.draw_convergence(plain_result(**runs, **several), found) is None  # these are no runs

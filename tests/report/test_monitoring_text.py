@@ -135,7 +135,6 @@ def test_the_series_as_a_file(tmp_path):
 
 @pytest.mark.parametrize("road", [None, Road((0.0,), 3.5)])
 def test_a_picture_with_and_without_a_road(tmp_path, road):
-    pytest.importorskip("matplotlib")
     from avrare.report.plots.monitoring_plot import draw
 
     there = np.ones(61, dtype=bool)

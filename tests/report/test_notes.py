@@ -1,8 +1,10 @@
 """Notes and warnings of an estimate: the same words in terminal, report and notebook."""
 
 import json
+import re
 from functools import cache
 from html import unescape
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -14,10 +16,11 @@ from avrare.estimation.ensemble import combine
 from avrare.estimation.note import NoteKind
 from avrare.report.terminal.console import make_console, print_lines
 from avrare.report.terminal.result_table import note_lines, warning_lines
-from avrare.results.reader import StoredEstimate
+from avrare.results.stored_results import StoredEstimate
 from avrare.testing.faulty_systems import Scrambled, Walk
 from pushed_point import pushed_point
 
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
 STEPS = 20
 
@@ -114,8 +117,11 @@ def show_in_notebook(result, tmp_path, capsys):
 RENDERERS = [show_in_terminal, show_in_report, show_in_notebook]
 
 
-def test_every_kind_is_shown():
-    assert {case.split()[0] for case in MAKERS} == set(get_args(NoteKind))
+def test_every_kind_is_shown_and_documented():
+    kinds = set(get_args(NoteKind))
+    assert {case.split()[0] for case in MAKERS} == kinds
+    table = PAGE.read_text(encoding="utf-8").partition("| kind | the note says |")[2]
+    assert set(re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| ([^|]*) \|", table, re.MULTILINE)))) == kinds
 
 
 @pytest.mark.parametrize("case", MAKERS)

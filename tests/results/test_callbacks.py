@@ -24,7 +24,7 @@ estimator: {plugin: mc, rollouts: 200}
 """
 CALLBACKS = """
 def said(run):
-    return f"{run.result.scenario} {run.result.estimates[0].probability:.2f}"
+    return f"{run.name} {next(iter(run.values())).probability:.2f}"
 
 
 def quiet(run):
@@ -62,7 +62,7 @@ def test_each_written_folder_is_given_to_them(scenario, capsys):
     assert "callback broken failed: ValueError: no connection" in printed
     assert main(["check", scenario, "--out", "b"]) == 0
     assert f"drive {probability:.2f}" in capsys.readouterr().out
-    assert f"drive {probability:.2f}" in avrare.run(scenario, out="c").notes
+    assert f"drive {probability:.2f}" in avrare.run(scenario, out="c").replies
 
 
 def test_json_stays_json(scenario, capsys):

@@ -11,7 +11,7 @@ from avrare.base.errors import UsageError
 from avrare.base.stored_files import CHECKSUM
 from avrare.cli.main import main
 from avrare.estimation.checkpoint import Checkpoint, read_index
-from avrare.results.reader import read_run_folder
+from avrare.results.run import Run
 from avrare.scenario.load import load
 
 WALK = """\
@@ -85,7 +85,7 @@ def nudged(content, path):
 @pytest.mark.parametrize("kind", ["result", "baseline"])
 def test_every_change_of_a_value_is_noticed(kind, request):
     path = request.getfixturevalue(kind)
-    read = (lambda: read_run_folder(path.parent)) if kind == "result" else (lambda: baseline_files.read(path))
+    read = (lambda: Run.read(path.parent)) if kind == "result" else (lambda: baseline_files.read(path))
     content = json.loads(path.read_text())
     places, refused = list(leaves(content)), 0
     assert len(places) > 20
@@ -102,7 +102,7 @@ def test_every_change_of_a_value_is_noticed(kind, request):
 @pytest.mark.parametrize("kind", ["result", "baseline"])
 def test_another_layout_wall_time_or_an_old_file_is_read(kind, request):
     path = request.getfixturevalue(kind)
-    read = (lambda: read_run_folder(path.parent)) if kind == "result" else (lambda: baseline_files.read(path))
+    read = (lambda: Run.read(path.parent)) if kind == "result" else (lambda: baseline_files.read(path))
     content = json.loads(path.read_text())
     slower = copy.deepcopy(content)
     slower["estimates"][0]["seconds"] += 100.0
@@ -176,7 +176,7 @@ def test_a_changed_index_of_a_checkpoint_is_named(tmp_path):
 
 
 def test_the_digest_is_that_of_the_file(night):
-    run = read_run_folder(night / "run")
-    assert set(run.result.files) == {"scenario.yaml"}
+    run = Run.read(night / "run")
+    assert set(run.files) == {"scenario.yaml"}
     assert run.changes == ()
-    assert load(Path(run.path / "scenario.yaml")).name == "walk"
+    assert load(Path(run.folder / "scenario.yaml")).name == "walk"

@@ -10,8 +10,6 @@ from avrare.results.recordings.commonroad import open_commonroad, open_problem, 
 from avrare.results.recordings.drives import list_recordings, open_drives
 from lanelet_scenes import KINDS
 
-pytest.importorskip("commonroad.common.file_reader")
-
 
 @pytest.fixture
 def convert(tmp_path):

@@ -28,8 +28,6 @@ from intersection_scenes import (
     stops,
 )
 
-pytest.importorskip("commonroad.common.file_reader")
-
 FRONT = ENTRY - 0.5 * LENGTH  # a centre whose front is at the end of the incoming lanelet
 
 

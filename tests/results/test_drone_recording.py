@@ -104,7 +104,6 @@ class TestIndOnANetwork:
 
     @pytest.fixture
     def judge(self, tmp_path):
-        pytest.importorskip("commonroad.common.file_reader")
 
         def judge(rule, cars, finer=1, **more):
             """Return the verdict on the first car's drive, with so many frames for each step of 0.1 s."""
@@ -147,7 +146,6 @@ class TestIndOnANetwork:
         assert judge("R_IN2", [EGO], finer=2, lights=cycle)[0] == violated
 
     def test_a_network_that_refers_to_nothing_is_named(self, tmp_path):
-        pytest.importorskip("commonroad.common.file_reader")
         text = crossroads([EGO, drives(EAST, "straight", 40.0)], signs=PRIORITY, **RED)
         (tmp_path / "map.xml").write_text(
             text.replace('incomingLanelet ref="101"', 'incomingLanelet ref="7"')

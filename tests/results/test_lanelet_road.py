@@ -23,8 +23,6 @@ from lanelet_scenes import (
     scene,
 )
 
-pytest.importorskip("commonroad.common.file_reader")
-
 
 @pytest.fixture
 def drives(tmp_path):

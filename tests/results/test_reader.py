@@ -12,7 +12,8 @@ import pytest
 from avrare.base import stored_files
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import parse_json, read_arrays, read_json, write_arrays
-from avrare.results.reader import load_run_scenario, read_failures, read_rollouts, read_run_folder
+from avrare.results.run import Run
+from avrare.results.stored_results import read_failures, read_rollouts
 
 ESTIMATE = {
     "specification": "left", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.05],
@@ -29,7 +30,7 @@ def write(folder, **changes):
 
 def test_what_a_run_writes_is_read(tmp_path):
     write(tmp_path, diagnostics={"levels": [[None]]}, run_probabilities=[0.1, None])
-    assert read_run_folder(tmp_path).result.estimates[0].run_probabilities == [0.1, None]
+    assert np.array_equal(Run.read(tmp_path)["left"].run_probabilities, [0.1, np.nan], equal_nan=True)
 
 
 @pytest.mark.parametrize("key", ESTIMATE)
@@ -39,7 +40,7 @@ def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
         return
     write(tmp_path, **{key: value})
     with pytest.raises(UsageError, match=rf"result\.json: it cannot be read: estimates\.0\.{key}"):
-        read_run_folder(tmp_path)
+        Run.read(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +58,7 @@ def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
 def test_damaged_diagnostics_are_reported(tmp_path, found, place):
     write(tmp_path, diagnostics=found)
     with pytest.raises(UsageError, match=rf"estimates\.0\.diagnostics: Value error, {place}"):
-        read_run_folder(tmp_path)
+        Run.read(tmp_path)
 
 
 def test_diagnostics_are_read_as_they_were_written(tmp_path):
@@ -67,7 +68,7 @@ def test_diagnostics_are_read_as_they_were_written(tmp_path):
         "learnt": [{"noise": ["gust"]}], "used_rollouts": 400, "levels": [[None]],
     }  # fmt: skip
     write(tmp_path, diagnostics=found)
-    assert read_run_folder(tmp_path).result.estimates[0].diagnostics == found
+    assert Run.read(tmp_path)["left"].diagnostics == found
 
 
 @pytest.mark.parametrize(
@@ -82,13 +83,13 @@ def test_diagnostics_are_read_as_they_were_written(tmp_path):
 def test_damaged_notes_are_reported(tmp_path, note, place):
     write(tmp_path, notes=[{"kind": "goal", "text": "The goal was reached."}, note])
     with pytest.raises(UsageError, match=rf"it cannot be read: estimates\.0\.notes\.1\.{place}: "):
-        read_run_folder(tmp_path)
+        Run.read(tmp_path)
 
 
 def test_a_result_without_estimates(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps({**RESULT, "estimates": []}))
     with pytest.raises(UsageError, match="it cannot be read: estimates: "):
-        read_run_folder(tmp_path)
+        Run.read(tmp_path)
 
 
 def test_very_deeply_nested_json_is_refused(tmp_path):
@@ -163,11 +164,11 @@ def test_the_message_does_not_suggest_pickles(tmp_path, content):
 def test_the_hint_on_a_run_that_is_not_finished_names_its_folder(tmp_path):
     (tmp_path / "my run" / "checkpoint").mkdir(parents=True)
     with pytest.raises(UsageError) as caught:
-        read_run_folder(tmp_path / "my run")
+        Run.read(tmp_path / "my run")
     assert caught.value.hint == "give the folder that `avrare run --out` has written"
     (tmp_path / "my run" / "checkpoint" / "checkpoint.json").write_text("{}")
     with pytest.raises(UsageError) as caught:
-        read_run_folder(tmp_path / "my run")
+        Run.read(tmp_path / "my run")
     assert f"resume it with avrare run --resume '{tmp_path}/my run'" in caught.value.hint
 
 
@@ -185,14 +186,15 @@ def test_a_pipe_in_place_of_a_file_does_not_hang(tmp_path, name):
     write(tmp_path)
     (tmp_path / name).unlink(missing_ok=True)
     os.mkfifo(tmp_path / name)
-    read = {"failures.npz": read_failures, "rollouts.npz": read_rollouts, "scenario.yaml": load_run_scenario}
-    with pytest.raises(UsageError):
-        read.get(name, read_run_folder)(tmp_path)
-    if name == "scenario.yaml":
-        run = read_run_folder(tmp_path)
-        assert run.scenario is None
-        assert run.scenario_text == ""
-        assert "not a regular file" in run.load_errors[0]
+    if name != "scenario.yaml":
+        with pytest.raises(UsageError):
+            Run.read(tmp_path)
+        return
+    run = Run.read(tmp_path)
+    with pytest.raises(UsageError, match="its scenario cannot be built"):
+        _ = run.scenario
+    assert run.scenario_text == ""
+    assert "not a regular file" in run.build_errors[0]
 
 
 def test_a_header_that_promises_too_much_is_refused(tmp_path):

@@ -19,7 +19,6 @@ ROAD = Road((0.0,), 3.5)
 
 @pytest.fixture
 def sample():
-    pytest.importorskip("commonroad.common.file_reader")
     if not DATA.exists():
         pytest.skip("the sample scenario is not here")
     return str(DATA / "Complex.xml")
@@ -56,7 +55,6 @@ def test_a_road_of_the_callers_own(sample):
 
 
 def test_files_that_are_not_commonroad_scenarios(tmp_path):
-    pytest.importorskip("commonroad.common.file_reader")
     for text in ("", "<a/>", "not xml"):
         (tmp_path / "s.xml").write_text(text)
         with pytest.raises(UsageError, match="not a CommonRoad scenario"):
@@ -66,7 +64,6 @@ def test_files_that_are_not_commonroad_scenarios(tmp_path):
 
 
 def test_an_ego_with_gaps_is_refused_before_arrays_are_made(tmp_path):
-    pytest.importorskip("commonroad.common.file_reader")
     track, none = np.arange(4.0), np.zeros(0)
     scene = Scene(0.1, ROAD, 4.5, 1.8, (), none, none, none.astype(bool))
     states = {f"ego_{field}": track for field in FIELDS} | {

@@ -1,6 +1,28 @@
 """Folders of runs and the files in them."""
 
+import json
+
+import pytest
+
+from avrare.base.stored_files import digest
+from avrare.cli.main import main
 from avrare.results.run_folder import choose, fresh
+from pushed_point import pushed_point
+
+LEARNED = ("--estimator", "is", "--set", "estimator.rollouts=3000")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Run the scenario into the folder ``out`` with these words; return the folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "point.yaml").write_text(pushed_point(2.0))
+
+    def run(*words):
+        assert main(["run", "point.yaml", "--out", "out", "--no-pictures", "--quiet", *words]) == 0
+        return tmp_path / "out"
+
+    return run
 
 
 def test_runs_of_the_same_second_have_separate_folders(tmp_path, monkeypatch):
@@ -18,3 +40,51 @@ def test_several_scenarios_share_a_folder(tmp_path, monkeypatch):
 def test_a_named_folder_is_reused(tmp_path):
     assert choose(tmp_path, "drive", several=False) == choose(tmp_path, "drive", several=False) == tmp_path
     assert choose(tmp_path, "drive", several=True) == tmp_path / "drive"
+
+
+def files_of(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_artifacts_of_an_earlier_run_are_removed(run):
+    first = files_of(run())
+    folder = run(*LEARNED)
+    assert files_of(folder) == {*first, "learned.json"}
+    recorded = json.loads((folder / "result.json").read_text())["files"]
+    assert recorded["learned.json"] == digest((folder / "learned.json").read_text())
+    assert files_of(run()) == first
+
+
+def test_files_made_from_an_earlier_result_are_removed(run):
+    first = files_of(run())
+    names = ("kinds.json", "attribution.json", "report.html", "nominal.png", "worst_left.png")
+    for name in (*names, "mine.txt"):
+        (run() / name).write_text("{}")
+        assert files_of(run()) == first | ({"mine.txt"} & {name})
+
+
+def test_artifacts_are_written_again(run):
+    before = (run(*LEARNED) / "learned.json").read_text()
+    after = (run(*LEARNED, "--seed", "1") / "learned.json").read_text()
+    assert after != before
+
+
+@pytest.mark.parametrize("name", ["../mine.txt", "..", "", "checkpoint", "/etc/hostname"])
+def test_a_result_that_names_files_elsewhere_removes_nothing(run, name):
+    folder = run()
+    mine = folder.parent / "mine.txt"
+    mine.write_text("mine")
+    (folder / "checkpoint").mkdir()
+    content = json.loads((folder / "result.json").read_text())
+    content["files"][name] = "0"
+    (folder / "result.json").write_text(json.dumps(content))
+    run()
+    assert mine.read_text() == "mine"
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"files": 3}', '{"files": ["learned.json"]}'])
+def test_a_damaged_result_is_replaced(run, content):
+    folder = run()
+    (folder / "result.json").write_text(content)
+    assert run() == folder
+    assert json.loads((folder / "result.json").read_text())["scenario"] == "plane"

@@ -8,9 +8,9 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
-from avrare.results.reader import read_failures
 from avrare.results.recordings.replayed_failure import replay_run_failure
-from avrare.results.run_folder import write_failures
+from avrare.results.run import Run
+from avrare.results.stored_results import read_failures, write_failures
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
@@ -54,28 +54,28 @@ def test_the_stored_scenario_is_the_scenario(folder):
 
 def test_a_failure_is_replayed_bit_for_bit(folder):
     failures = read_failures(folder)["near"]
-    found = replay_run_failure(folder, "near", None)
+    found = replay_run_failure(Run.read(folder), "near", None)
     assert found.changes == ()
     assert found.index == np.argmin(failures.robustness)
     gap = found.recording.signals["gap"]
     assert gap.shape == (9,)
     assert gap.min() - 1.98 == failures.robustness.min()
-    other = replay_run_failure(folder, "near", 1)
+    other = replay_run_failure(Run.read(folder), "near", 1)
     assert other.recording.signals["gap"].min() - 1.98 == failures.robustness[1]
 
 
 def test_another_robustness_is_named(folder, tmp_path):
-    for name in ("scenario.yaml", "failures.npz"):
+    for name in ("scenario.yaml", "failures.npz", "result.json"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     with np.load(tmp_path / "failures.npz") as stored:
         arrays = dict(stored)
     arrays["near.robustness"][1] -= 1.0
     np.savez(tmp_path / "failures.npz", **arrays)
-    found = replay_run_failure(tmp_path, "near", None)
+    found = replay_run_failure(Run.read(tmp_path), "near", None)
     assert found.index == 1
     [message] = found.changes
     assert message.startswith("failure 1 of near: robustness ")
-    assert replay_run_failure(tmp_path, "near", 0).changes == ()
+    assert replay_run_failure(Run.read(tmp_path), "near", 0).changes == ()
 
 
 @pytest.mark.parametrize(
@@ -90,22 +90,23 @@ def test_another_robustness_is_named(folder, tmp_path):
 )
 def test_a_missing_failure(folder, specification, index, message, hint):
     with pytest.raises(UsageError) as caught:
-        replay_run_failure(folder, specification, index)
+        replay_run_failure(Run.read(folder), specification, index)
     assert message in caught.value.message
     assert hint in caught.value.hint
 
 
 def test_a_folder_that_is_not_a_run(tmp_path):
-    with pytest.raises(UsageError, match=r"no scenario\.yaml in it"):
-        replay_run_failure(tmp_path, None, None)
+    with pytest.raises(UsageError, match=r"no result\.json in it"):
+        replay_run_failure(Run.read(tmp_path), None, None)
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"not an archive"])
 def test_a_damaged_file_is_a_message(folder, tmp_path, damage):
-    (tmp_path / "scenario.yaml").write_bytes((folder / "scenario.yaml").read_bytes())
+    for name in ("scenario.yaml", "result.json"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
     (tmp_path / "failures.npz").write_bytes(damage)
     with pytest.raises(UsageError, match=r"failures\.npz: cannot be read"):
-        replay_run_failure(tmp_path, "near", None)
+        replay_run_failure(Run.read(tmp_path), "near", None)
 
 
 def test_pickled_objects_are_not_loaded(tmp_path):

@@ -14,6 +14,7 @@ from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.chunk_size import LEAST, MOST, WORLD_ROWS, spread
 from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.request import Request
 from avrare.testing import faulty_systems as systems
 from avrare.worlds import as_system
 
@@ -44,7 +45,8 @@ class Crew(SerialExecutor):
 
     def map(self, chunks):
         for chunk in chunks:
-            self.rows.append(chunk.rows)
+            if isinstance(chunk, Request):
+                self.rows.append(chunk.rows)
             yield self._work.run(chunk)
 
 

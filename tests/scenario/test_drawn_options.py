@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from avrare.base.errors import ScenarioError
-from avrare.base.laws import LAWS
+from avrare.base.laws import Uniform
 from avrare.plugin.registry import default_registry
 from avrare.scenario.draws import Draws, DrawSettings
 from avrare.scenario.fingerprint import fingerprint
@@ -102,6 +102,32 @@ def test_mistakes_have_their_place(refused, old, new, place, words):
     assert words in error
 
 
+def test_a_wrong_law_is_reported_once_and_beside_other_mistakes(refused):
+    error = refused("sd: 1.0}", "sd: -1.0}\n    headng: 2.0", "simulator.vehicles.0.speed=fast")
+    assert error.splitlines() == [
+        "--set simulator.vehicles.0.speed: should be a number, found the string 'fast'",
+        "hint: speed: at the start [m/s]",
+        "s.yaml:8:42: simulator.ego.speed.sd: should be greater than 0, found -1.0",
+        "hint: sd: standard deviation of the value",
+        "s.yaml:9:5: simulator.ego.headng: unknown key",
+        "hint: did you mean 'heading'?",
+    ]
+
+
+def test_a_median_outside_the_bounds_is_named(refused):
+    error = refused("mean: 20.0", "mean: -5.5")
+    assert error.startswith(
+        "s.yaml:8:12: simulator.ego.speed: should be greater than or equal to 0, found -5.5"
+    )
+
+
+def test_a_law_for_a_number_of_another_part_is_refused(refused):
+    estimator = "estimator: {plugin: mc, rollouts: {law: uniform, low: 1, high: 9}}"
+    error = refused("steps: 3", f"steps: 3\n{estimator}")
+    assert "s.yaml:3:35: estimator.rollouts: this option cannot be drawn: it should be a number" in error
+    assert "can: " not in error
+
+
 def test_the_options_that_can_be_drawn_are_named(refused):
     old = "y: 1.75\n    speed"
     error = refused(old, f"length: {{law: uniform, low: 4, high: 5}}\n    {old}")
@@ -172,7 +198,7 @@ def test_columns_that_cannot_be_read_are_refused(refused, rows, more, words):
 
 def test_safe_mode_reads_no_column_outside_the_folder(read):
     text = SCENE.replace("{law: normal, mean: 20.0, sd: 1.0}", "{law: empirical, file: ../a.csv, column: a}")
-    with safe_mode(), pytest.raises(ScenarioError, match="outside the scenario's folder"):
+    with safe_mode(), pytest.raises(ScenarioError, match=r"a\.csv leads out of the scenario's folder"):
         read(text)
 
 
@@ -193,10 +219,10 @@ specifications:
 
 
 def test_options_may_have_dots_or_be_numbers():
-    law = LAWS["uniform"](law="uniform", low=0.5, high=2.0)
-    paths = ("parameters.a.b", "parameters.7", "cars.0.speed")
+    law = Uniform(law="uniform", low=0.5, high=2.0)
+    places = (("parameters", "a.b"), ("parameters", "7"), ("cars", 0, "speed"))
     options = {"parameters": {"a.b": 1.0, "7": 1.0}, "cars": [{"speed": 1.0}]}
-    Draws(paths, paths, (law,) * 3, DrawSettings()).write_into(options)
+    Draws(places, ("a.b", "7", "speed"), (law,) * 3, DrawSettings()).write_into(options)
     plain = law.model_dump(mode="json")
     assert options["parameters"] == {"a.b": plain, "7": plain}
     assert options["cars"] == [{"speed": plain}]
@@ -206,4 +232,5 @@ def test_the_json_schema_allows_a_law_where_it_is_drawn():
     definitions = scenario_schema(default_registry())["$defs"]
     ego = definitions["simulator.single_track.EgoConfig"]["properties"]
     assert {"law"} == set(ego["speed"]["anyOf"][1]["required"])
+    assert {"normal", "discrete"} < set(ego["speed"]["anyOf"][1]["properties"]["law"]["enum"])
     assert "anyOf" not in ego["length"]

@@ -54,6 +54,7 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
         ("tracker.dealy=1", "unknown key", "did you mean 'delay'?"),
         ("thresholds.0.confidenc=0.9", "unknown key", "did you mean 'confidence'?"),
         ("estimator.specification=[near]", "unknown key", "did you mean 'specifications'?"),
+        ("estimator.specifications=[3]", "estimator.specifications.0: should be the name of a", "known: far"),
         (
             "estimator.specifications=near",
             "should be a list of specification names, found the string 'near'",
@@ -188,8 +189,59 @@ class _Noise(BaseModel):
 def test_an_unknown_kind_is_a_clear_message(law, hint):
     found, (problem,) = check(_Noise, parse(f"noise: {{law: {law}}}".encode(), "s.yaml"))
     assert found is None
-    assert problem.message == f"s.yaml:1:8: noise: law should be one of normal, uniform, found '{law}'"
+    assert (
+        problem.message
+        == f"s.yaml:1:14: noise.law: should be one of normal, uniform, found the string '{law}'"
+    )
     assert problem.hint == hint
+
+
+class _Grid(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: Literal["grid"]
+    points: int = Field(description="points of the grid")
+    bias: float = Field(description="shift of the grid")
+
+
+class _Points(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: Literal["points"]
+    points: tuple[float, ...] = Field(description="the points themselves")
+    search: _Normal | None = None
+
+
+class _Method(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    kernel: Annotated[_Grid | _Points, Field(discriminator="name")] | None = None
+    kernels: tuple[Annotated[_Grid | _Points, Field(discriminator="name")], ...] = ()
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "hint"),
+    [
+        ("kernel: {name: grdi}", "1:16: kernel.name: should be one of grid, points, found the string 'grdi'",
+         "did you mean 'grid'?"),
+        ("kernel: {points: 3}", "1:1: kernel.name: required, but missing", "known: grid, points"),
+        ("kernel: grid", "1:9: kernel: should be a mapping, found the string 'grid'", None),
+        ("kernel: {name: grid, points: 3}", "1:1: kernel.bias: required, but missing",
+         "bias: shift of the grid"),
+        ("kernel: {name: grid, points: x, bias: 1}",
+         "1:30: kernel.points: should be a whole number, found the string 'x'", "points: points of the grid"),
+        ("kernel: {name: points, points: 3}", "1:32: kernel.points: should be a list, found 3",
+         "points: the points themselves"),
+        ("kernel: {name: points, points: [1], serach: 2}", "1:37: kernel.serach: unknown key",
+         "did you mean 'search'?"),
+        ("kernel: {name: points, points: [1], bais: 2}", "1:37: kernel.bais: unknown key",
+         "known: name, points, search"),
+        ("kernel: {name: points, points: [1], search: {law: n}}",
+         "1:51: kernel.search.law: should be 'normal', found the string 'n'", None),
+        ("kernels: [{name: grid, points: 3, bias: b}]",
+         "1:41: kernels.0.bias: should be a number, found the string 'b'", "bias: shift of the grid"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_one_member_of_a_union_is_explained_by_that_member(text, message, hint):
+    _, mistakes = check(_Method, parse(text.encode(), "s.yaml"))
+    assert [(mistake.message, mistake.hint) for mistake in mistakes] == [(f"s.yaml:{message}", hint)]
 
 
 @pytest.mark.parametrize(

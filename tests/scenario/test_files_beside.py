@@ -8,7 +8,7 @@ from avrare.analysis.check.baseline_files import save
 from avrare.analysis.check.targets import load_target
 from avrare.analysis.failures.failure import compute_fingerprints
 from avrare.base.errors import ScenarioError, UsageError
-from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.yaml import dump
@@ -50,6 +50,14 @@ def test_else_a_path_is_from_the_current_folder(scenario):
 def test_a_path_of_the_command_line_is_from_the_current_folder(scenario):
     (scenario.parent / "learned.json").write_text("{}")
     assert learned(scenario, "estimator.learned=learned.json") == "learned.json"
+
+
+def test_an_option_inside_an_option_names_a_file_beside_the_scenario(scenario, registry):
+    (scenario.parent / "city.xml").write_text("<map/>")
+    scenario.write_text(SCENARIO.replace("{plugin: tank}", "{plugin: box, map: {file: city.xml}}"))
+    read = load(scenario, ["estimator={plugin: toy}"], registry=registry)
+    assert read.simulator.config.map.file == str(scenario.parent / "city.xml")
+    assert list(digests(read)) == ["simulator.map.file"]
 
 
 def test_a_file_of_an_extended_scenario_lies_beside_that(scenario):

@@ -5,7 +5,7 @@ import pytest
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.logic.syntax.parser import parse
 from avrare.scenario.schema import Formula
-from avrare.scenario.specification_checks import check_formula, reach_warnings
+from avrare.scenario.specification_checks import check_specification, reach_warnings
 from avrare.scenario.value_positions import Mark, Node
 
 FAR = "{plugin: book, rule: R_G2}"
@@ -14,7 +14,7 @@ FAR = "{plugin: book, rule: R_G2}"
 def checked(text, dt=None, steps=40):
     mark = Mark("s.yaml", 3, 14)
     node = Node({"stl": Node(text, mark, mark)}, mark)
-    return check_formula(Formula(stl=text), node, ("specifications", "far"), dt, steps)
+    return check_specification(Formula(stl=text), node, ("specifications", "far"), dt, steps)
 
 
 def test_an_error_shows_the_place_in_the_file_and_in_the_formula(good, fails):

@@ -78,7 +78,6 @@ def test_as_a_scenario(folder):
 
 @pytest.mark.slow
 def test_as_a_gymnasium_environment(folder):
-    pytest.importorskip("gymnasium")
     done = run(folder, "-m", "avrare", "run", "cart.yaml", "--json")
     assert done.returncode == 0, done.stderr
     (estimate,) = json.loads(done.stdout)["estimates"]

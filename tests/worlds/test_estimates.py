@@ -19,6 +19,7 @@ def estimate(system, estimator="ams", workers=1, steps=20, **options):
 
 def plain(result):
     content = json.loads(result.to_json())
+    content["notes"] = [note for note in content["notes"] if note["kind"] != "counts"]
     return {name: value for name, value in content.items() if name not in ("seconds", "counts")}
 
 

@@ -21,7 +21,6 @@ from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Failures, Result
 from avrare.protocols import Bools, Floats
-from avrare.results.reader import StoredEstimate
 
 
 @dataclass(frozen=True)
@@ -88,17 +87,6 @@ class FailureSample:
             result.failures, result.probability, result.relative_error,
             trials, len(result.run_probabilities), result.errors,
             result.confidence, _model_interval(result.interval, result.confidence, result.diagnostics),
-        )  # fmt: skip
-
-    @staticmethod
-    def stored(estimate: StoredEstimate, failures: Failures) -> FailureSample:
-        """Return the sample of an estimate in a run folder and its stored failures."""
-        trials = count_trials(estimate.estimator, estimate.rollouts, failures, estimate.diagnostics or {})
-        error = math.nan if estimate.relative_error is None else estimate.relative_error
-        return FailureSample(
-            failures, estimate.probability, error, trials,
-            len(estimate.run_probabilities or ()) or 1, estimate.errors, estimate.confidence,
-            _model_interval(estimate.interval, estimate.confidence, estimate.diagnostics or {}),
         )  # fmt: skip
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:

@@ -11,12 +11,12 @@ from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.tape_evaluator import ProgressCallback
 from avrare.protocols import Floats
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.rollout.replay import replay_tape
 
 
 def describe_kinds(
-    scenario: LoadedScenario,
+    problem: Problem,
     kinds: Kinds,
     noise: Floats,
     budget: int = BUDGET,
@@ -25,29 +25,26 @@ def describe_kinds(
     """Return the kinds with ``decisive`` and ``lost`` of their most typical failures.
 
     Args:
-        scenario: Scenario of the run.
+        problem: Problem of the specification.
         kinds: Kinds of the failures.
         noise: (F, steps + 1, noise_size) tapes of the failures.
         budget: Rollouts to shrink each of these failures.
         progress: Called after each chunk of rollouts.
     """
-    told = tuple(
-        _describe(scenario, kinds.specification, kind, noise, budget, progress) for kind in kinds.kinds
-    )
-    return replace(kinds, kinds=told)
+    described = tuple(_describe(problem, kind, noise, budget, progress) for kind in kinds.kinds)
+    return replace(kinds, kinds=described)
 
 
 def _describe(
-    scenario: LoadedScenario,
-    specification: str,
+    problem: Problem,
     kind: Kind,
     noise: Floats,
     budget: int,
     progress: ProgressCallback | None,
 ) -> Kind:
-    problem, tape = scenario.problem(specification), noise[kind.representative]
+    tape = noise[kind.representative]
     small = shrink(problem, tape, budget, progress)
-    decisive = "it fails without any noise" if small.after == 0.0 else describe(scenario, small.noise)
+    decisive = "it fails without any noise" if small.after == 0.0 else describe(problem, small.noise)
     first = find_first_violation(problem, replay_tape(problem, tape))
     lost = continue_without_noise(problem, tape).describe(first.sample if first.sample >= 0 else None)
     return replace(kind, decisive=decisive, lost=lost)

@@ -11,7 +11,7 @@ from typing import Any
 
 from avrare.base.errors import AvrareError, ExitCode, Interrupted
 from avrare.estimation.checkpoint import FOLDER, Checkpoint, FileJournal
-from avrare.results.reader import RunFolder
+from avrare.results.run import Run
 from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.schema import Scenario
 
@@ -55,6 +55,6 @@ def identify_scenario(definition: Scenario) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def identify_run(folder: RunFolder) -> str:
+def identify_run(run: Run) -> str:
     """Return the identity of a run's result, in which its files have their checksums."""
-    return hashlib.sha256(json.dumps(folder.content, sort_keys=True).encode()).hexdigest()[:32]
+    return hashlib.sha256(json.dumps(run.to_dict(), sort_keys=True).encode()).hexdigest()[:32]

@@ -25,7 +25,7 @@ from avrare.analysis.failures.failure import compute_fingerprints
 from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
 from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
-from avrare.results.reader import RunFolder, read_run_folder
+from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
@@ -192,23 +192,22 @@ def take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[Failure
     Raises:
         UsageError: The run stored none, or is of another scenario.
     """
-    folder = read_run_folder(run)
-    if name not in folder.failures:
+    stored = Run.read(run)
+    if name not in stored or not len(stored[name].failures.robustness):
         raise UsageError(f"{run}: no failure of {name} is stored", "leave --run out, or run more rollouts")
-    estimate = next(one for one in folder.result.estimates if one.specification == name)
-    if differences := _find_differences(folder, name, scenario.definition):
+    if differences := _find_differences(stored, name, scenario.definition):
         text = f"{run}: its failures are of another scenario: {differences}"
         raise UsageError(text, "give the run of this scenario, or leave --run out")
-    return FailureSample.stored(estimate, folder.failures[name]), estimate.interval
+    return FailureSample.of(stored[name]), stored[name].interval
 
 
-def _find_differences(folder: RunFolder, name: str, definition: Scenario) -> str:
+def _find_differences(run: Run, name: str, definition: Scenario) -> str:
     # Estimator, budget, seed and thresholds may differ: they decide no rollout of a tape.
-    if folder.result.fingerprint == fingerprint(definition):
+    if run.fingerprint == fingerprint(definition):
         return ""
-    before = folder.definition
-    if folder.changes or before is None:
-        return "; ".join(folder.changes or folder.load_errors)
+    before = run.definition
+    if run.changes or before is None:
+        return "; ".join(run.changes or run.build_errors)
     if name not in before.specifications:
         return f"it has no specification {name!r}"
     then, now = (compute_fingerprints(one, name) for one in (before, definition))

@@ -129,7 +129,7 @@ class TapeRunner:
             found = self.journal.read(stage, index, chunk)
             assert found is not None  # it has rows
             if index == 0:  # each call may have a problem of its own
-                check_reproduces(work, chunk, found[0])
+                check_reproduces(work.run, chunk, found[0])
             at, index = at + rows, index + 1
             yield found[0]
 

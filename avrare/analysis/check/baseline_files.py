@@ -16,17 +16,17 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from avrare.analysis.check.confidence_distributions import (
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import UsageError
+from avrare.base.stored_files import check_seal, read_json, seal
+from avrare.estimation.confidence_distributions import (
     ConfidenceDistribution,
     decode_distribution,
     derive_distribution,
     encode_distribution,
 )
-from avrare.base.atomic_files import explain_file_errors, write_text
-from avrare.base.errors import UsageError
-from avrare.base.stored_files import check_seal, read_json, seal
 from avrare.estimation.result import Result, finite
-from avrare.results.run_folder import provenance
+from avrare.results.checkout import describe_checkout
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario
 
@@ -162,7 +162,7 @@ def save(
         "schema": SCHEMA,
         "scenario": scenario.name,
         "fingerprint": fingerprint(scenario),
-        "commit": provenance(scenario)["commit"],
+        "commit": describe_checkout(Path(scenario.path).resolve().parent)[0],
         "versions": scenario.versions,
         "estimates": [_encode_result(result, (firsts or {}).get(result.specification)) for result in results],
         "resolved": scenario.resolved,

@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from avrare.analysis.check.baseline_files import BaselineEntry
-from avrare.analysis.check.confidence_distributions import derive_distribution
 from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_least,
     p_value_ratio_at_most,
     ratio_interval,
 )
+from avrare.estimation.confidence_distributions import derive_distribution
 from avrare.estimation.intervals import Interval
 from avrare.estimation.result import Result
 from avrare.scenario.schema import Regression, Threshold

@@ -23,7 +23,7 @@ from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval
 from avrare.estimation.result import Result, finite, worst_verdict
-from avrare.results import run_folder as rundir
+from avrare.results.run import Run
 
 SCHEMA = 1
 
@@ -64,7 +64,9 @@ class CheckResult:
             "looks": self.looks,
             "rows": [finite(vars(one)) for one in self.decisions],  # infinities become null
             "notes": list(self.notes),
-            "results": [rundir.document(one.definition, self.results[one.name]) for one in targets],
+            "results": [
+                Run.of_scenario(target.definition, self.results[target.name]).to_dict() for target in targets
+            ],
         }
 
 

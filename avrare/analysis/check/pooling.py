@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from avrare.analysis.check.confidence_distributions import (
+from avrare.estimation import health
+from avrare.estimation.confidence_distributions import (
     Binomial,
     ConfidenceDistribution,
     LogNormal,
     derive_distribution,
 )
-from avrare.estimation import health
 from avrare.estimation.intervals import cox
 from avrare.estimation.note import Note
 from avrare.estimation.result import CrossCheckResult, Failures, Result

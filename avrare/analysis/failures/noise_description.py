@@ -15,10 +15,10 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.protocols import Bools, Floats
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.rollout.replay import replay_tape
 from avrare.scenario.draws import Draws
-from avrare.stack.closed_loop import LoopState
+from avrare.stack.closed_loop import ClosedLoop, LoopState
 
 _MAX_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0
@@ -44,26 +44,28 @@ class Disturbance:
     magnitude: float  # importance, by which a long list is shortened
 
 
-def describe(scenario: LoadedScenario, tape: Floats) -> str:
+def describe(problem: Problem, tape: Floats) -> str:
     """Describe noise (steps + 1, noise_size) in one sentence; zero noise by the vehicles missed with it."""
-    return join_disturbances(find_disturbances(scenario, tape))
+    return join_disturbances(find_disturbances(problem, tape))
 
 
-def find_disturbances(scenario: LoadedScenario, tape: Floats) -> list[Disturbance]:
+def find_disturbances(problem: Problem, tape: Floats) -> list[Disturbance]:
     """Return the disturbances of a rollout in order of time."""
-    loop = scenario.stack.loop
+    loop, scene = problem.system, problem.scene
+    if not isinstance(loop, ClosedLoop) or loop.perception is None or scene is None:
+        return _describe_channels(tape)
     states = [
         state
-        for state in replay_tape(scenario.problem(scenario.specifications[0]), tape).states
+        for state in replay_tape(problem.subset(problem.names[:1]), tape).states
         if isinstance(state, LoopState) and state.observation is not None
     ]
-    if loop.perception is None or scenario.scene is None or not states:
+    if not states:
         return _describe_channels(tape)
     worlds = batch.concatenate([state.world for state in states])
     actual: Any = batch.concatenate([state.observation for state in states])
     zeros = np.zeros((len(states), loop.perception.noise_size))
     neutral = loop.perception.observe(worlds, zeros)
-    names = [f"car {name}" if name.isdecimal() else name for name in scenario.scene.names]
+    names = [f"car {name}" if name.isdecimal() else name for name in scene.names]
     names += [f"ghost {k}" for k in range(1, actual.detected.shape[1] - len(names) + 1)]
     dt = loop.simulator.dt
     found = _find_detections(actual.detected, neutral.detected, names, dt, bool(tape.any()))

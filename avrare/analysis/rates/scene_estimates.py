@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from avrare.analysis.check.criteria import find_doubts
 from avrare.analysis.rates.combination import Interval, Quantity, from_rollouts
-from avrare.results.reader import StoredEstimate
+from avrare.estimation.result import Result
 
 _HARMLESS = "rounding"
 """Warning that says nothing against an estimate."""
@@ -67,29 +67,30 @@ class SceneEstimate:
         return from_rollouts(self.failures, self.rollouts, self.errors, confidence, few)
 
     @staticmethod
-    def read(entry: Mapping[str, Any], together: int = 0) -> SceneEstimate:
-        """Read an entry of result.json.
+    def of(result: Result, together: int = 0) -> SceneEstimate:
+        """Return the estimate of a rule from a result of its scene.
 
         Args:
-            entry: The entry.
-            together: Number of rules that the scene's own estimator has judged on the same rollouts; 0: it is
-                no estimate of the scene's own estimator, but by a share of Monte Carlo.
+            result: The result.
+            together: Number of rules that the scene's own estimator has judged on the same rollouts; 0: the
+                estimate is not that of the scene's own estimator, but of a share of Monte Carlo.
         """
-        stored = StoredEstimate.model_validate(entry)
-        found, said = stored.diagnostics or {}, stored.warnings or {}
-        estimate = SceneEstimate(
-            stored.failures, stored.rollouts, stored.errors,
-            warnings={name: said.get(name, name) for name in stored.health if name != _HARMLESS},
-        )  # fmt: skip
+        warnings = {name: text for name, text in result.health.items() if name != _HARMLESS}
+        estimate = SceneEstimate(result.failures.count, result.rollouts, result.errors, warnings=warnings)
         # The counts of an ensemble are of one model and its rollouts of all: only its interval speaks for it.
-        if not together and "model" not in found:
+        if not together and "model" not in result.diagnostics:
             return estimate
         own = OwnEstimate(
-            stored.estimator, stored.probability, stored.interval, stored.simulated_steps,
-            stored.relative_error, stored.blind_bound,
-        )  # fmt: skip
-        parts = found["choice"].get("shared_by", 1) if "choice" in found else together
-        return replace(estimate, own=own, cost=stored.rollouts // parts if together else 0)
+            result.estimator,
+            result.probability,
+            result.interval,
+            result.simulated_steps,
+            None if math.isnan(result.relative_error) else result.relative_error,
+            result.blind_bound,
+        )
+        choice = result.diagnostics.get("choice")
+        parts = together if choice is None else choice.get("shared_by", 1)
+        return replace(estimate, own=own, cost=result.rollouts // parts if together else 0)
 
 
 SceneEstimates = Mapping[str, SceneEstimate]

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_typeset, format_typeset_interval
+from avrare.estimation.result import Result
 from avrare.report.html.kind_pictures import STYLES, draw_map, draw_moment
 from avrare.report.html.markup import Markup, tag
 from avrare.report.html.rollout_player import name_rollout
 from avrare.report.html.stored_rollouts import MonitoredRollout
-from avrare.results.reader import RunFolder, StoredEstimate
+from avrare.results.run import Run
 from avrare.results.stored_causes import (
     StoredAttribution,
     StoredKind,
@@ -22,49 +23,49 @@ from avrare.results.stored_causes import (
 )
 
 
-def find_stored_kinds(folder: RunFolder, entry: StoredEstimate) -> StoredKinds | None:
+def find_stored_kinds(run: Run, result: Result) -> StoredKinds | None:
     """Return the stored kinds of an estimate; None without them, or if they are of another result."""
+    if run.folder is None:
+        return None
     try:
-        found = read_kinds(folder.path).get(entry.specification)
+        kinds = read_kinds(run.folder).get(result.specification)
     except UsageError:  # the section says so
         return None
-    return found if found is not None and found.probability == entry.probability else None
+    return kinds if kinds is not None and kinds.probability == result.probability else None
 
 
-def render_causes(
-    folder: RunFolder, entry: StoredEstimate, rollouts: Sequence[MonitoredRollout] = ()
-) -> Markup | None:
+def render_causes(run: Run, result: Result, rollouts: Sequence[MonitoredRollout] = ()) -> Markup | None:
     """Return what is known of the causes of failure; None without failures.
 
     Analyses of another result, left in the folder by an earlier run, are not shown. ``rollouts`` are those
     that the report shows.
     """
-    if not entry.failures:
+    if not result.failures.count or run.folder is None:
         return None
-    name = entry.specification
+    name = result.specification
     try:
-        read_kinds(folder.path)
-        attribution = read_attribution(folder.path).get(name)
+        read_kinds(run.folder)
+        attribution = read_attribution(run.folder).get(name)
     except UsageError as error:
         return tag("p", f"{error.message}.", class_="note", role="note")
-    kinds = find_stored_kinds(folder, entry)
+    kinds = find_stored_kinds(run, result)
     if kinds is not None:
-        parts = [_render_kinds(folder, name, kinds, rollouts)]
+        parts = [_render_kinds(run, name, kinds, rollouts)]
     else:
-        parts = [_render_command(folder, name, "kinds", "Kinds of failure")]
-    if attribution is not None and attribution.probability == entry.probability:
+        parts = [_render_command(run, name, "kinds", "Kinds of failure")]
+    if attribution is not None and attribution.probability == result.probability:
         parts.append(_render_savings(attribution))
-        parts.append(_render_command(folder, name, "attribution", "The command", ""))
+        parts.append(_render_command(run, name, "attribution", "The command", ""))
     else:
-        parts.append(_render_command(folder, name, "attribution", "What to fix first"))
+        parts.append(_render_command(run, name, "attribution", "What to fix first"))
     return tag("div", parts, class_="causes")
 
 
 def _render_command(
-    folder: RunFolder, name: str, command: str, title: str,
+    run: Run, name: str, command: str, title: str,
     text: str = "Not analysed. To add it to this report, run this and write the report again:",
 ) -> Markup:  # fmt: skip
-    words = ["avrare", command, str(folder.path), "--specification", name, "--out", str(folder.path)]
+    words = ["avrare", command, str(run.folder), "--specification", name, "--out", str(run.folder)]
     words += ["--shrink"] if command == "kinds" else []
     return tag(
         "details", tag("summary", title), tag("p", text, class_="muted") if text else None,
@@ -73,14 +74,12 @@ def _render_command(
     )  # fmt: skip
 
 
-def _render_kinds(
-    folder: RunFolder, name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRollout]
-) -> Markup:
+def _render_kinds(run: Run, name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRollout]) -> Markup:
     shown = {one.stored.index: one for one in rollouts if one.stored.specification == name}
     count = len(kinds.kinds)
     title = f"{count} kind{'s' if count > 1 else ''} of failure"
     cards = [_render_kind(name, one, shown.get(one.representative)) for one in kinds.kinds]
-    command = _render_command(folder, name, "kinds", "The command", "")
+    command = _render_command(run, name, "kinds", "The command", "")
     return tag("div", tag("h3", title), tag("ol", cards, class_="kinds"), draw_map(kinds), command)
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from avrare.base.number_format import format_percent
 from avrare.estimation import intervals
+from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.report.html.line_chart import LineChart, Scale, make_linear_scale, make_log_scale, render_legend
 from avrare.report.html.markup import Markup, tag
-from avrare.results.reader import StoredEstimate
 
 _BINS = 32
 _CONVERGENCE_POINTS = 60
@@ -44,41 +44,41 @@ def draw_histogram(robustness: Floats, splitting: bool) -> Markup | None:
     return Markup(figure.replace('<figure class="chart">', '<figure class="chart bare">', 1))
 
 
-def draw_convergence(entry: StoredEstimate, robustness: Floats) -> Markup | None:
+def draw_convergence(result: Result, robustness: Floats) -> Markup | None:
     """Return the running estimate and its interval over rollouts or runs; None if it is unknown.
 
     Over an ensemble of models the rollouts are those of the scenario's own, and there are no runs.
     """
-    if entry.estimator == "mc":
-        return _draw_rollout_convergence(entry, robustness)
-    if _of_ensemble(entry):
+    if result.estimator == "mc":
+        return _draw_rollout_convergence(result, robustness)
+    if _of_ensemble(result):
         return None
-    values = np.array(entry.run_probabilities or [], dtype=np.float64)
-    return _draw_run_convergence(entry, values) if len(values) > 1 else None
+    values = result.run_probabilities
+    return _draw_run_convergence(result, values) if len(values) > 1 else None
 
 
-def _of_ensemble(entry: StoredEstimate) -> bool:
-    return "model" in (entry.diagnostics or {})
+def _of_ensemble(result: Result) -> bool:
+    return "model" in result.diagnostics
 
 
-def _count_rollouts(entry: StoredEstimate) -> int:
+def _count_rollouts(result: Result) -> int:
     # Those that the estimate is made of: others chose the estimator, or came after it had stopped
-    diagnostics = entry.diagnostics or {}
-    counted = diagnostics.get("choice", {}).get("counting_rollouts", entry.rollouts)
+    diagnostics = result.diagnostics
+    counted = diagnostics.get("choice", {}).get("counting_rollouts", result.rollouts)
     return int(diagnostics.get("used_rollouts", diagnostics.get("twin", {}).get("counted", counted)))
 
 
-def _draw_rollout_convergence(entry: StoredEstimate, robustness: Floats) -> Markup | None:
+def _draw_rollout_convergence(result: Result, robustness: Floats) -> Markup | None:
     # The failures of Monte Carlo are identified by their robustness, where that is possible.
     violated = robustness < 0.0
-    if entry.failures != violated.sum():
+    if result.failures.count != violated.sum():
         violated = robustness <= 0.0
     total = len(robustness)
-    if total < 2 or (entry.failures != violated.sum() and total >= _count_rollouts(entry)):
+    if total < 2 or (result.failures.count != violated.sum() and total >= _count_rollouts(result)):
         return None
     at = np.unique(np.geomspace(1, total, _CONVERGENCE_POINTS).round().astype(int))
     failures, errors = np.cumsum(violated)[at - 1], np.cumsum(np.isnan(robustness))[at - 1]
-    confidence = entry.confidence
+    confidence = result.confidence
     bounds = [
         intervals.clopper_pearson(int(k), int(n), confidence, errors=int(e))
         for k, n, e in zip(failures, at, errors, strict=True)
@@ -93,20 +93,20 @@ def _draw_rollout_convergence(entry: StoredEstimate, robustness: Floats) -> Mark
     chart.draw_line(at, np.where(share > 0, share, np.nan), "accent")
     interval = f"{format_percent(confidence)} interval of that many"
     heading = "Convergence"
-    if _of_ensemble(entry):
+    if _of_ensemble(result):
         heading, interval = "Convergence under the scenario's own model", f"{interval}, of sampling alone"
     key = render_legend(("line accent", "estimate"), ("box soft", interval))
     return chart.render(heading, key)
 
 
-def _draw_run_convergence(entry: StoredEstimate, values: Floats) -> Markup:
+def _draw_run_convergence(result: Result, values: Floats) -> Markup:
     many = len(values)
     at = np.arange(1, many + 1)
     mean = np.cumsum(values) / at
-    bounds = [_compute_run_interval(values[:k], entry.confidence) for k in at]
+    bounds = [_compute_run_interval(values[:k], result.confidence) for k in at]
     low, high = np.array(bounds).T
-    low[-1], high[-1] = entry.interval
-    shown = [x for x in (*values, *mean, *entry.interval) if x > 0.0]  # of two runs it may span everything
+    low[-1], high[-1] = result.interval
+    shown = [x for x in (*values, *mean, *result.interval) if x > 0.0]  # of two runs it may span everything
     scale = make_log_scale([*shown, min(1.0, 2.0 * max(shown, default=1.0))], 1.0)
     title = f"Estimates of {many} independent runs and their running mean, ending at {mean[-1]:.3g}"
     chart = LineChart(make_linear_scale(at, margin=0.04), scale, title, "runs", "probability")
@@ -114,7 +114,7 @@ def _draw_run_convergence(entry: StoredEstimate, values: Floats) -> Markup:
     chart.fill_band(at[known], np.maximum(low[known], scale.low), np.minimum(high[known], scale.high))
     chart.draw_line(at, np.where(mean > 0, mean, np.nan), "accent")
     chart.draw_dots(at, np.where(values > 0, values, scale.low), "quiet")
-    interval = f"{format_percent(entry.confidence)} interval"
+    interval = f"{format_percent(result.confidence)} interval"
     key = render_legend(("dot", "a run"), ("line accent", "mean"), ("box soft", interval))
     zeros = int((values == 0).sum())
     return chart.render("Convergence", [key, f"{zeros} died out, drawn at the lower edge" if zeros else None])

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
+from avrare.estimation.result import Result
 from avrare.report.html.line_chart import Scale, make_log_scale
 from avrare.report.html.markup import Markup, link_command, tag
 from avrare.report.html.verdict import render_badge
-from avrare.results.reader import RunFolder, StoredEstimate
+from avrare.results.run import Run
 
 
-def render_estimates(folder: RunFolder) -> Markup:
+def render_estimates(run: Run) -> Markup:
     """Return the table with a row for each specification."""
-    scale = _make_axis(folder)
+    scale = _make_axis(run)
     heads = ("Specification", "Probability", "", "Rollouts", "Failures", "Errors", "Verdict")
     kinds = ("", "number", "bars", "number", "number", "number", "")
     marks = [tag("span", word, style=f"left:{scale.at(value)}%") for value, word in scale.ticks()]
@@ -22,8 +23,8 @@ def render_estimates(folder: RunFolder) -> Markup:
         tag("th", ticks if kind == "bars" else head, scope="col", class_=kind or None)
         for head, kind in zip(heads, kinds, strict=True)
     ]
-    body = [_render_row(folder, index, entry, scale) for index, entry in enumerate(folder.result.estimates)]
-    confidence = folder.result.estimates[0].confidence
+    body = [_render_row(run, index, result, scale) for index, result in enumerate(run.values())]
+    confidence = next(iter(run.values())).confidence
     note = (
         f"Probability that a rollout violates the specification. Bars: {format_percent(confidence)} "
         "intervals on a logarithmic axis; ticks: thresholds."
@@ -35,24 +36,24 @@ def render_estimates(folder: RunFolder) -> Markup:
     )  # fmt: skip
 
 
-def _render_row(folder: RunFolder, index: int, entry: StoredEstimate, scale: Scale) -> Markup:
-    name = tag("a", allow_breaks(entry.specification), href=f"#specification-{index}")
+def _render_row(run: Run, index: int, result: Result, scale: Scale) -> Markup:
+    name = tag("a", allow_breaks(result.specification), href=f"#specification-{index}")
     value = [
-        tag("strong", format_typeset(entry.probability)),
-        tag("span", format_typeset_interval(entry.interval), class_="interval"),
+        tag("strong", format_typeset(result.probability)),
+        tag("span", format_typeset_interval(result.interval), class_="interval"),
     ]
-    thresholds = folder.thresholds(entry.specification)
+    thresholds = run.thresholds(result.specification)
     bounds = [
         tag("span", f"{'<' if one.strict else '≤'} {format_typeset(one.limit)}", class_="bound")
         for one in thresholds
     ]
     cells = (
         ("Probability", "number", value),
-        (None, "bars", _draw_bar(entry, scale, [one.limit for one in thresholds])),
-        ("Rollouts", "number", f"{entry.rollouts:,}"),
-        ("Failures", "number", f"{entry.failures:,}"),
-        ("Errors", "number", f"{entry.errors:,}"),
-        ("Verdict", "", [render_badge(entry.verdict), bounds]),
+        (None, "bars", _draw_bar(result, scale, [one.limit for one in thresholds])),
+        ("Rollouts", "number", f"{result.rollouts:,}"),
+        ("Failures", "number", f"{result.failures.count:,}"),
+        ("Errors", "number", f"{result.errors:,}"),
+        ("Verdict", "", [render_badge(result.verdict), bounds]),
     )
     return tag(
         "tr", tag("th", name, scope="row"),
@@ -60,9 +61,9 @@ def _render_row(folder: RunFolder, index: int, entry: StoredEstimate, scale: Sca
     )  # fmt: skip
 
 
-def _draw_bar(entry: StoredEstimate, scale: Scale, limits: Sequence[float]) -> Markup:
-    low, high = entry.interval
-    probability = entry.probability
+def _draw_bar(result: Result, scale: Scale, limits: Sequence[float]) -> Markup:
+    low, high = result.interval
+    probability = result.probability
     begin, end = (scale.at(low) if low > 0.0 else 0.0), scale.at(high)
     ends = f"from {format_typeset(low, 2)} to {format_typeset(high, 2)}"
     words = f"interval {ends}, estimate {format_typeset(probability)}"
@@ -76,13 +77,13 @@ def _draw_bar(entry: StoredEstimate, scale: Scale, limits: Sequence[float]) -> M
     )  # fmt: skip
 
 
-def _make_axis(folder: RunFolder) -> Scale:
+def _make_axis(run: Run) -> Scale:
     # An interval from 0 gets a decade of its own.
     values: list[float] = []
-    for entry in folder.result.estimates:
-        low, high = entry.interval
-        values += [low, high, entry.probability]
-        values += [one.limit for one in folder.thresholds(entry.specification)]
+    for result in list(run.values()):
+        low, high = result.interval
+        values += [low, high, result.probability]
+        values += [one.limit for one in run.thresholds(result.specification)]
         values += [high / 10.0] if low <= 0.0 else []
     return make_log_scale(values, most=1.0)
 

@@ -20,7 +20,8 @@ from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats, Specification
 from avrare.report.html.line_chart import render_cursor, render_legend
 from avrare.report.html.markup import Markup, tag
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
+from avrare.stack.closed_loop import ClosedLoop
 
 _MAX_ROWS = 24
 _FULL_OPACITY = 3.0  # magnitude of a standard normal number drawn fully opaque
@@ -46,12 +47,12 @@ def draw_predicates(specification: Specification, result: MonitoringResult) -> M
     return _draw_figure("Predicates", rows, [key, f"darker: further from the bound{note}"])
 
 
-def draw_noise(scenario: LoadedScenario, tape: Floats, failed: bool) -> Markup | None:
+def draw_noise(problem: Problem, tape: Floats, failed: bool) -> Markup | None:
     """Return the strips of a noise tape (steps + 1, noise_size); None for a system without noise."""
     if not tape.shape[1]:
         return None
     rows = []
-    groups = _group_channels(scenario, tape.shape[1])
+    groups = _group_channels(problem, tape.shape[1])
     for label, first, last in groups[:_MAX_ROWS]:
         part = tape[:, first:last].T
         description = f"Noise of {label}, {part.shape[0]} channels over {part.shape[1]} steps, up to "
@@ -122,23 +123,23 @@ def select_rows(
         yield label, np.moveaxis(array, 0, -1)[tuple(k for _, _, k in choice)]
 
 
-def _group_channels(scenario: LoadedScenario, size: int) -> list[tuple[str, int, int]]:
+def _group_channels(problem: Problem, size: int) -> list[tuple[str, int, int]]:
     # (label, first, last + 1): the channels of draws come first, of the simulator, then of the perception
     # model, which are taken to be ordered by vehicle if there are equally many for each.
-    loop = scenario.stack.loop
-    start = getattr(loop, "start", None)
-    drawn = start.size if start is not None else 0
-    own = drawn + int(loop.simulator.noise_size)
+    loop = problem.system
+    if not isinstance(loop, ClosedLoop):
+        return [("simulator", 0, size)]
+    drawn, world = loop.world_noise - loop.simulator.noise_size, loop.world_noise
     groups = [("draws, at the start", 0, drawn)] if drawn else []
-    groups += [("simulator", drawn, own)] if own > drawn else []
-    names = scenario.scene.names if scenario.scene is not None else ()
-    each, rest = divmod(size - own, max(len(names), 1))
-    if size == own:
+    groups += [("simulator", drawn, world)] if world > drawn else []
+    names = problem.scene.names if problem.scene is not None else ()
+    each, rest = divmod(size - world, max(len(names), 1))
+    if size == world:
         return groups
     if not names or rest:
-        return [*groups, ("perception", own, size)]
+        return [*groups, ("perception", world, size)]
     return groups + [
-        (f"perception of {name}", own + v * each, own + (v + 1) * each) for v, name in enumerate(names)
+        (f"perception of {name}", world + v * each, world + (v + 1) * each) for v, name in enumerate(names)
     ]
 
 

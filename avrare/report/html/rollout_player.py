@@ -22,7 +22,7 @@ from avrare.report.html.markup import Markup, json_block, tag
 from avrare.report.html.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.report.plots.rollout_plot import Frame
 from avrare.report.terminal.monitoring_text import summarise
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.stack.drawn_start import SIGNAL
 
 _LEAD = 3.0  # time before the failure at which the player opens [s]
@@ -31,7 +31,7 @@ _MAX_NUMBERS = 60_000  # largest size of plans and predictions; a longer rollout
 
 
 def render_player(
-    rollout: MonitoredRollout, scenario: LoadedScenario, opened: bool, folder: Path | None = None
+    rollout: MonitoredRollout, problem: Problem, opened: bool, folder: Path | None = None
 ) -> Markup:
     """Return everything about one rollout, synchronised by one clock.
 
@@ -53,8 +53,8 @@ def render_player(
         tag(
             "div", _render_stage(result), json_block(_tabulate_view(result, rollout.frames, marked)),
             DriveCharts(rollout, marked).render(), _draw_robustness(result),
-            draw_predicates(scenario.stack.specifications[result.name], result),
-            draw_noise(scenario, stored.tape, stored.failed),
+            draw_predicates(problem.monitor(result.name), result),
+            draw_noise(problem, stored.tape, stored.failed),
             class_="player", data_start=_select_start(result),
         ),
         _render_command(stored, folder),

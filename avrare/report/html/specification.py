@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-import numpy as np
-
 from avrare.base.errors import AvrareError
 from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
 from avrare.estimation.loop import prepare_problem
+from avrare.estimation.result import Result
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax.words import HasWords, to_words
 from avrare.protocols import find_ability
@@ -24,7 +23,7 @@ from avrare.report.html.stored_rollouts import (
     with_continuations,
 )
 from avrare.report.html.verdict import render_badge
-from avrare.results.reader import RunFolder, StoredEstimate
+from avrare.results.run import Run
 
 _PATIENCE = 120.0
 """Predicted time above which the report does not look for the moments at which drives were lost [s]."""
@@ -32,55 +31,49 @@ _LONG = 400
 """Words of a formula longer than this are not shown: they say less than the formula."""
 
 
-def render_sections(folder: RunFolder) -> list[Markup]:
+def render_sections(run: Run) -> list[Markup]:
     """Return a section for each specification; all stored rollouts are replayed in one batch."""
-    estimates = folder.result.estimates
-    selected = [
-        select_rollouts(
-            name, folder.failures.get(name), folder.samples.get(name), find_stored_kinds(folder, one)
-        )
-        for one in estimates
-        for name in [one.specification]
-    ]
+    estimates = list(run.values())
+    selected = [select_rollouts(result, find_stored_kinds(run, result)) for result in estimates]
     rollouts: list[MonitoredRollout] = []
-    errors = folder.load_errors
-    if folder.scenario is not None:
+    errors = run.build_errors
+    if not errors:
         try:
-            rollouts = replay_stored(folder.scenario, [one for several in selected for one in several])
-            if _predict_seconds(estimates, len(rollouts), folder.scenario.steps) <= _PATIENCE:
-                rollouts = with_continuations(folder.scenario, rollouts)
+            rollouts = replay_stored(run.problem, [one for several in selected for one in several])
+            if _predict_seconds(estimates, len(rollouts), run.problem.steps) <= _PATIENCE:
+                rollouts = with_continuations(run.problem, rollouts)
         except AvrareError as error:
             errors = tuple(error.lines())
     sections = []
-    for index, (entry, stored) in enumerate(zip(estimates, selected, strict=True)):
-        mine = [one for one in rollouts if one.stored.specification == entry.specification]
-        sections.append(_render_section(folder, index, entry, mine, errors if stored else ()))
+    for index, (result, stored) in enumerate(zip(estimates, selected, strict=True)):
+        mine = [one for one in rollouts if one.stored.specification == result.specification]
+        sections.append(_render_section(run, index, result, mine, errors if stored else ()))
     return sections
 
 
-def _predict_seconds(estimates: Sequence[StoredEstimate], shown: int, steps: int) -> float:
+def _predict_seconds(estimates: Sequence[Result], shown: int, steps: int) -> float:
     # of all continuations without noise, from the cost of the run's rollouts
     each = max(one.seconds / max(one.rollouts, 1) for one in estimates)
     return each * shown * (steps + 2)
 
 
 def _render_section(
-    folder: RunFolder, index: int, entry: StoredEstimate, rollouts: Sequence[MonitoredRollout],
+    run: Run, index: int, result: Result, rollouts: Sequence[MonitoredRollout],
     errors: Sequence[str],
 ) -> Markup:  # fmt: skip
-    head = tag("div", tag("h2", entry.specification), render_badge(entry.verdict), class_="head")
+    head = tag("div", tag("h2", result.specification), render_badge(result.verdict), class_="head")
     return tag(
-        "section", head, _render_formula(folder, entry.specification), _render_facts(entry),
-        _render_warnings(entry), render_causes(folder, entry, rollouts), _draw_charts(folder, entry),
-        _render_players(folder, rollouts, errors),
+        "section", head, _render_formula(run, result.specification), _render_facts(result),
+        _render_warnings(result), render_causes(run, result, rollouts), _draw_charts(run, result),
+        _render_players(run, rollouts, errors),
         id=f"specification-{index}", class_="specification",
     )  # fmt: skip
 
 
-def _render_formula(folder: RunFolder, name: str) -> Markup | None:
-    if folder.scenario is None:
+def _render_formula(run: Run, name: str) -> Markup | None:
+    if run.build_errors or name not in run.problem.names:
         return None
-    specification = folder.scenario.stack.specifications.get(name)
+    specification = run.problem.monitor(name)
     formula, saying = find_formula(specification), find_ability(specification, HasWords)
     words = saying.words if saying is not None else ""
     if formula is not None and not words:
@@ -92,62 +85,58 @@ def _render_formula(folder: RunFolder, name: str) -> Markup | None:
     return tag("div", tag("p", words, class_="rule"), inside)
 
 
-def _render_facts(entry: StoredEstimate) -> Markup:
-    error = entry.relative_error
+def _render_facts(result: Result) -> Markup:
+    error = result.relative_error
     facts = [
-        ("probability", format_typeset(entry.probability)),
-        (f"{format_percent(entry.confidence)} interval", format_typeset_interval(entry.interval)),
+        ("probability", format_typeset(result.probability)),
+        (f"{format_percent(result.confidence)} interval", format_typeset_interval(result.interval)),
         ("relative error", "–" if error is None else format_percent(round(error, 3))),
-        ("rollouts", f"{entry.rollouts:,}"),
-        ("failures", f"{entry.failures:,}"),
-        ("errors", f"{entry.errors:,}"),
-        ("time", f"{entry.seconds:,.1f} s"),
+        ("rollouts", f"{result.rollouts:,}"),
+        ("failures", f"{result.failures.count:,}"),
+        ("errors", f"{result.errors:,}"),
+        ("time", f"{result.seconds:,.1f} s"),
     ]
     rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
     rows.append(tag("div", tag("dt", "made by"), tag("dd", link_command("run"))))
-    notes = [tag("p", note.text, class_="muted") for note in entry.notes]
+    notes = [tag("p", note.text, class_="muted") for note in result.notes]
     return tag("div", tag("dl", rows, class_="facts"), notes)
 
 
-def _render_warnings(entry: StoredEstimate) -> Markup:
-    if not entry.warnings:
-        return tag("p", "No warnings.", class_="health")
+def _render_warnings(result: Result) -> Markup:
+    if not result.health:
+        return tag("div", tag("p", "No warnings."), class_="health")
     lines = [
-        tag("li", tag("strong", name.replace("_", " ")), f": {text}.")
-        for name, text in entry.warnings.items()
+        tag("li", tag("strong", name.replace("_", " ")), f": {text}.") for name, text in result.health.items()
     ]
     return tag("div", tag("h3", "Warnings"), tag("ul", lines), class_="health warning", role="note")
 
 
-def _draw_charts(folder: RunFolder, entry: StoredEstimate) -> Markup:
-    sample = folder.samples.get(entry.specification)
-    robustness = np.zeros(0) if sample is None else sample.robustness.astype(np.float64)
-    diagnostics = entry.diagnostics or {}
+def _draw_charts(run: Run, result: Result) -> Markup:
+    robustness = result.robustness
+    diagnostics = result.diagnostics
     splitting = bool(diagnostics.get("levels"))
     histogram = charts.draw_histogram(robustness, splitting)
-    pair = tag("div", histogram, charts.draw_convergence(entry, robustness), class_="pair")
-    gamma, label = _find_gamma(folder, entry) if splitting else (float, "")
+    pair = tag("div", histogram, charts.draw_convergence(result, robustness), class_="pair")
+    gamma, label = _find_gamma(run, result) if splitting else (float, "")
     return tag("div", pair, charts.draw_levels(diagnostics, gamma, label))
 
 
-def _find_gamma(folder: RunFolder, entry: StoredEstimate) -> tuple[Callable[[float], float], str]:
+def _find_gamma(run: Run, result: Result) -> tuple[Callable[[float], float], str]:
     # the map from levels of the score to robustness thresholds γ, if it is known, and its label
-    if folder.scenario is not None:
-        with suppress(AvrareError):  # the label says that the axis is the score
-            problem = folder.scenario.problem(entry.specification)
-            estimator = folder.estimator(entry.specification)
-            return prepare_problem(estimator, problem).gamma, "γ, 0 at failure"
+    with suppress(AvrareError):  # the label says that the axis is the score
+        origin = result.require_origin()
+        return prepare_problem(origin.estimator, origin.problem).gamma, "γ, 0 at failure"
     return float, "score"
 
 
-def _render_players(folder: RunFolder, rollouts: Sequence[MonitoredRollout], errors: Sequence[str]) -> Markup:
-    if folder.scenario is None and errors:
+def _render_players(run: Run, rollouts: Sequence[MonitoredRollout], errors: Sequence[str]) -> Markup:
+    if run.build_errors:
         text = "The stored rollouts are not shown: the scenario cannot be built here."
         return tag("p", text, class_="muted")
     if errors:
         text = "The stored rollouts could not be replayed:"
         return tag("div", tag("p", text), tag("pre", "\n".join(errors)), class_="note")
-    if folder.scenario is None or not rollouts:
+    if not rollouts:
         return tag("p", "No rollout is stored in the run folder.", class_="muted")
-    path = folder.path if (folder.path / "result.json").is_file() else None  # a run in Python has none
-    return tag("div", [render_player(one, folder.scenario, k == 0, path) for k, one in enumerate(rollouts)])
+    players = [render_player(rollout, run.problem, k == 0, run.folder) for k, rollout in enumerate(rollouts)]
+    return tag("div", players)

@@ -10,13 +10,12 @@ import numpy as np
 from avrare.analysis.failures.lost import Continuations, continue_without_noise
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.result import Failures
+from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.report.plots.rollout_plot import Frame, extract_frames
-from avrare.results.reader import RolloutSample
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.results.stored_causes import StoredKinds
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
 
 _MAX_KINDS = 4
@@ -67,17 +66,16 @@ class MonitoredRollout:
         return None if first is None else first.sample
 
 
-def select_rollouts(
-    name: str, failures: Failures | None, sample: RolloutSample | None, kinds: StoredKinds | None = None
-) -> list[StoredRollout]:
+def select_rollouts(result: Result, kinds: StoredKinds | None = None) -> list[StoredRollout]:
     """Return each kind's most typical failure, and the worst; or the rollout nearest to a failure.
 
     Without kinds the second one is that with the smallest noise.
     """
-    if failures is None or not len(failures.robustness):
-        if sample is None or np.isnan(sample.worst.robustness):
+    name, failures = result.specification, result.failures
+    if not len(failures.robustness):
+        noise, robustness = result.worst.noise, result.worst.robustness
+        if not noise.size or np.isnan(robustness):
             return []
-        noise, robustness = sample.worst.noise, sample.worst.robustness
         return [StoredRollout("Nearest to a failure", name, noise, robustness, False)]
     titles: dict[int, str] = {}
     numbers: dict[int, int] = {}
@@ -101,47 +99,44 @@ def select_rollouts(
     ]
 
 
-def replay_stored(scenario: LoadedScenario, stored: Sequence[StoredRollout]) -> list[MonitoredRollout]:
+def replay_stored(problem: Problem, stored: Sequence[StoredRollout]) -> list[MonitoredRollout]:
     """Replay rollouts in one batch and monitor them."""
     if not stored:
         return []
     if len({one.tape.shape for one in stored}) > 1:
         raise UsageError("the stored tapes have different shapes", "run the scenario again")
-    missing = [one.specification for one in stored if one.specification not in scenario.specifications]
+    missing = [one.specification for one in stored if one.specification not in problem.names]
     if missing:
         raise UsageError(f"its scenario.yaml has no specification {missing[0]!r}", "run the scenario again")
-    problem = scenario.problem(scenario.specifications)
     rollouts = replay_tapes(problem, np.stack([one.tape for one in stored]))
-    return [_monitor(scenario, one, rollout) for one, rollout in zip(stored, rollouts, strict=True)]
+    return [_monitor(problem, one, rollout) for one, rollout in zip(stored, rollouts, strict=True)]
 
 
-def _monitor(scenario: LoadedScenario, stored: StoredRollout, rollout: ReplayedRollout) -> MonitoredRollout:
+def _monitor(problem: Problem, stored: StoredRollout, rollout: ReplayedRollout) -> MonitoredRollout:
     if rollout.error is not None:
         text = f"the rollout ended with an error after {len(rollout.states)} samples"
         return MonitoredRollout(stored, None, problem=text)
-    recording = record_rollout(scenario, rollout, scenario.name)
-    specification = scenario.stack.specifications[stored.specification]
+    recording = record_rollout(problem, rollout, stored.title)
+    specification = problem.monitor(stored.specification)
     try:
         result = monitor_recording(stored.specification, specification, recording)
     except AvrareError as error:
         return MonitoredRollout(stored, None, problem=error.message)
-    return MonitoredRollout(stored, result, tuple(extract_frames(scenario, rollout)))
+    return MonitoredRollout(stored, result, tuple(extract_frames(problem, rollout)))
 
 
-def with_continuations(
-    scenario: LoadedScenario, rollouts: Sequence[MonitoredRollout]
-) -> list[MonitoredRollout]:
+def with_continuations(problem: Problem, rollouts: Sequence[MonitoredRollout]) -> list[MonitoredRollout]:
     """Return the rollouts, the failing ones with their continuations without noise."""
-    return [_continue(scenario, one) if _fails(one) else one for one in rollouts]
+    return [_continue(problem, one) if _fails(one) else one for one in rollouts]
 
 
 def _fails(rollout: MonitoredRollout) -> bool:
     return rollout.stored.failed and rollout.result is not None and rollout.result.violated
 
 
-def _continue(scenario: LoadedScenario, rollout: MonitoredRollout) -> MonitoredRollout:
-    problem = scenario.problem(rollout.stored.specification)
+def _continue(problem: Problem, rollout: MonitoredRollout) -> MonitoredRollout:
+    alone = problem.subset([rollout.stored.specification])
     try:
-        return replace(rollout, continuations=continue_without_noise(problem, rollout.stored.tape))
+        return replace(rollout, continuations=continue_without_noise(alone, rollout.stored.tape))
     except AvrareError as error:  # the replay itself is shown all the same
         return replace(rollout, not_continued=error.message)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from avrare.analysis.rates.combination import Quantity, Total, combine, from_exposure
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.result import worst_verdict
+from avrare.estimation.result import Result, worst_verdict
 from avrare.report.html.markup import Markup, link_command, tag
-from avrare.results.reader import RunFolder, StoredEstimate
+from avrare.results.run import Run
 from avrare.scenario.schema import Threshold
 
 _VERDICTS = {"pass": "Passes", "fail": "Fails", "inconclusive": "Inconclusive", None: "No threshold"}
@@ -26,28 +26,28 @@ def render_sign(verdict: str | None) -> Markup:
     return tag("span", _SIGNS[verdict], aria_hidden="true")
 
 
-def render_verdict(folder: RunFolder) -> Markup:
+def render_verdict(run: Run) -> Markup:
     """Return the section with the overall verdict and a sentence for each specification."""
-    estimates = folder.result.estimates
+    estimates = list(run.values())
     judged = [one for one in estimates if one.verdict]
-    lines = [_render_line(folder, one) for one in sorted(estimates, key=_by_gravity)]
+    lines = [_render_line(run, one) for one in sorted(estimates, key=_by_gravity)]
     return tag(
         "section",
         tag("div", render_badge(worst_verdict(one.verdict for one in estimates)), class_="verdict"),
         tag("p", _summarise(judged), link_command("run"), class_="lead"),
-        _render_hint(folder) if not judged else None,
+        _render_hint(run) if not judged else None,
         tag("ul", lines, class_="answers"),
-        _render_exposure(folder),
+        _render_exposure(run),
         class_="summary", id="verdict", aria_label="Verdict",
     )  # fmt: skip
 
 
-def _by_gravity(entry: StoredEstimate) -> tuple[int, float]:
+def _by_gravity(result: Result) -> tuple[int, float]:
     order = ("fail", "inconclusive", "pass", None)
-    return order.index(entry.verdict), -entry.probability
+    return order.index(result.verdict), -result.probability
 
 
-def _summarise(judged: Sequence[StoredEstimate]) -> str:
+def _summarise(judged: Sequence[Result]) -> str:
     # One of several thresholds of a rule decides: its worst verdict is stored.
     if not judged:
         return "No threshold is set, so there is no verdict: this is how often each rule was broken."
@@ -67,29 +67,29 @@ def _summarise(judged: Sequence[StoredEstimate]) -> str:
     return ", ".join(part for part in parts if part) + "."
 
 
-def _render_hint(folder: RunFolder) -> Markup:
-    name = folder.result.estimates[0].specification
+def _render_hint(run: Run) -> Markup:
+    name = next(iter(run.values())).specification
     example = f'thresholds: [{{specification: {name}, probability: "< 1e-3"}}]'
     return tag("p", "To get one, add to the scenario, for example: ", tag("code", example), class_="muted")
 
 
-def _render_line(folder: RunFolder, entry: StoredEstimate) -> Markup:
-    index = folder.result.estimates.index(entry)
-    link = tag("a", entry.specification, href=f"#specification-{index}")
-    sign = tag("span", render_sign(entry.verdict), class_=f"sign {entry.verdict or 'none'}")
-    said = f": {_say_estimate(entry)}{_say_thresholds(entry, folder.thresholds(entry.specification))}."
-    rates = [tag("span", f" {_say_rate(unit, rate)}.") for unit, rate in compute_rates(folder, entry).items()]
+def _render_line(run: Run, result: Result) -> Markup:
+    index = list(run).index(result.specification)
+    link = tag("a", result.specification, href=f"#specification-{index}")
+    sign = tag("span", render_sign(result.verdict), class_=f"sign {result.verdict or 'none'}")
+    said = f": {_say_estimate(result)}{_say_thresholds(result, run.thresholds(result.specification))}."
+    rates = [tag("span", f" {_say_rate(unit, rate)}.") for unit, rate in compute_rates(run, result).items()]
     return tag("li", sign, tag("div", tag("strong", link), said, rates))
 
 
-def _say_estimate(entry: StoredEstimate) -> str:
-    low, high = entry.interval
-    level = f"{format_percent(entry.confidence)} confidence"
-    if not entry.probability:
-        return f"never broken in {entry.rollouts:,} rollouts, so in at most {say_share(high)} ({level})"
-    rollouts = " of all rollouts" if entry.probability >= _FREQUENT else " rollouts"
+def _say_estimate(result: Result) -> str:
+    low, high = result.interval
+    level = f"{format_percent(result.confidence)} confidence"
+    if not result.probability:
+        return f"never broken in {result.rollouts:,} rollouts, so in at most {say_share(high)} ({level})"
+    rollouts = " of all rollouts" if result.probability >= _FREQUENT else " rollouts"
     ends = f"at most {say_share(high)}" if low <= 0.0 else f"{say_share(low)} to {say_share(high)}"
-    return f"broken in {say_share(entry.probability)}{rollouts} ({ends}, {level})"
+    return f"broken in {say_share(result.probability)}{rollouts} ({ends}, {level})"
 
 
 def say_share(probability: float) -> str:
@@ -101,8 +101,8 @@ def say_share(probability: float) -> str:
     return f"1 in {format_amount_in_words(1.0 / probability)}"
 
 
-def _say_thresholds(entry: StoredEstimate, thresholds: Sequence[Threshold]) -> str:
-    if not thresholds or entry.verdict is None:
+def _say_thresholds(result: Result, thresholds: Sequence[Threshold]) -> str:
+    if not thresholds or result.verdict is None:
         return ""
     bounds = " and ".join(
         f"{'less than' if one.strict else 'at most'} {say_share(one.limit)}" for one in thresholds
@@ -112,16 +112,16 @@ def _say_thresholds(entry: StoredEstimate, thresholds: Sequence[Threshold]) -> s
         "fail": f"; allowed is {bounds}: it does not hold",
         "inconclusive": f"; allowed is {bounds}: undecided, more rollouts are needed",
     }
-    return said[entry.verdict]
+    return said[result.verdict]
 
 
-def compute_rates(folder: RunFolder, entry: StoredEstimate) -> dict[str, Total]:
+def compute_rates(run: Run, result: Result) -> dict[str, Total]:
     """Return how often a rule is broken per hour or per km; empty where the exposure is not known."""
-    exposure = None if folder.definition is None else folder.definition.exposure
+    exposure = None if run.definition is None else run.definition.exposure
     if exposure is None:
         return {}
-    probability = Quantity(entry.probability, *entry.interval)
-    return {exposure.unit: combine([from_exposure(exposure, entry.confidence)], [probability])}
+    probability = Quantity(result.probability, *result.interval)
+    return {exposure.unit: combine([from_exposure(exposure, result.confidence)], [probability])}
 
 
 def _say_rate(unit: str, rate: Total) -> str:
@@ -134,11 +134,11 @@ def _say_rate(unit: str, rate: Total) -> str:
     return f"On the road: {often} ({format_amount_in_words(1.0 / high)} {rarest})"
 
 
-def _render_exposure(folder: RunFolder) -> Markup | None:
-    exposure = None if folder.definition is None else folder.definition.exposure
+def _render_exposure(run: Run) -> Markup | None:
+    exposure = None if run.definition is None else run.definition.exposure
     if exposure is None:
         return None
-    known = from_exposure(exposure, folder.result.estimates[0].confidence)
+    known = from_exposure(exposure, next(iter(run.values())).confidence)
     source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
     often = f"{known.value:.3g} times per {exposure.unit}"
     often += f" ({known.low:.2g} – {known.high:.2g})" if known.low < known.high else ""

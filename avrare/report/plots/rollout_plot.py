@@ -18,7 +18,9 @@ from avrare.estimation.result import Result
 from avrare.protocols import Floats, HasPlan, find_ability
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes
+from avrare.stack.closed_loop import ClosedLoop
 
 _MOMENTS = 6
 _WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
@@ -51,9 +53,9 @@ def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) 
             tapes.append((f"worst_{result.specification}", title, result.worst.noise))
     rollouts = replay_tapes(problem, np.stack([tape for _, _, tape in tapes]))
     paths = [folder / f"{name}.png" for name, _, _ in tapes]
-    assert scenario.scene is not None
+    assert problem.scene is not None
     for path, (_, title, _), rollout in zip(paths, tapes, rollouts, strict=True):
-        draw_drive(extract_frames(scenario, rollout), scenario.scene, f"{scenario.name}: {title}", path)
+        draw_drive(extract_frames(problem, rollout), problem.scene, f"{scenario.name}: {title}", path)
     return paths
 
 
@@ -81,10 +83,10 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     save_figure(figure, path)
 
 
-def extract_frames(scenario: LoadedScenario, rollout: ReplayedRollout) -> list[Frame]:
-    """Return what was perceived, predicted and planned at every step; none without vehicles."""
-    loop = scenario.stack.loop
-    if scenario.scene is None:
+def extract_frames(problem: Problem, rollout: ReplayedRollout) -> list[Frame]:
+    """Return the perceived, predicted and planned motion at every step; none without vehicles."""
+    loop = problem.system
+    if problem.scene is None or not isinstance(loop, ClosedLoop):
         return []
     horizon = loop.controller.horizon if loop.controller is not None else 0
     frames = []

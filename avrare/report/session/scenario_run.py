@@ -6,53 +6,26 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import estimate_specifications
 from avrare.estimation.loop import Progress
-from avrare.estimation.result import Origin, Result, Results, with_verdict, worst_verdict
-from avrare.report.html.page import render_report
+from avrare.estimation.plan import Estimator
+from avrare.estimation.result import Origin, Result, with_verdict
 from avrare.report.session.live_progress import show_progress
 from avrare.results import run_folder
 from avrare.results.callbacks import call_back
+from avrare.results.run import Run
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.executors.worker_process import exit_if_unguarded
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
-
-
-class ScenarioRun(Results):
-    """Results of a scenario, by specification, and the folder that has them.
-
-    Attributes:
-        folder: Run folder, as ``avrare run --out`` writes it.
-        notes: Lines of the installed result callbacks.
-    """
-
-    def __init__(self, results: Sequence[Result], folder: Path, notes: tuple[str, ...] = ()) -> None:
-        super().__init__(results)
-        self.folder, self.notes = folder, notes
-
-    @property
-    def verdict(self) -> str | None:
-        """Worst verdict on the thresholds: "pass", "inconclusive", "fail"; None without any."""
-        return worst_verdict(result.verdict for result in self.values())
-
-    def report(self, path: str | os.PathLike[str] | None = None) -> Path:
-        """Write the report, by default ``report.html`` in the run folder, and return its path."""
-        file = self.folder / "report.html" if path is None else Path(path)
-        text = render_report(self.folder)
-        with explain_file_errors(f"{file}: cannot write", "choose another file"):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_text(file, text)
-        return file
 
 
 def run(
@@ -66,7 +39,7 @@ def run(
     resume: bool = False,
     progress: Progress | bool = False,
     safe: bool = False,
-) -> ScenarioRun:
+) -> Run:
     """Estimate every specification of a scenario and write the run folder, as ``avrare run`` does.
 
     Args:
@@ -104,10 +77,10 @@ def run(
             scenario, definition.estimated, paid, lambda: build_executor(workers), _watch(scenario, progress),
             journal=journal,
         )  # fmt: skip
-        results = [_finished(scenario, one) for one in found]
-        run_folder.write(folder, definition, run_folder.document(definition, results), results, paid)
+        finished = Run.of_scenario(definition, [_finish(scenario, result) for result in found], paid)
+        finished = finished.write(folder)
         checkpoint.remove()
-    return ScenarioRun(results, folder, tuple(call_back(folder)))
+    return replace(finished, replies=tuple(call_back(folder)))
 
 
 def _watch(scenario: LoadedScenario, progress: Progress | bool) -> Any:
@@ -121,8 +94,12 @@ def _watch(scenario: LoadedScenario, progress: Progress | bool) -> Any:
     return watch
 
 
-def _finished(scenario: LoadedScenario, result: Result) -> Result:
-    definition, problem = scenario.definition, scenario.problem(result.specification)
-    options = definition.estimator.config.model_dump(exclude_defaults=True)
-    origin = Origin(problem, scenario.estimator(), definition.seed, options)
+def _finish(scenario: LoadedScenario, result: Result) -> Result:
+    definition = scenario.definition
+    call = f"avrare.run({definition.path!r})"
+    origin = Origin(partial(_build, scenario, result.specification), definition.seed, call)
     return with_verdict(replace(result, origin=origin), definition.thresholds)
+
+
+def _build(scenario: LoadedScenario, name: str) -> tuple[Problem, Estimator]:
+    return scenario.problem(name), scenario.estimator()

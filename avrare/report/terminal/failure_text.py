@@ -6,7 +6,7 @@ from avrare.analysis.failures.falsify import FalsificationResult
 from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import ShrinkResult
 from avrare.analysis.failures.stored_replays import FailureReplay
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 
 MAX_BLOB = 1000
 """Longest blob [characters] that is printed; for longer ones the command that prints them is shown."""
@@ -34,29 +34,29 @@ def describe_replay(replay: FailureReplay) -> list[str]:
     return [outcome, replay.divergence, *(replay.changes or unchanged)]
 
 
-def describe_shrinking(scenario: LoadedScenario, shrunk: ShrinkResult) -> list[str]:
+def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:
     """Return what is left of a failure, in numbers and in words."""
     if shrunk.after == 0.0:
-        description = describe(scenario, shrunk.noise)
+        description = describe(problem, shrunk.noise)
         lines = [f"it fails without any noise ({shrunk.rollouts} rollouts): {description}"]
         if shrunk.passing_noise is not None:
-            lines.append(f"it passes with: {describe(scenario, shrunk.passing_noise)}")
+            lines.append(f"it passes with: {describe(problem, shrunk.passing_noise)}")
         return lines
     lines = [
         f"shrunk to {shrunk.ratio:.1%} of its norm ({shrunk.before:.3g} -> {shrunk.after:.3g}), "
         f"{shrunk.nonzero} of {shrunk.noise.size} numbers ({shrunk.rollouts} rollouts)",
-        f"what is left: {describe(scenario, shrunk.noise)}",
+        f"what is left: {describe(problem, shrunk.noise)}",
     ]
     return lines if shrunk.reason is None else [*lines, f"more than a tenth is left: {shrunk.reason}"]
 
 
-def describe_falsification(scenario: LoadedScenario, found: FalsificationResult) -> list[str]:
+def describe_falsification(problem: Problem, found: FalsificationResult) -> list[str]:
     """Return the result of a search for failures."""
     errors = f", {found.errors} of them with errors" if found.errors else ""
     cost = f"{found.rollouts} rollouts{errors}"
     if found.noise is None:
         return [f"no failure found in {cost}; this does not prove that there is none"]
-    description = describe(scenario, found.noise)
+    description = describe(problem, found.noise)
     if found.norm == 0.0:
         return [f"it fails without any noise: {description}", "beta = 0", CAUTION]
     more = "" if found.finished else "; the budget ended the search, a larger one may find a likelier failure"

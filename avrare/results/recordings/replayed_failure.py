@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.result import Failures
-from avrare.results.reader import load_run_scenario, read_failures, select_failure
 from avrare.results.recordings.recording import Recording
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.results.run import Run
+from avrare.results.stored_failures import select_failure
+from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tape
+from avrare.scenario.schema import Block
 
 
 @dataclass(frozen=True)
 class ReplayedFailure:
     """A stored failure of a run, replayed; ``changes`` are messages about robustness that differs now."""
 
-    scenario: LoadedScenario
     specification: str
     index: int
     recording: Recording
@@ -26,52 +26,49 @@ class ReplayedFailure:
 
 
 def replay_run_failure(
-    folder: Path, specification: str | None, index: int | None, rule: str | None = None
+    run: Run, specification: str | None, index: int | None, rule: str | None = None
 ) -> ReplayedFailure:
     """Replay a stored failure of a run; without an index the least robust one, which also checks all others.
 
     Its specification is given by name or by its option ``rule``, or only one has failures.
     """
-    scenario = load_run_scenario(folder)
+    problem = run.scenario.problem(run.scenario.specifications)
     if specification is None:
-        specification = _find_rule(scenario, rule)
-    elif specification not in scenario.specifications:
-        hint = did_you_mean(specification, scenario.specifications)
-        raise UsageError(f"{folder}: there is no specification {specification!r}", hint)
-    stored = read_failures(folder)
-    name, chosen = select_failure(folder, stored, specification, index)
-    failures = stored[name]
+        specification = _find_rule(run, rule)
+    elif specification not in problem.names:
+        hint = did_you_mean(specification, problem.names)
+        raise UsageError(f"{run.folder}: there is no specification {specification!r}", hint)
+    name, chosen = select_failure(run, specification, index)
+    failures = run[name].failures
     count = len(failures.robustness)
-    changes = _compare_robustness(scenario, name, failures, range(count) if index is None else [index])
-    source = f"{folder}: failure {chosen} of {count} stored of {name}"
-    rollout = replay_tape(scenario.problem(scenario.specifications), failures.noise[chosen])
+    indices = range(count) if index is None else [index]
+    changes = _compare_robustness(problem.subset([name]), failures, indices)
+    source = f"{run.folder}: failure {chosen} of {count} stored of {name}"
+    rollout = replay_tape(problem, failures.noise[chosen])
     if rollout.error is not None:
         raise UsageError(f"{source}: the rollout ends with an error: {rollout.error}")
-    recording = record_rollout(scenario, rollout, source)
-    return ReplayedFailure(scenario, name, chosen, recording, changes)
+    return ReplayedFailure(name, chosen, record_rollout(problem, rollout, source), changes)
 
 
-def record_rollout(scenario: LoadedScenario, rollout: ReplayedRollout, source: str) -> Recording:
+def record_rollout(problem: Problem, rollout: ReplayedRollout, source: str) -> Recording:
     """Return the recording of a rollout, up to its error if there is one."""
-    scene, dt = scenario.scene, float(scenario.stack.loop.simulator.dt)
+    scene, dt = problem.scene, 1.0 if problem.dt is None else problem.dt
     return Recording(source, dt, 0.0, rollout.signals, scene, () if scene is None else scene.names)
 
 
-def _find_rule(scenario: LoadedScenario, rule: str | None) -> str | None:
-    parts = scenario.definition.specifications.items()
-    found = [name for name, part in parts if getattr(getattr(part, "config", None), "rule", None) == rule]
-    return found[0] if rule is not None and len(found) == 1 else None
+def _find_rule(run: Run, rule: str | None) -> str | None:
+    parts = () if rule is None or run.definition is None else run.definition.specifications.items()
+    names = [name for name, part in parts if isinstance(part, Block) and part.resolved.get("rule") == rule]
+    return names[0] if len(names) == 1 else None
 
 
-def _compare_robustness(
-    scenario: LoadedScenario, name: str, failures: Failures, indices: Sequence[int]
-) -> tuple[str, ...]:
-    problem = scenario.problem(name)
+def _compare_robustness(problem: Problem, failures: Failures, indices: Sequence[int]) -> tuple[str, ...]:
     messages = []
     for begin in range(0, len(indices), problem.chunk):
-        part = list(indices[begin : begin + problem.chunk])
-        robustness = problem.robustness(failures.noise[part])
-        for k, now in zip(part, robustness, strict=True):
+        chosen = list(indices[begin : begin + problem.chunk])
+        robustness = problem.robustness(failures.noise[chosen])
+        for k, now in zip(chosen, robustness, strict=True):
             if now != (before := failures.robustness[k]):
-                messages.append(f"failure {k} of {name}: robustness {now:.9g} now, {before:.9g} when stored")
+                place = f"failure {k} of {problem.names[0]}"
+                messages.append(f"{place}: robustness {now:.9g} now, {before:.9g} when stored")
     return tuple(messages)

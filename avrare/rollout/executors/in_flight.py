@@ -10,17 +10,17 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Protocol
+from typing import Any, Protocol
 
 from avrare.base.errors import AvrareError, ExitCode
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.executors.work import Task
 
 MOST_LOSSES = 3
 """Number of worker deaths after which a chunk is given up; from the second on it runs by itself."""
 
 
 class WorkerLost(Exception):
-    """A worker ended while it ran a chunk."""
+    """A worker ended while it ran a chunk; the argument says how, where that is known."""
 
 
 class WorkerDied(AvrareError):
@@ -35,14 +35,14 @@ class Ticket(Protocol):
     def done(self) -> bool:
         """Return True once there is an outcome, or can be none."""
 
-    def result(self) -> Rollouts:
+    def result(self) -> Any:
         """Wait for the outcome and return it; raise ``WorkerLost`` if the worker died."""
 
 
 class Crew(Protocol):
     """Group of workers that run chunks."""
 
-    def submit(self, chunk: Request) -> Ticket:
+    def submit(self, chunk: Task) -> Ticket:
         """Give a chunk to a worker; raise ``WorkerLost`` if none is left."""
 
     def replace_lost(self) -> None:
@@ -51,7 +51,7 @@ class Crew(Protocol):
 
 @dataclass
 class _Flight:
-    chunk: Request
+    chunk: Task
     ticket: Ticket | None = None
     losses: int = 0
 
@@ -69,7 +69,7 @@ class Window:
         """True while a worker runs a chunk."""
         return any(flight.ticket is not None and not flight.ticket.done() for flight in self._flights)
 
-    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+    def map(self, chunks: Iterable[Task]) -> Iterator[Any]:
         """Yield outcomes in the order of the chunks, taking a chunk when there is room for it."""
         source, flights = iter(chunks), self._flights
         while True:
@@ -81,8 +81,8 @@ class Window:
                 head = flights[0].ticket
                 assert head is not None
                 outcome = head.result()
-            except WorkerLost:
-                self._recover()
+            except WorkerLost as loss:
+                self._recover(str(loss) or "killed, out of memory, or failed to start")
                 continue
             flights.popleft()
             yield outcome
@@ -94,7 +94,7 @@ class Window:
             if flight.ticket is None:
                 flight.ticket = self.crew.submit(flight.chunk)
 
-    def _recover(self) -> None:
+    def _recover(self, end: str) -> None:
         self.restarts += 1
         self.crew.replace_lost()  # first: it also waits until every lost chunk is known
         lost = [flight for flight in self._flights if flight.ticket is not None and _is_lost(flight.ticket)]
@@ -103,13 +103,11 @@ class Window:
             flight.losses += 1
         worst = max(self._flights, key=lambda flight: flight.losses)
         if worst.losses >= MOST_LOSSES:
-            chunk = worst.chunk
             raise WorkerDied(
-                "a worker process ended without an answer (killed, out of memory, or failed to start), "
-                f"{worst.losses} times on the chunk of {chunk.rows} rollouts that begins at "
-                f"run {chunk.run[0]}, stage {chunk.stage[0]}, particle {chunk.particle[0]}",
+                f"a worker process ended without an answer ({end}), {worst.losses} times "
+                f"{worst.chunk.describe()}",
                 "run with --workers 1 to see the cause",
-            )
+            ) from None
 
 
 def _is_lost(ticket: Ticket) -> bool:

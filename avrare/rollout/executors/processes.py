@@ -9,13 +9,13 @@ import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from queue import SimpleQueue
+from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.rollout.executors.in_flight import Window, WorkerDied, WorkerLost
 from avrare.rollout.executors.serial import ExecutorConfig
-from avrare.rollout.executors.work import Work
+from avrare.rollout.executors.work import Task, Work
 from avrare.rollout.executors.worker_process import HINT, WorkerProcess, exit_if_unguarded, unpack
-from avrare.rollout.request import Request, Rollouts
 
 __all__ = ["ProcessExecutor", "WorkerDied", "build"]
 
@@ -65,11 +65,11 @@ class ProcessExecutor:
         for thread in self._threads:
             thread.start()
 
-    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+    def map(self, chunks: Iterable[Task]) -> Iterator[Any]:
         """Yield outcomes in the order of the chunks."""
         return self._window.map(chunks)
 
-    def submit(self, chunk: Request) -> _Ticket:
+    def submit(self, chunk: Task) -> _Ticket:
         """Queue a chunk for the next free worker."""
         ticket = _Ticket(self, chunk)
         self._tickets.put(ticket)
@@ -124,14 +124,14 @@ class ProcessExecutor:
 
 
 class _Ticket:
-    def __init__(self, crew: ProcessExecutor, chunk: Request) -> None:
+    def __init__(self, crew: ProcessExecutor, chunk: Task) -> None:
         self.crew, self.chunk = crew, chunk
         self.answer: Future[bytes] = Future()
 
     def done(self) -> bool:
         return self.answer.done()
 
-    def result(self) -> Rollouts:
+    def result(self) -> Any:
         while True:
             try:
                 return unpack(self.answer.result(timeout=_LOOK))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import faulthandler
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from functools import partial
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from avrare.rollout.executors.work import Work
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.child_process import run_guarded
+from avrare.rollout.executors.work import Errand, Task, Work
 
 
 class ExecutorConfig(BaseModel):
@@ -24,15 +28,33 @@ def build(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor
 
 
 class SerialExecutor:
-    """Executor that runs one chunk after another."""
+    """Executor that runs one chunk after another.
+
+    An errand runs in a child process until a chunk has run here. A chunk that crashes ends this process, and
+    says where.
+    """
+
+    _says_where = False
 
     def open(self, work: Work) -> None:
         """Remember the work."""
         self._work = work
+        if not faulthandler.is_enabled():
+            with suppress(AttributeError, OSError, ValueError):  # no standard error, or one that is no file
+                faulthandler.enable(all_threads=False)
+                self._says_where = True
 
-    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+    def map(self, chunks: Iterable[Task]) -> Iterator[Any]:
         """Yield outcomes in the order of the chunks."""
-        return (self._work.run(chunk) for chunk in chunks)
+        return map(self._run, chunks)
 
     def close(self) -> None:
-        """Do nothing: there are no workers."""
+        """Leave crashes alone again: there are no workers."""
+        if self._says_where:
+            faulthandler.disable()
+            self._says_where = False
+
+    def _run(self, task: Task) -> Any:
+        if isinstance(task, Errand):
+            return run_guarded(task.purpose, self._work.problem.system, partial(self._work.run, task))
+        return self._work.run(task)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
 from avrare import protocols
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import default_registry
+from avrare.rollout.child_process import run_here
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -21,6 +23,32 @@ _FIELDS = ("scores", "robustness", "violated", "error", "log_weight")
 """Fields to compare, scores first: they give the step."""
 
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Errand:
+    """Run of the system beside the chunks of an estimate.
+
+    Attributes:
+        purpose: The run in words, such as "the probe before the estimate".
+        function: Function of the problem and of the arguments, at the top level of a module.
+        arguments: The arguments.
+    """
+
+    purpose: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+    def describe(self) -> str:
+        """Return where a worker is that runs it."""
+        return f"in {self.purpose}"
+
+
+Task = Request | Errand
+
+
 @dataclass(frozen=True)
 class Work:
     """Work that all chunks of an estimate share."""
@@ -29,17 +57,25 @@ class Work:
     noise: NoiseSource
     scored: bool  # True where the estimator needs the importance score
 
-    def __post_init__(self) -> None:
-        if self.scored:
-            _ = self.problem.specifications  # measures what the score needs once, not in every process
+    def run(self, task: Task) -> Any:
+        """Return the outcome of a chunk (``Rollouts``) or of an errand; the same wherever it runs."""
+        run_here(self.problem.system)
+        if isinstance(task, Errand):
+            return task.function(self.problem, *task.arguments)
+        return self.problem.simulate(self.noise, task, scored=self.scored)
 
-    def run(self, chunk: Request) -> Rollouts:
-        """Return the outcome of one chunk; the same wherever it runs."""
-        return self.problem.simulate(self.noise, chunk, scored=self.scored)
+
+Executor = protocols.Executor[Work, Task, Any]
+"""Executor of chunks of rollouts, and of errands. Optional: ``HasWorkers``."""
 
 
-Executor = protocols.Executor[Work, Request, Rollouts]
-"""Executor of chunks of rollouts. Optional: ``HasWorkers``."""
+def run_errand(
+    executor: Executor, purpose: str, function: Callable[Concatenate[Problem, P], T],
+    *arguments: P.args, **_: P.kwargs,
+) -> T:  # fmt: skip
+    """Return what ``function`` gives for the problem of an open executor, where that runs the system."""
+    (answer,) = executor.map([Errand(purpose, function, arguments)])
+    return answer  # type: ignore[no-any-return]
 
 
 class HasWorkers(Protocol):
@@ -60,16 +96,16 @@ def build_executor(workers: int, text: str | None = None) -> Executor:
     return component.load_factory()(config, None)  # type: ignore[no-any-return]
 
 
-def check_reproduces(work: Work, chunk: Request, stored: Rollouts) -> None:
+def check_reproduces(run: Callable[[Request], Rollouts], chunk: Request, stored: Rollouts) -> None:
     """Run the least robust rollout of a stored chunk again; raise where it differs: the system has changed.
 
     Where it differs, the complete chunk is run, as rows of a system may depend on their neighbours.
     """
     row = int(np.argmin(np.where(stored.error, np.inf, stored.robustness.min(axis=1))))
-    repeated = work.run(chunk.slice(row, row + 1))
+    repeated = run(chunk.slice(row, row + 1))
     if not _difference(stored, row, repeated, 0):
         return
-    repeated = work.run(chunk)
+    repeated = run(chunk)
     difference = _difference(stored, row, repeated, row)
     if difference:
         raise UsageError(

@@ -17,8 +17,9 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from avrare.base.errors import UsageError
+from avrare.rollout.child_process import describe_exit
 from avrare.rollout.executors.in_flight import WorkerLost
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.executors.work import Task
 
 HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _PATIENCE = 10
@@ -27,6 +28,8 @@ _FAREWELL = 1.0
 """Seconds that a process whose pipe has ended may take to leave its exit code."""
 _UNGUARDED = 97
 """Exit code of a worker whose import of the script began another estimate with workers."""
+_OUT_OF_MEMORY = 98
+"""Exit code of a worker whose chunk needs more memory than there is."""
 _END = 10.0
 """Seconds that an idle process has to end."""
 
@@ -46,7 +49,7 @@ class WorkerProcess:
         self._stopped = 0
         self._hanging_up = threading.Lock()  # the number of a closed pipe may be that of another worker's
 
-    def run(self, chunk: Request) -> bytes:
+    def run(self, chunk: Task) -> bytes:
         """Run a chunk and return the pickled outcome or exception; raise ``WorkerLost`` at its death."""
         try:
             if self._work is not None:
@@ -54,15 +57,16 @@ class WorkerProcess:
                 self._work = None
             self._connection.send(chunk)
             return self._connection.recv_bytes()
-        except (OSError, EOFError) as error:
+        except (OSError, EOFError):
             self._process.join(_FAREWELL)
-            if self._process.exitcode == _UNGUARDED:
+            exit_code = self._process.exitcode
+            if exit_code == _UNGUARDED:
                 raise UsageError(
                     "worker processes import this script, and would run it again",
                     'put the call under `if __name__ == "__main__":`, or use workers=1',
                 ) from None
             self.kill()
-            raise WorkerLost from error
+            raise WorkerLost(_describe_end(exit_code)) from None
 
     def look(self) -> None:
         """Kill the process if it stays stopped, and hang up if it is dead."""
@@ -89,12 +93,12 @@ class WorkerProcess:
         self._process.join()
 
 
-def unpack(answer: bytes) -> Rollouts:
+def unpack(answer: bytes) -> Any:
     """Return the outcome in an answer, or raise the exception in it."""
     outcome = pickle.loads(answer)
     if isinstance(outcome, BaseException):
         raise outcome
-    return outcome  # type: ignore[no-any-return]
+    return outcome
 
 
 def exit_if_unguarded() -> None:
@@ -116,6 +120,12 @@ def _start_without_interrupt(process: multiprocessing.process.BaseProcess) -> No
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _describe_end(exit_code: int | None) -> str:
+    if exit_code is None:
+        return "it does not react"
+    return "out of memory" if exit_code == _OUT_OF_MEMORY else describe_exit(exit_code)
+
+
 def _is_stopped(pid: int | None) -> bool:
     if pid is None or not hasattr(os, "waitid"):
         return False
@@ -130,7 +140,7 @@ def _serve(connection: Connection) -> None:
     with suppress(EOFError, OSError):  # the parent has closed the pipe
         work = _read_work(connection.recv_bytes())
         while True:
-            connection.send_bytes(_answer(work, connection.recv()))
+            connection.send_bytes(pack(work, connection.recv()))
 
 
 def _read_work(payload: bytes) -> Any:
@@ -140,11 +150,12 @@ def _read_work(payload: bytes) -> Any:
         return UsageError(f"a worker process cannot read the problem: {error}", HINT)
 
 
-def _answer(work: Any, chunk: Request) -> bytes:
+def pack(work: Any, chunk: Task) -> bytes:
+    """Run a chunk and return the pickled outcome or exception."""
     try:
         return pickle.dumps(work if isinstance(work, UsageError) else work.run(chunk))
     except MemoryError:
-        os._exit(1)  # the chunk is run again, by itself from the second time on
+        os._exit(_OUT_OF_MEMORY)  # the chunk is run again, by itself from the second time on
     except Exception as error:
         return _pickle_error(error)
 

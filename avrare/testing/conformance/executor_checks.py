@@ -10,8 +10,9 @@ import numpy as np
 
 from avrare.base.errors import AvrareError
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.rollout.executors.work import Work
+from avrare.rollout.executors.work import Work, run_errand
 from avrare.rollout.noise import NoiseSource
+from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
 from avrare.testing.conformance.suite import Subject
 from avrare.testing.problems import walk
@@ -28,6 +29,19 @@ def outcomes_are_those_of_serial(subject: Subject) -> None:
         for name in ("robustness", "violated", "error"):
             same = np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name == "robustness")
             assert same, f"{name} of chunk {index} differs"
+
+
+def runs_errands(subject: Subject) -> None:
+    """An errand gives what its function gives for the problem, and an error of it comes through."""
+    executor = subject.build()
+    executor.open(_work())
+    with closing(executor):
+        assert run_errand(executor, "a check", _add, 2) == _work().problem.steps + 2, "another answer"
+        try:
+            run_errand(executor, "a check", _add, None)
+        except TypeError:
+            return
+        raise AssertionError("an errand that raises gives an answer")
 
 
 def runs_more_than_once(subject: Subject) -> None:
@@ -64,6 +78,10 @@ def errors_come_through(subject: Subject) -> None:
         raise AssertionError("a chunk that cannot be run gives an outcome")
 
 
+def _add(problem: Problem, number: Any) -> int:
+    return problem.steps + int(number)
+
+
 def _outcomes(executor: Any) -> list[Any]:
     executor.open(_work())
     with closing(executor):
@@ -82,5 +100,9 @@ def _chunks(number: int) -> list[Request]:
 
 
 CHECKS = (
-    outcomes_are_those_of_serial, runs_more_than_once, takes_chunks_as_there_is_room, errors_come_through,
-)  # fmt: skip
+    outcomes_are_those_of_serial,
+    runs_errands,
+    runs_more_than_once,
+    takes_chunks_as_there_is_room,
+    errors_come_through,
+)

@@ -55,11 +55,16 @@ def drifted(region, kernel, known, many=MANY, steps=10):
     return drift(problem, kernel, known, batch.take(starts(region), slice(0, many)), 0.0, steps)
 
 
-@pytest.mark.parametrize("region", REGIONS)
-@pytest.mark.parametrize("name", ["shrink", "bracket", "pcn", "surrogate", "lipschitz"])
+@pytest.mark.parametrize(
+    ("region", "name"),
+    [
+        (region, name)
+        for name in ("shrink", "bracket", "pcn", "surrogate", "lipschitz")
+        for region in REGIONS
+        if (region, name) != ("four_branch", "lipschitz")  # the slope of this score has no bound
+    ],
+)
 def test_valid_kernels_leave_the_law_as_it_is(region, name):
-    if name == "lipschitz" and region == "four_branch":
-        pytest.skip("the slope of this score has no bound")
     kernel, known = kernels(REGIONS[region].system.noise_size)[name]
     found = drifted(region, kernel, known)
     assert found.outside == 0.0

@@ -19,7 +19,6 @@ LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"
 
 @pytest.fixture(scope="module")
 def problem():
-    pytest.importorskip("avrare_mpc")
     settings = ["controller.backend=riccati", "controller.search=follow"]
     return avrare.load(LANE_CHANGE, settings).problem("no_collision")
 

@@ -44,7 +44,7 @@ def problem(limit=1.0, chunk=200, steps=STEPS):
 def estimated(name, **options):
     estimator = _estimator(name, {**SIZES[name], **options})
     prepared, plan = planned(problem(), estimator, Settings(seed=3))
-    foretold = memory.forecast(prepared, estimator, plan)
+    foretold = memory.forecast(estimator, plan, memory.measure_carry(prepared))
     tracemalloc.start()
     try:
         (result,) = run(problem(), estimator, SerialExecutor(), Settings(seed=3))

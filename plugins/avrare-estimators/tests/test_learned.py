@@ -79,7 +79,6 @@ def test_tilted_density_integrates_to_one():
 
 @pytest.mark.slow
 def test_it_learns_and_stays_unbiased():
-    pytest.importorskip("torch")
     truth = toy.exact(LIMIT)
     result = avrare.estimate(toy.final_only(LIMIT), "ce", runs=10, check=0.0, **QUICK)
     values = result.run_probabilities
@@ -91,7 +90,6 @@ def test_it_learns_and_stays_unbiased():
 
 @pytest.mark.slow
 def test_training_gives_the_same_bits():
-    pytest.importorskip("torch")
     task = toy.final_only(LIMIT, chunk=64)
     options = {**QUICK, "rollouts": 150, "epochs": 20, "stages": 2}
     one, again, two = (avrare.estimate(task, "ce", workers=w, **options) for w in (1, 1, 2))
@@ -100,7 +98,6 @@ def test_training_gives_the_same_bits():
 
 
 def test_a_target_without_law_is_refused():
-    pytest.importorskip("torch")
     with pytest.raises(avrare.UsageError, match="no law"):
         avrare.estimate(toy.final_only(LIMIT, perception=toy.Blind(toy.scene())), "ce", family="network")
 

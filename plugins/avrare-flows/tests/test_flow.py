@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
+import torch
 
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
+from avrare_flows import train
 from avrare_flows.command import read_samples
 from avrare_flows.flow import Flow
-
-torch = pytest.importorskip("torch")
-pytest.importorskip("pyro")
-train = pytest.importorskip("avrare_flows.train")
 
 SHAPES = [
     ("affine_coupling", 2),

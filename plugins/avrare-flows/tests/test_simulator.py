@@ -18,8 +18,6 @@ from avrare_flows.config import LawConfig, TransformedConfig
 from avrare_flows.flow import Flow
 from avrare_flows.simulator import build, law_of
 
-pytest.importorskip("avrare_linear")
-
 SUM = """
 name: sum
 steps: 0
@@ -129,7 +127,6 @@ def test_only_a_simulator_with_normal_noise_is_wrapped():
     inner = {"plugin": "transformed", "noise": noise, "simulator": linear}
     with pytest.raises(AvrareError, match="another transformed"):
         build(TransformedConfig(noise=noise, simulator=inner))
-    pytest.importorskip("avrare_single_track")
     road = {"plugin": "single_track", "ego": {"x": 0.0, "y": 0.0, "speed": 10.0}}
     with pytest.raises(AvrareError, match="'single_track' has no noise"):
         build(TransformedConfig(noise=noise, simulator=road))
@@ -157,7 +154,6 @@ def test_listing_and_validating_import_nothing_heavy():
 
 
 def test_the_files_and_the_plugin_of_the_other_simulator_belong_to_the_fingerprint(tmp_path):
-    pytest.importorskip("avrare_single_track")
     (tmp_path / "scene.xml").write_text("one")
     text = f"""
 name: recorded

@@ -89,7 +89,6 @@ def test_the_nominal_flight_is_the_published_problem_solved():
 
 
 def test_the_optimiser_reproduces_the_nominal_flight():
-    pytest.importorskip("casadi")
     from glider_nominal_flight import optimise
 
     np.testing.assert_allclose(optimise().inputs, nominal().inputs, atol=1e-4)

@@ -32,7 +32,6 @@ def test_members_are_kept_in_the_file(tmp_path, make, pointpillars):
 
 
 def test_blocks_are_drawn_with_replacement():
-    pytest.importorskip("torch")
     from avrare_gp_pem.training.bootstrap import draw_blocks
 
     rows = draw_blocks(1003, np.random.default_rng(0))
@@ -42,7 +41,6 @@ def test_blocks_are_drawn_with_replacement():
 
 
 def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
-    pytest.importorskip("torch")
     from avrare_gp_pem.training import pipeline
     from avrare_gp_pem.training.bootstrap import fit_ensemble
     from avrare_gp_pem.training.cleaning import clean
@@ -69,7 +67,6 @@ def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
 
 @pytest.mark.slow
 def test_refits_scatter_as_the_data_leave_them(drive):
-    pytest.importorskip("torch")
     from avrare_gp_pem.training.bootstrap import fit_ensemble
     from avrare_gp_pem.training.cleaning import clean
     from avrare_gp_pem.training.pipeline import RECIPES, FitPlan, fit_model

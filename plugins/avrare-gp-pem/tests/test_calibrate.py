@@ -9,7 +9,6 @@ from avrare_gp_pem.runtime.features import Box
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.variant import Variant
 
-pytest.importorskip("scipy")
 ROWS = 3000
 
 

@@ -11,9 +11,6 @@ from avrare_gp_pem.runtime.features import Box
 from avrare_gp_pem.runtime.store import load
 from avrare_gp_pem.training.table import write_table
 
-pytest.importorskip("torch")
-pytest.importorskip("scipy")
-
 RANGES = np.array([10.0, 25.0, 40.0, 50.0, 70.0])
 
 
@@ -23,7 +20,6 @@ def quick(model):
     from avrare_gp_pem.training.pipeline import RECIPES, FitPlan
 
     if model == "gp":
-        pytest.importorskip("pyro")
         schedule = Schedule(inducing=15, steps=200, batch=128, checks=1, weight=1.0, diagonal=True)
         return FitPlan("gp", schedule=schedule)
     recipe = RECIPES[model][0]
@@ -145,7 +141,6 @@ def run(*words):
 
 @pytest.mark.slow
 def test_fit_writes_everything_and_repeats_itself(drive, tmp_path, capsys):
-    pytest.importorskip("matplotlib")
     write_table(tmp_path / "data.csv", drive(2000, artefact=True))
     for folder in ("a", "b"):
         code = run(

@@ -11,8 +11,6 @@ from avrare.cli.main import main
 from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.models import build_gp, build_parametric
 from avrare_gp_pem.runtime.store import load
-
-pytest.importorskip("scipy")
 from avrare_gp_pem.training.ghost_log import GhostLog, fit_ghosts
 from avrare_gp_pem.training.table import read_log, read_table
 

@@ -27,9 +27,10 @@ def small(latents=2, points=6, inputs=3, seed=0):
 
 
 def pyro_prediction(parameters, x):
-    torch = pytest.importorskip("torch")
-    pyro = pytest.importorskip("pyro")
-    gp = pytest.importorskip("pyro.contrib.gp")
+    import pyro
+    import torch
+    from pyro.contrib import gp
+
     torch.set_num_threads(1)
     pyro.clear_param_store()
     tensor = {name: torch.as_tensor(value) for name, value in parameters.items()}

@@ -61,7 +61,6 @@ def test_its_density_is_that_of_its_draws(make):
 
 @pytest.mark.slow
 def test_a_fit_finds_normal_errors(drive, tmp_path):
-    pytest.importorskip("pyro")
     from avrare_gp_pem.training.cleaning import clean
     from avrare_gp_pem.training.fit_gp import Schedule
     from avrare_gp_pem.training.pipeline import FitPlan, fit_model

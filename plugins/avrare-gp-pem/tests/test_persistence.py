@@ -90,7 +90,8 @@ def test_rows_do_not_depend_on_their_neighbours(build, make, index, persistence)
 
 
 def test_every_latent_number_is_standard_normal_at_every_step(make):
-    stats = pytest.importorskip("scipy.stats")
+    from scipy import stats
+
     n = 5000
     model = naive(make.scene(1), detection=0.3, position=2.0, speed=0.05)
     _, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=n), 30)
@@ -112,7 +113,8 @@ def test_correlation_falls_exponentially(make):
 
 
 def test_every_observation_has_the_law_of_the_model_itself(build, make):
-    stats = pytest.importorskip("scipy.stats")
+    from scipy import stats
+
     n, scene = 4000, make.scene(1)
     world = make.world([[40.0, 2.0, 0.3]], n=n)
     plain = build(scene)
@@ -149,7 +151,8 @@ def test_an_infinite_time_constant_keeps_the_first_numbers(make):
 
 
 def test_a_lasting_part_stays_and_every_number_is_standard_normal(make):
-    stats = pytest.importorskip("scipy.stats")
+    from scipy import stats
+
     n, dt = 40_000, 0.1
     model = naive(make.scene(1), **LASTING)
     _, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=n), 21)

@@ -11,8 +11,6 @@ from avrare_gp_pem.runtime.variant import MeasuredPersistence
 from avrare_gp_pem.training.table import make_table, read_table, write_table
 from avrare_gp_pem.training.tracks import link_by_size
 
-pytest.importorskip("scipy")
-
 
 def table(right, forward, length, yaw=0.3):
     one = np.ones(len(right))

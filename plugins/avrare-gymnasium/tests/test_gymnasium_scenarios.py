@@ -15,12 +15,7 @@ SPECIFICATION = {"cartpole": "upright", "pendulum": "upright", "lunar_lander": "
 
 
 def scenario(name, *overrides):
-    if name == "lunar_lander":
-        pytest.importorskip("Box2D")
-    path = FOLDER / f"{name}.yaml"
-    if not path.exists():
-        pytest.skip("the scenarios are in the repository")
-    return avrare.load(path, overrides).problem(SPECIFICATION[name])
+    return avrare.load(FOLDER / f"{name}.yaml", overrides).problem(SPECIFICATION[name])
 
 
 @pytest.mark.slow

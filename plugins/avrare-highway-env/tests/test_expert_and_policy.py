@@ -62,7 +62,6 @@ def test_the_shipped_policy_passes_the_ramp():
 
 @pytest.mark.slow
 def test_training_runs_and_is_reproducible(tmp_path):
-    pytest.importorskip("torch")
     from avrare_highway_env.train import Plan, train
 
     plan = Plan(rounds=2, worlds=4, steps=12, epochs=2, hidden=8, batch=8)

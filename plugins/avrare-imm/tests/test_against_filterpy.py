@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from filterpy import kalman
 
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import Mixture, fuse, step
 from avrare_imm.models import ModelSet, lateral_models, longitudinal_models
-
-kalman = pytest.importorskip("filterpy.kalman")
 
 LANES = (-1.75, 1.75, 5.25)
 CONFIG = ImmConfig()

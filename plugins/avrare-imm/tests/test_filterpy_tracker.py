@@ -10,11 +10,9 @@ from avrare.base.batch import take
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
 from avrare.testing.conformance import sample_traffic
+from avrare_imm import filterpy_tracker
 from avrare_imm.config import ImmConfig
 from avrare_imm.tracker import ImmTracker
-
-pytest.importorskip("filterpy.kalman")
-from avrare_imm import filterpy_tracker
 
 N = 3
 

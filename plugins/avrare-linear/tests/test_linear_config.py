@@ -105,10 +105,7 @@ def test_an_input_without_effect_has_no_optimal_gain():
 
 
 def test_the_scenario_of_the_repository_loads_and_runs():
-    path = ROOT / "scenarios" / "double_integrator.yaml"
-    if not path.exists():
-        pytest.skip("no scenarios beside this distribution")
-    problem = avrare.load(path).problem("clear")
+    problem = avrare.load(ROOT / "scenarios" / "double_integrator.yaml").problem("clear")
     nominal = problem.nominal()
     assert problem.steps == 50
     assert not nominal.violated[0, 0]

@@ -1,18 +1,19 @@
 """With MetaDrive itself, in an environment that has it: what a run is depends on its noise alone."""
 
 import hashlib
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("metadrive")
 
 import avrare
 from avrare_metadrive import expert
 from avrare_metadrive.config import SIGNALS, ExpertConfig, MetaDriveConfig
 from avrare_metadrive.process import RootProcess
 from avrare_metadrive.world import ENGINE, MetaDriveWorld, build
+
+pytestmark = pytest.mark.skipif(find_spec("metadrive") is None, reason="MetaDrive is not installed")
 
 SCENARIO = Path(__file__).parents[3] / "scenarios" / "merge_metadrive.yaml"
 NOISE = {"variance": 0.004}

@@ -6,7 +6,7 @@ import pytest
 
 import avrare_mlflow
 from avrare.base.errors import PluginError
-from avrare.results.reader import read_run_folder
+from avrare.results.run import Run
 
 ESTIMATE = {
     "specification": "in_lane", "estimator": "mc", "probability": 0.05, "interval": [0.04, 0.06],
@@ -23,7 +23,7 @@ CONTENT = {
 def run(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "result.json").write_text(json.dumps(CONTENT))
-    return read_run_folder(tmp_path / "run")
+    return Run.read(tmp_path / "run")
 
 
 def test_nothing_is_recorded_without_an_address(run, monkeypatch):
@@ -72,7 +72,7 @@ def test_numbers_tags_and_files_are_recorded(run, monkeypatch):
     assert "in_lane/relative_error" not in metrics
     (tags,) = [keywords["tags"] for name, _, keywords in client.calls if name == "create_run"]
     assert (tags["verdict"], tags["warnings"], tags["fingerprint"]) == ("fail", "few_roots", "abcd")
-    assert ("log_artifact", ("r1", str(run.path / "result.json")), {}) in client.calls
+    assert ("log_artifact", ("r1", str(run.folder / "result.json")), {}) in client.calls
     assert ("set_terminated", ("r1", "FAILED"), {}) in client.calls
 
 

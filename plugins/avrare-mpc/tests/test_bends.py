@@ -33,8 +33,6 @@ def test_the_road_turns_the_ego():
 
 @pytest.mark.parametrize("backend", ["riccati", "casadi"])
 def test_a_plan_on_a_bend_is_that_of_the_straight_road_and_its_turn(backend):
-    if backend == "riccati":
-        pytest.importorskip("numba")
     actions = []
     for line in (None, ARC):
         road = Road((-1.75, 1.75, 5.25), 3.5, line=line)

@@ -61,7 +61,6 @@ def test_a_copied_particle_continues_identically(lane_change):
 
 @pytest.mark.parametrize("backend", ["casadi", "riccati"])
 def test_a_vehicle_at_infinity_does_not_exist(lane_change, backend):
-    pytest.importorskip({"casadi": "casadi", "riccati": "numba"}[backend])
     scene, config = lane_change.scene, MpcConfig(backend=backend, search="follow")
     without = dataclasses.replace(
         scene,

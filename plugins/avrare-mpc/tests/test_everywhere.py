@@ -8,11 +8,10 @@ from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.nlp import build_problem, pack_parameters
 from avrare_mpc.plan import start_of, to_variables
-from avrare_mpc.riccati.jit import COMPILED
 
 BACKENDS = [
     "casadi",
-    pytest.param("riccati", marks=pytest.mark.skipif(not COMPILED, reason="numba is not installed")),
+    "riccati",
 ]
 WAYS = ("follow", "everywhere")
 SAMPLES = 12
@@ -70,7 +69,6 @@ def test_rows_do_not_depend_on_their_neighbours(steps, outcomes):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 def test_both_backends_find_the_same_plan_nearly_everywhere(lane_change, steps):
     first, second = (
         costs(lane_change, steps, build(config, lane_change.scene).act(*steps)[1])

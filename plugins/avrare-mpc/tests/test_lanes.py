@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from avrare_mpc.riccati import functions, jit, lanes
-from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.lanes import WIDTH
 
-needs_numba = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 RNG = np.random.default_rng(0)
 ANGLES = np.concatenate(
     [RNG.uniform(-2, 2, 240), [0.0, -0.0, 0.78, np.pi / 2, -np.pi / 2, 3e4, -7.0, 1e-300]]
@@ -69,7 +67,6 @@ def evaluate(compiled, given):
     return memory[:5]
 
 
-@needs_numba
 def test_compiled_functions_have_the_bits_of_numpy(plain, compiled):
     f = plain.functions
     for soft, angle, positive in zip(rows(SCALED), rows(ANGLES), rows(POSITIVE), strict=True):
@@ -77,7 +74,6 @@ def test_compiled_functions_have_the_bits_of_numpy(plain, compiled):
         assert np.array_equal(evaluate(compiled, [soft, angle, positive]), expected)
 
 
-@needs_numba
 def test_arithmetic_is_packed(compiled):
     """Find no operation on single numbers, and no call of a mathematical library."""
     evaluate(compiled, np.ones((3, WIDTH)))
@@ -88,7 +84,6 @@ def test_arithmetic_is_packed(compiled):
     assert not re.search(r"\b(exp|log1p|log|sin|cos)\b", assembly)
 
 
-@needs_numba
 def test_compilation_is_announced_once(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(jit.numba.config, "CACHE_DIR", str(tmp_path))
 

@@ -8,7 +8,6 @@ import pytest
 from avrare.driving import Prediction, Road, Vehicles
 from avrare_mpc.config import MpcConfig, TrajectoryPlan
 from avrare_mpc.controller import build
-from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.lanes import WIDTH
 from avrare_mpc.riccati.solver import programme
 from avrare_mpc.trajectory import plan_trajectory
@@ -16,7 +15,7 @@ from avrare_mpc.trajectory import plan_trajectory
 LIMIT = 4.0
 BACKENDS = [
     "casadi",
-    pytest.param("riccati", marks=pytest.mark.skipif(not COMPILED, reason="numba is not installed")),
+    "riccati",
 ]
 
 
@@ -37,7 +36,6 @@ def planned(memory):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 def test_both_backends_find_the_same_plan_at_the_bound(lane_change):
     given = first_situations(lane_change)
     found = []

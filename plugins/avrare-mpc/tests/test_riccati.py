@@ -14,11 +14,9 @@ from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.plan import cheapest, shift, start_of
 from avrare_mpc.riccati import jit
-from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.solver import RiccatiSolver
 
 CASADI, RICCATI = ({"backend": name, "search": "follow"} for name in ("casadi", "riccati"))
-needs_numba = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 
 
 def noise_of(n, samples, seed=5):
@@ -47,7 +45,6 @@ def given_to_the_solver(lane_change, situations):
     return start, prediction.x, prediction.y, rows, guesses[rows]
 
 
-@needs_numba
 def test_riccati_agrees_with_casadi(fast, situations):
     given, (action, memory) = situations
     found, later = fast.act(*given)
@@ -61,7 +58,6 @@ def test_riccati_agrees_with_casadi(fast, situations):
     assert np.abs(later.plan_inputs[..., 1]).max() <= 0.5
 
 
-@needs_numba
 def test_compiled_and_plain_python_agree(lane_change, situations, interpreted):
     start, x, y, rows, guesses = given_to_the_solver(lane_change, situations)
     some = slice(0, None, 6)
@@ -73,7 +69,6 @@ def test_compiled_and_plain_python_agree(lane_change, situations, interpreted):
     assert np.array_equal(twin.inputs, compiled.inputs)
 
 
-@needs_numba
 def test_rows_do_not_depend_on_their_neighbours(fast, situations):
     memory, ego, prediction = situations[0]
     action, later = fast.act(memory, ego, prediction)
@@ -84,7 +79,6 @@ def test_rows_do_not_depend_on_their_neighbours(fast, situations):
         assert np.array_equal(alone_later.start_policy, later.start_policy[index])
 
 
-@needs_numba
 def test_the_noise_free_rollout_changes_lane_like_that_of_casadi(lane_change, fast, quiet):
     controller, drive = quiet
     ours = lane_change.drive(fast, np.zeros((1, 39, 3, 3)))
@@ -98,7 +92,6 @@ def blind(prediction):
     return Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
 
 
-@needs_numba
 def test_failures_are_counted_and_the_old_plan_is_followed(fast, quiet):
     memory, ego, prediction = quiet[1].inputs[10]
     plan = memory.plan_inputs[0]
@@ -113,7 +106,6 @@ def test_failures_are_counted_and_the_old_plan_is_followed(fast, quiet):
 
 
 @pytest.mark.slow
-@needs_numba
 @pytest.mark.parametrize("speed", [300.0, 1e8, 1e200, np.nan, np.inf])
 def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
     memory, ego, prediction = (concatenate([part, part]) for part in quiet[1].inputs[7])
@@ -127,7 +119,6 @@ def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
 
 
 @pytest.mark.slow
-@needs_numba
 @pytest.mark.parametrize(
     "options",
     [
@@ -168,7 +159,6 @@ def first_situations(lane_change, horizon):
     return vehicles(state), Prediction(prediction.x[..., : horizon + 1], prediction.y[..., : horizon + 1])
 
 
-@needs_numba
 def test_bounds_of_speed_and_heading_hold(lane_change):
     config = MpcConfig.model_validate({"speed_max": 22.0, "heading_max": 0.06, **RICCATI})
     controller = build(config, lane_change.scene)
@@ -182,7 +172,6 @@ def test_bounds_of_speed_and_heading_hold(lane_change):
     assert np.abs(memory.plan_states[:, :, 3]).max() == pytest.approx(0.06, abs=1e-5)
 
 
-@needs_numba
 def test_a_plant_outside_the_lateral_bounds_comes_back(fast, quiet):
     memory, ego, prediction = quiet[1].inputs[20]
     _, later = fast.act(memory, dataclasses.replace(ego, y=np.array([6.3])), prediction)
@@ -190,7 +179,6 @@ def test_a_plant_outside_the_lateral_bounds_comes_back(fast, quiet):
     assert later.plan_states[0, -1, 1] <= 5.763 + 1e-3
 
 
-@needs_numba
 def test_an_empty_road_and_an_empty_batch(lane_change, fast, quiet):
     nobody = np.zeros(0)
     scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
@@ -216,7 +204,6 @@ def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
     assert outcome.states[0, 0].tolist() == start[0, :4].tolist()
 
 
-@needs_numba
 def test_where_no_cache_can_be_written_kernels_are_compiled_without(monkeypatch):
     asked = []
 
@@ -233,7 +220,7 @@ def test_where_no_cache_can_be_written_kernels_are_compiled_without(monkeypatch)
 
 def test_cached_machine_code_depends_on_the_kernels_alone(plain):
     kernels = ("jit", "lanes", "vectors", "functions", "cost", "sweep", "newton", "batch")
-    for module in (jit, plain.jit) if COMPILED else (jit,):
+    for module in (jit, plain.jit):
         assert {Path(name).stem for name in module._SOURCES} == set(kernels)
 
 
@@ -244,7 +231,6 @@ def test_the_list_of_plugins_says_whether_it_is_compiled(monkeypatch):
     assert "pip" not in avrare_components()[0].summary
 
 
-@needs_numba
 def test_with_numba_it_does_not_warn(lane_change):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -258,7 +244,6 @@ def test_cheapest_keeps_the_first_of_equals():
     assert cheapest(cost).tolist() == [1, -1, 2, 1]
 
 
-@needs_numba
 @pytest.mark.parametrize("damage", [b"", b"\0" * 100])
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 def test_truncated_machine_code_is_compiled_again(tmp_path, monkeypatch, damage, ending):

@@ -9,10 +9,7 @@ from avrare_mpc.controller import build
 from avrare_mpc.plan import shift, start_of
 from avrare_mpc.riccati import solver as module
 from avrare_mpc.riccati.batch import solve_all
-from avrare_mpc.riccati.jit import COMPILED
 from avrare_mpc.riccati.solver import BETTER, NEAR, QUICK, RiccatiSolver
-
-pytestmark = pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 
 HASTY = QUICK._replace(iterations=1)
 """An attempt that always fails."""

@@ -5,12 +5,11 @@ import pytest
 
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
-from avrare_mpc.riccati.jit import COMPILED
 
 WEIGHT = 20_000.0
 BACKENDS = [
     "casadi",
-    pytest.param("riccati", marks=pytest.mark.skipif(not COMPILED, reason="numba is not installed")),
+    "riccati",
 ]
 
 
@@ -35,7 +34,6 @@ def test_driven_turn_rates_jump_less(lane_change, noise, backend):
     assert largest[1] < 0.8 * largest[0]
 
 
-@pytest.mark.skipif(not COMPILED, reason="numba is not installed")
 def test_both_backends_find_the_same_plans(lane_change, noise):
     """Plan on the drive of the one, step by step, so that both are given the same."""
     quick, slow = (controller(lane_change, True, backend) for backend in ("riccati", "casadi"))

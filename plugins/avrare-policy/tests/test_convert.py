@@ -5,13 +5,12 @@ import zipfile
 
 import numpy as np
 import pytest
+import torch
 
 from avrare.base.errors import UsageError
 from avrare_policy import command
 from avrare_policy.convert import convert
 from avrare_policy.network import load
-
-torch = pytest.importorskip("torch")
 
 
 def chain(activation=torch.nn.Tanh):

@@ -9,8 +9,6 @@ from avrare.base.errors import UsageError
 from avrare_policy.config import PolicyConfig
 from avrare_policy.controller import build
 
-pytest.importorskip("onnxruntime")
-
 
 def varint(value):
     out = b""

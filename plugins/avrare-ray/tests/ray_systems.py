@@ -3,20 +3,25 @@
 import os
 from pathlib import Path
 
+import numpy as np
+
 from avrare.testing import faulty_systems as systems
 
 
 class Fatal(systems.Walk):
-    """Takes its process with it while a file is there, which it removes, or every time."""
+    """Takes its process with it at a sample, while a file is there, which it removes, or every time."""
 
-    def __init__(self, trap=None):
+    def __init__(self, sample, trap=None):
         super().__init__()
-        self.trap = trap
+        self.sample, self.trap = sample, trap
+
+    def initial(self, noise):
+        return {**super().initial(noise), "t": np.zeros(len(noise))}
 
     def step(self, state, noise):
-        if os.getpid() != getattr(self, "home", None) and (self.trap is None or _taken(self.trap)):
+        if state["t"][0] + 1 == self.sample and (self.trap is None or _taken(self.trap)):
             os._exit(1)
-        return super().step(state, noise)
+        return {**super().step(state, noise), "t": state["t"] + 1}
 
 
 class Nameless(systems.Walk):

@@ -1,11 +1,14 @@
-"""The executor on a real Ray cluster of this machine; nothing to see without Ray."""
+"""The executor on a real Ray cluster of this machine."""
 
+import fcntl
 import os
 import signal
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+import ray
 
 import avrare
 from avrare.base.errors import AvrareError
@@ -15,21 +18,35 @@ from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
+from avrare_ray.config import RayConfig
+from avrare_ray.executor import build
 
-ray = pytest.importorskip("ray")
-from avrare_ray.config import RayConfig  # noqa: E402
-from avrare_ray.executor import build  # noqa: E402
+pytestmark = pytest.mark.slow
 
 HERE = str(Path(__file__).parent)
+IN_THE_PROBE, IN_A_CHUNK = 1, 15
+"""Samples: the probe runs the first ten."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
+def alone():
+    """Keep the tests of this file in one process at a time: one of them looks for clusters of others."""
+    with (Path(tempfile.gettempdir()) / "avrare-ray-tests.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+        ray.shutdown()
+
+
+@pytest.fixture
 def cluster():
-    ray.init(
-        num_cpus=2, include_dashboard=False, log_to_driver=False,
-        runtime_env={"env_vars": {"PYTHONPATH": os.pathsep.join([HERE, os.environ.get("PYTHONPATH", "")])}},
-    )  # fmt: skip
-    yield
+    if not ray.is_initialized():
+        path = os.pathsep.join([HERE, os.environ.get("PYTHONPATH", "")])
+        environment = {"env_vars": {"PYTHONPATH": path}}
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, runtime_env=environment)
+
+
+@pytest.fixture
+def no_cluster():
     ray.shutdown()
 
 
@@ -68,26 +85,34 @@ def test_splitting_copies_states_through_ray():
 
 
 @pytest.mark.usefixtures("cluster")
-def test_a_dead_actor_is_replaced(tmp_path, monkeypatch):
+@pytest.mark.parametrize("sample", [IN_THE_PROBE, IN_A_CHUNK])
+def test_a_dead_actor_is_replaced(tmp_path, monkeypatch, sample):
     monkeypatch.syspath_prepend(HERE)
     from ray_systems import Fatal
 
     trap = tmp_path / "trap"
     trap.touch()
     executor = build(RayConfig(workers=2))
-    mended = estimate(executor, problem(Fatal(str(trap))))
+    mended = estimate(executor, problem(Fatal(sample, str(trap))))
     assert not trap.exists()
     assert executor.restarts == 1
     np.testing.assert_array_equal(mended.robustness, estimate(SerialExecutor()).robustness)
 
 
 @pytest.mark.usefixtures("cluster")
-def test_a_chunk_that_kills_every_actor_is_named(monkeypatch):
+@pytest.mark.parametrize(
+    ("sample", "place"),
+    [
+        (IN_THE_PROBE, "in the probe before the estimate"),
+        (IN_A_CHUNK, "begins at run 0, stage 0, particle 0"),
+    ],
+)
+def test_what_kills_every_actor_is_named(monkeypatch, sample, place):
     monkeypatch.syspath_prepend(HERE)
     from ray_systems import Fatal
 
-    with pytest.raises(WorkerDied, match="begins at run 0, stage 0, particle 0"):
-        estimate(build(RayConfig(workers=2)), problem(Fatal()))
+    with pytest.raises(WorkerDied, match=place):
+        estimate(build(RayConfig(workers=2)), problem(Fatal(sample)))
 
 
 @pytest.mark.usefixtures("cluster")
@@ -106,19 +131,17 @@ def test_a_cluster_of_others_is_left_running():
     assert ray.is_initialized()
 
 
+@pytest.mark.usefixtures("no_cluster")
 def test_a_missing_cluster():
-    if ray.is_initialized():
-        ray.shutdown()
     with pytest.raises(
         AvrareError, match="cannot reach the Ray cluster auto: Could not find any running Ray instance"
     ):
         estimate(build(RayConfig(address="auto")))
 
 
+@pytest.mark.usefixtures("no_cluster")
 def test_a_local_cluster_leaves_no_trace():
     """Find no handler of a signal left either."""
-    if ray.is_initialized():
-        ray.shutdown()
     before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
     try:
         one, two = estimate(SerialExecutor()), estimate(build(RayConfig(workers=2)))

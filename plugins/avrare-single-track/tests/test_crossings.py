@@ -27,8 +27,6 @@ from intersection_scenes import (
     stops,
 )
 
-pytest.importorskip("commonroad.common.file_reader")
-
 FRONT = ENTRY - 0.5 * LENGTH
 
 

@@ -42,8 +42,8 @@ def test_a_follower_settles_at_the_model_s_own_gap():
 
 
 def test_the_acceleration_is_highway_env_s():
-    behavior = pytest.importorskip("highway_env.vehicle.behavior")
     from highway_env.road.road import Road, RoadNetwork
+    from highway_env.vehicle import behavior
 
     road = Road(RoadNetwork.straight_road_network(1, length=10_000), np_random=np.random.default_rng(0))
     rng = np.random.default_rng(1)
@@ -63,8 +63,8 @@ def test_the_acceleration_is_highway_env_s():
 
 
 def test_lane_changes_are_highway_env_s():
-    behavior = pytest.importorskip("highway_env.vehicle.behavior")
     from highway_env.road.road import Road, RoadNetwork
+    from highway_env.vehicle import behavior
 
     class Driver(behavior.IDMVehicle):
         POLITENESS = HIGHWAY["politeness"]

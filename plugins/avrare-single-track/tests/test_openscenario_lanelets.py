@@ -12,7 +12,6 @@ from avrare_single_track.openscenario.simulator import OpenScenario
 from lanelet_scenes import BEND, KINDS, STRAIGHT, car, carriageway, scene, section
 from openscenario_files import change_lane, document, drive, event
 
-pytest.importorskip("commonroad")
 OFFSET = {"right": 1.75, "middle": 5.25}
 
 

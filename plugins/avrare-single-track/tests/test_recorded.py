@@ -19,8 +19,6 @@ from avrare_single_track.recorded import RecordedScene, continue_lanes, has_cons
 from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
 
-pytest.importorskip("commonroad.common.file_reader")
-
 
 @pytest.fixture
 def write(tmp_path):

@@ -19,8 +19,6 @@ from drone_files import highd_rows, write_highd, write_ind
 from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
 
-pytest.importorskip("commonroad.common.file_reader")
-
 
 @pytest.fixture
 def highd(tmp_path):

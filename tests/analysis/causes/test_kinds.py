@@ -129,7 +129,6 @@ def test_a_result_of_another_process_says_so(result):
 
 
 def test_hdbscan_finds_the_modes_too(result):
-    pytest.importorskip("sklearn")
     kinds = result.kinds(method="hdbscan")
     assert len(kinds) >= 2
     assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)

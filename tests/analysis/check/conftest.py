@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.analysis.check.confidence_distributions import Binomial
+from avrare.estimation.confidence_distributions import Binomial
 from avrare.estimation.result import Failures, Result, Worst
 from avrare.plugin.registry import default_registry
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from avrare.analysis.check.confidence_distributions import _TAILS
 from avrare.analysis.check.targets import load_target
 from avrare.base.errors import ExitCode
 from avrare.cli.main import main
+from avrare.estimation.confidence_distributions import _TAILS
 from avrare.scenario.load import load
 from avrare.scenario.schema import Regression
 

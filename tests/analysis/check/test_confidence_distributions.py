@@ -5,7 +5,9 @@ from functools import partial
 
 import pytest
 
-from avrare.analysis.check.confidence_distributions import (
+from avrare.base.errors import UsageError
+from avrare.estimation import intervals
+from avrare.estimation.confidence_distributions import (
     Binomial,
     InverseBinomial,
     LogNormal,
@@ -14,8 +16,6 @@ from avrare.analysis.check.confidence_distributions import (
     derive_distribution,
     encode_distribution,
 )
-from avrare.base.errors import UsageError
-from avrare.estimation import intervals
 
 LAWS = [
     Binomial(3, 200), Binomial(0, 50), Binomial(50, 50), Binomial(7, 90, 4), InverseBinomial(6, 400),
@@ -41,7 +41,8 @@ def test_an_end_that_says_nothing_leaves_the_tail_of_the_other():
 
 
 def test_binomial_p_values_are_those_of_scipy():
-    binom = pytest.importorskip("scipy.stats").binom
+    from scipy.stats import binom
+
     for failures, trials, value in [(3, 200, 0.01), (0, 50, 0.1), (12, 40, 0.2), (40, 40, 0.9)]:
         law = Binomial(failures, trials)
         assert law.p_value_at_most(value) == pytest.approx(binom.sf(failures - 1, trials, value), abs=1e-12)
@@ -49,7 +50,8 @@ def test_binomial_p_values_are_those_of_scipy():
 
 
 def test_inverse_binomial_p_values_are_those_of_scipy():
-    stats = pytest.importorskip("scipy.stats")
+    from scipy import stats
+
     law = InverseBinomial(6, 400)  # 394 successes before the sixth failure
     assert law.p_value_at_most(0.01) == pytest.approx(stats.nbinom.cdf(394, 6, 0.01))
     assert law.p_value_at_least(0.03) == pytest.approx(stats.nbinom.sf(393, 6, 0.03))

@@ -5,13 +5,13 @@ from statistics import NormalDist
 
 import pytest
 
-from avrare.analysis.check.confidence_distributions import Binomial, LogNormal, Tabulated
 from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_least,
     p_value_ratio_at_most,
     ratio_interval,
 )
 from avrare.estimation import intervals
+from avrare.estimation.confidence_distributions import Binomial, LogNormal, Tabulated
 
 TABLES = [(12, 1000, 1, 1000), (7, 500, 0, 1000), (0, 100, 3, 200), (90, 4000, 45, 4000), (5, 5, 2, 5),
           (3, 7, 0, 9), (20, 80, 9, 90), (0, 50, 0, 70), (30, 30, 30, 30)]  # fmt: skip
@@ -19,7 +19,8 @@ TABLES = [(12, 1000, 1, 1000), (7, 500, 0, 1000), (0, 100, 3, 200), (90, 4000, 4
 
 @pytest.mark.parametrize("table", TABLES)
 def test_two_binomials_are_compared_by_fishers_exact_test(table):
-    fisher = pytest.importorskip("scipy.stats").fisher_exact
+    from scipy.stats import fisher_exact as fisher
+
     failed, trials, before, trials_before = table
     counts = [[failed, trials - failed], [before, trials_before - before]]
     new, old = Binomial(failed, trials), Binomial(before, trials_before)

@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from avrare.analysis.check.confidence_distributions import Binomial, LogNormal, Tabulated, derive_distribution
 from avrare.analysis.check.pooling import pool
 from avrare.estimation import intervals
+from avrare.estimation.confidence_distributions import Binomial, LogNormal, Tabulated, derive_distribution
 from avrare.estimation.note import Note
 from avrare.estimation.result import CrossCheckResult
 

@@ -105,7 +105,6 @@ def test_numbers_are_short(value, text):
 
 
 def test_the_picture(comparison, tmp_path):
-    pytest.importorskip("matplotlib")
     nothing = replace(
         comparison, arms=(replace(comparison.arms[0], repetitions=repetitions([0.0] * 3)),), truth=None
     )

@@ -22,31 +22,34 @@ def tape():
 
 def test_a_missed_vehicle(drive_past, tape):
     tape[2:5, 0] = tape[7, 0] = MISSED
-    assert describe(drive_past, tape) == "parked missed from t = 0.2 to 0.4 s, then missed at t = 0.7 s"
+    assert (
+        describe(drive_past.problem("near"), tape)
+        == "parked missed from t = 0.2 to 0.4 s, then missed at t = 0.7 s"
+    )
 
 
 def test_errors_say_how_far_where_and_when(drive_past, tape):
     tape[3, 1] = 3.0
     tape[5:7, 2] = [3.0, 2.9]
-    found = find_disturbances(drive_past, tape)
+    found = find_disturbances(drive_past.problem("near"), tape)
     assert [phrase.vehicle for phrase in found] == ["parked", "parked"]
     assert [phrase.step for phrase in found] == [3, 5]
     assert found[0].text.endswith("m too far behind at t = 0.3 s")
     assert found[1].text.endswith("m too far right from t = 0.5 to 0.6 s")
     tape[5:7, 2] *= -1.0
-    assert "m too far left from t = 0.5 to 0.6 s" in describe(drive_past, tape)
-    lateral = float(find_disturbances(drive_past, tape)[1].text.split()[0])
+    assert "m too far left from t = 0.5 to 0.6 s" in describe(drive_past.problem("near"), tape)
+    lateral = float(find_disturbances(drive_past.problem("near"), tape)[1].text.split()[0])
     scene = drive_past.scene
     assert 0.1 < lateral < 10.0 * scene.widths[0]
 
 
 def test_small_noise_is_described_as_noise(drive_past, tape):
     tape[4, 3] = 0.01
-    assert describe(drive_past, tape) == "channel 3 at step 4: +0.01 sigma"
+    assert describe(drive_past.problem("near"), tape) == "channel 3 at step 4: +0.01 sigma"
 
 
 def test_no_noise(drive_past, tape):
-    assert describe(drive_past, tape) == "nothing is disturbed"
+    assert describe(drive_past.problem("near"), tape) == "nothing is disturbed"
 
 
 def test_a_system_without_perception_is_described_by_channels(linear):
@@ -54,7 +57,7 @@ def test_a_system_without_perception_is_described_by_channels(linear):
     tape[10:15, 2] = [1.0, 2.0, 3.14, 2.0, 1.0]
     tape[0, 5] = -2.0
     expected = "channel 5 at step 0: -2 sigma, then channel 2 at steps 10-14: +3.1 sigma"
-    assert describe(linear, tape) == expected
+    assert describe(linear.problem(linear.specifications), tape) == expected
 
 
 def test_the_smallest_of_many_disturbances_are_only_counted():

@@ -15,6 +15,7 @@ from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.budget import Budget
 from benchmarks.rates import REGIMES, Splitting, study
+from plain_results import plain_result
 
 # The inflows of the four samples are independent, so that both probabilities are known.
 SEA = """\
@@ -338,30 +339,32 @@ def test_warnings_are_told(catalogue, capsys):
     assert "died out" in Path("out/report.html").read_text()
 
 
-ENTRY = {
-    "specification": "dry", "estimator": "mc", "probability": 0.02, "interval": [0.01, 0.03],
-    "confidence": 0.95, "relative_error": 0.2, "rollouts": 400, "simulated_steps": 1200, "failures": 2,
-    "errors": 0, "seconds": 0.1, "health": ["rounding", "model_unknown"], "notes": [], "verdict": None,
-    "warnings": {"rounding": "r", "model_unknown": "m"}, "diagnostics": {},
-}  # fmt: skip
+def result(**diagnostics):
+    return plain_result(
+        "dry",
+        failures=2,
+        probability=0.02,
+        interval=(0.01, 0.03),
+        rollouts=400,
+        health={"rounding": "r", "model_unknown": "m"},
+        diagnostics=diagnostics,
+    )
 
 
 def test_counts_of_an_ensemble_do_not_stand_for_its_models():
     # Its failures are of one model and its rollouts of all: 2 / 400 would be a quarter of the estimate.
-    assert SceneEstimate.read(ENTRY).quantity(0.95, False).value == 2 / 400
-    model = SceneEstimate.read({**ENTRY, "diagnostics": {"model": {"members": [0.02]}}})
+    assert SceneEstimate.of(result()).quantity(0.95, False).value == 2 / 400
+    model = SceneEstimate.of(result(model={"members": [0.02]}))
     found = model.quantity(0.95, False)
     assert (found.value, found.low, found.high) == (0.02, 0.01, 0.03)
     assert model.warnings == {"model_unknown": "m"}
 
 
 def test_rollouts_that_rules_share_are_counted_once():
-    assert SceneEstimate.read(ENTRY).cost == 0
-    assert SceneEstimate.read(ENTRY, 4).cost == 100
-    chosen = {**ENTRY, "diagnostics": {"choice": {"shared_by": 2}}}
-    assert SceneEstimate.read(chosen, 1).cost == 200
-    alone = {**ENTRY, "diagnostics": {"choice": {}}}
-    assert SceneEstimate.read(alone, 1).cost == 400
+    assert SceneEstimate.of(result()).cost == 0
+    assert SceneEstimate.of(result(), 4).cost == 100
+    assert SceneEstimate.of(result(choice={"shared_by": 2}), 1).cost == 200
+    assert SceneEstimate.of(result(choice={}), 1).cost == 400
 
 
 def test_simulated_splitting_is_unbiased():

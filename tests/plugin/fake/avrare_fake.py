@@ -16,6 +16,10 @@ class Corner(Options):
     y: float = Field(0.0, description="across the road [m]")
 
 
+class Map(Options):
+    file: str = Field(description="file of the map", json_schema_extra={"file": True})
+
+
 class SimulatorConfig(Options):
     dt: float = Field(0.1, gt=0, description="step [s]")
     gap: float = Field(30.0, description="initial gap [m]")
@@ -24,6 +28,7 @@ class SimulatorConfig(Options):
     wet: bool = False
     corners: tuple[Corner, ...] = ()
     limits: dict[str, float] = {}
+    map: Map | None = None
     size: float | tuple[float, float] = 4.5
     label: str | None = None
 

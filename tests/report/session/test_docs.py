@@ -3,13 +3,10 @@
 import re
 from pathlib import Path
 
-import pytest
-
 PAGE = Path(__file__).parents[3] / "docs" / "python.md"
 
 
 def test_the_program_of_the_page_runs(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("matplotlib")
     (program,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(compile(program, "python.md", "exec"), {})

@@ -24,7 +24,6 @@ def execute():
 
 @pytest.mark.slow
 def test_the_notebook_runs(execute):
-    pytest.importorskip("matplotlib")
     notebook = json.loads((FOLDER / "first-hour.ipynb").read_text(encoding="utf-8"))
     stored = [[sorted(one.get("data", {})) for one in cell.get("outputs", [])] for cell in notebook["cells"]]
     for cell in notebook["cells"]:

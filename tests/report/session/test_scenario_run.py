@@ -82,7 +82,7 @@ def test_results_replay_and_report(scenario):
     assert (trace.outcome, trace.robustness) == ("fails", run["in_lane"].worst.robustness)
     assert run.report() == Path("here/report.html")
     assert "in_lane" in Path("here/report.html").read_text(encoding="utf-8")
-    assert "avrare.estimate(problem" in run["in_lane"].report("own.html").read_text(encoding="utf-8")
+    assert "avrare.run(" in run["in_lane"].report("own.html").read_text(encoding="utf-8")
 
 
 def test_an_interrupted_run_is_resumed(scenario):

@@ -46,6 +46,7 @@ WRONG = {
     "results_are_consistent": ("estimator", {"factory": "wrong:rounding"}),
     "unknown_options_are_refused": ("estimator", {"config": "wrong:Lenient"}),
     "outcomes_are_those_of_serial": ("executor", {"factory": "wrong:backwards"}),
+    "runs_errands": ("executor", {"factory": "wrong:idle"}),
     "runs_more_than_once": ("executor", {"factory": "wrong:once"}),
     "takes_chunks_as_there_is_room": ("executor", {"factory": "wrong:greedy"}),
     "errors_come_through": ("executor", {"factory": "wrong:deaf"}),
@@ -247,7 +248,7 @@ def test_the_command(capsys):
     assert main(["check-plugin", "serial"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("executor serial (avrare ")
-    assert lines[-1] == "10 passed, 0 failed, 0 skipped"
+    assert lines[-1] == "11 passed, 0 failed, 0 skipped"
     assert "description_is_light" in lines[1]
     assert "imports nothing heavy" in lines[1]
 

@@ -27,7 +27,6 @@ def run(*command, **environment):
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """Return Python of a new environment with nothing but the wheel, and where its dependencies are."""
-    pytest.importorskip("hatchling")
     folder = tmp_path_factory.mktemp("example")
     offline = ("--quiet", "--no-deps", "--no-index", "--disable-pip-version-check")
     build = ("-m", "pip", "wheel", *offline, "--no-build-isolation", "--wheel-dir", folder, EXAMPLE)

@@ -12,7 +12,11 @@ from avrare.base.errors import AvrareError
 ROOT = Path(__file__).parents[3]
 SOURCES = sorted([*(ROOT / "avrare").rglob("*.py"), *ROOT.glob("plugins/*/src/**/*.py")])
 
-UNPICKLERS = {"avrare/rollout/executors/worker_process.py", "plugins/avrare-ray/src/avrare_ray/executor.py"}
+UNPICKLERS = {
+    "avrare/rollout/child_process.py",
+    "avrare/rollout/executors/worker_process.py",
+    "plugins/avrare-ray/src/avrare_ray/executor.py",
+}
 """They unpickle what another process of the same run has sent them."""
 ITSELF = {"avrare/testing/conformance/description_checks.py"}
 """Unpickles what it has pickled in the line before."""

@@ -11,7 +11,7 @@ from avrare.driving import Observation
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.rollout.request import Rollouts
+from avrare.rollout.request import Request, Rollouts
 
 
 class Options(BaseModel):
@@ -315,7 +315,14 @@ class Deaf(SerialExecutor):
                 yield Rollouts
 
 
-for _kind in (Backwards, Greedy, Once, Deaf):
+class Idle(SerialExecutor):
+    """Errands are not run."""
+
+    def map(self, chunks):
+        return (self._work.run(chunk) if isinstance(chunk, Request) else None for chunk in chunks)
+
+
+for _kind in (Backwards, Greedy, Once, Deaf, Idle):
     globals()[_kind.__name__.lower()] = build(_kind)
 
 

@@ -17,8 +17,8 @@ from typing import Any
 from avrare.base.errors import AvrareError
 from avrare.rollout.executors.in_flight import Window, WorkerLost
 from avrare.rollout.executors.processes import pickle_work
-from avrare.rollout.executors.work import Work
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.executors.work import Task, Work
+from avrare.rollout.executors.worker_process import pack, unpack
 from avrare_ray.config import RayConfig
 
 _IN_FLIGHT = 2
@@ -42,11 +42,8 @@ class Worker:
         self.work: Work = pickle.loads(payload)
 
     def run(self, chunk: bytes) -> bytes:
-        """Return the pickled outcome of a chunk, or the pickled ``AvrareError``."""
-        try:
-            return pickle.dumps(self.work.run(pickle.loads(chunk)))
-        except AvrareError as error:
-            return pickle.dumps(error)
+        """Return the pickled outcome of a chunk, or the pickled exception."""
+        return pack(self.work, pickle.loads(chunk))
 
 
 class RayExecutor:
@@ -79,7 +76,7 @@ class RayExecutor:
         self._payload = self._ray.put(payload)
         self._actors = [self._start_actor() for _ in range(self.config.workers)]
 
-    def map(self, chunks: Iterable[Request]) -> Iterator[Rollouts]:
+    def map(self, chunks: Iterable[Task]) -> Iterator[Any]:
         """Run the chunks and yield their outcomes in the same order.
 
         Raises:
@@ -87,7 +84,7 @@ class RayExecutor:
         """
         return self._window.map(chunks)
 
-    def submit(self, chunk: Request) -> _Ticket:
+    def submit(self, chunk: Task) -> _Ticket:
         """Submit a chunk to the worker with the fewest chunks."""
         actor = min(self._actors, key=lambda one: one.load)
         ticket = _Ticket(self._ray, actor, actor.handle.run.remote(pickle.dumps(chunk)))
@@ -166,19 +163,16 @@ class _Ticket:
     def done(self) -> bool:
         return self.actor.dead or bool(self.ray.wait([self.reference], timeout=0)[0])
 
-    def result(self) -> Rollouts:
+    def result(self) -> Any:
         lost = self.ray.exceptions
         try:
-            answer = pickle.loads(self.ray.get(self.reference))
+            answer = self.ray.get(self.reference)
         except (
             lost.RayActorError,
             lost.ObjectLostError,
             lost.WorkerCrashedError,
             lost.NodeDiedError,
-        ) as error:
+        ):
             self.actor.dead = True
-            raise WorkerLost from error
-        if isinstance(answer, AvrareError):
-            raise answer
-        assert isinstance(answer, Rollouts)
-        return answer
+            raise WorkerLost from None
+        return unpack(answer)

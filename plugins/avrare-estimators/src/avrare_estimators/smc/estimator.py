@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from avrare.estimation.memory import Demand
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Result, Worst
 from avrare.protocols import Floats
+from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.config import LEAST_PILOT, SmcConfig
@@ -276,10 +278,14 @@ def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
 
     It stays so where the rollout breaks down after its failure.
     """
+    found = run_guarded("a replay of its failures", problem.system, partial(_replay, problem, noise))
+    return np.where(np.isnan(found), robustness, found)
+
+
+def _replay(problem: Problem, noise: Floats) -> Floats:
     size = problem.chunk
     parts = [problem.robustness(noise[k : k + size]) for k in range(0, len(noise), size)]
-    found = np.concatenate([*parts, np.zeros(0)])
-    return np.where(np.isnan(found), robustness, found)
+    return np.concatenate([*parts, np.zeros(0)])
 
 
 def _cost(plan: Plan) -> int:

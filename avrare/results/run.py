@@ -1,0 +1,376 @@
+"""Run: results with where they come from, read from and written to a folder.
+
+Every file is written atomically, result.json last.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from avrare.base import version
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import AvrareError, UsageError
+from avrare.base.late_import import late_import
+from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
+from avrare.estimation.budget import Budget
+from avrare.estimation.checkpoint import SCENARIO, resume_hint
+from avrare.estimation.plan import Estimator
+from avrare.estimation.result import Origin, Result, Results, worst_verdict
+from avrare.results.provenance import Provenance
+from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
+from avrare.results.stored_results import (
+    RUN_AGAIN,
+    Name,
+    StoredEstimate,
+    read_failures,
+    read_rollouts,
+    write_failures,
+    write_rollouts,
+)
+from avrare.rollout.loaded_scenario import LoadedScenario, ScenarioProblem
+from avrare.rollout.problem import Problem
+from avrare.scenario.fingerprint import fingerprint
+from avrare.scenario.load import load
+from avrare.scenario.safe_mode import is_outside
+from avrare.scenario.schema import Scenario, Threshold
+from avrare.scenario.yaml import MAX_BYTES, dump
+
+RESULT, PROVENANCE = "result.json", "provenance.json"
+_DERIVED = (KINDS_FILE, ATTRIBUTION_FILE, "report.html", "nominal.png", "worst_*.png")
+"""Patterns of the files that are made from a result: they do not belong to the next one in its folder."""
+
+
+class _StoredRun(BaseModel):
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    scenario: Name
+    fingerprint: Name
+    seed: int
+    versions: dict[Name, Name]
+    estimates: Annotated[list[StoredEstimate], Field(min_length=1)]
+    files: dict[str, str] = {}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Mapping[str, Result]):
+    """Results by specification, ``run["safe_distance"]``, and where they come from.
+
+    Attributes:
+        name: Name of the scenario; of a problem, that of its system's class.
+        results: The results.
+        seed: Seed of the estimates.
+        fingerprint: Fingerprint of the scenario; empty for a problem.
+        versions: Versions of avrare and of the plugins.
+        provenance: Command, commit and date.
+        definition: The scenario; None for a problem, and where it cannot be loaded any more.
+        scenario_text: The resolved scenario as YAML; empty for a problem, and where it cannot be read.
+        folder: Folder that it was read from or written to; None where there is none.
+        files: Digests of scenario.yaml and of the files that the estimators leave, by name.
+        changes: Lines on files that have changed since the run.
+        refusal: Reason why the scenario cannot be loaded; None where it can be.
+        replies: Lines of the installed result callbacks.
+    """
+
+    name: str
+    results: Results
+    seed: int
+    fingerprint: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    provenance: Provenance = field(default_factory=Provenance)
+    definition: Scenario | None = None
+    scenario_text: str = ""
+    folder: Path | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
+    changes: tuple[str, ...] = ()
+    refusal: AvrareError | None = None
+    replies: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Result:
+        return self.results[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.results)
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __repr__(self) -> str:
+        return repr(self.results)
+
+    @staticmethod
+    def of_scenario(scenario: Scenario, results: Sequence[Result], budget: Budget | None = None) -> Run:
+        """Return the run of a scenario that this process has made."""
+        text = dump(scenario.resolved)
+        files = {SCENARIO: text, **_encode_artifacts(results)}
+        return Run(
+            scenario.name,
+            Results(results),
+            scenario.seed,
+            fingerprint(scenario),
+            scenario.versions,
+            Provenance.collect(scenario, budget),
+            scenario,
+            text,
+            files={name: digest(content) for name, content in files.items()},
+        )
+
+    @staticmethod
+    def of_results(results: Sequence[Result]) -> Run:
+        """Return the run that results of ``avrare.estimate`` make together.
+
+        Raises:
+            UsageError: A result does not know its problem.
+        """
+        origins = [result.require_origin() for result in results]
+        problem = origins[0].problem
+        scenario = problem.scenario if isinstance(problem, ScenarioProblem) else None
+        return Run(
+            type(problem.system).__name__ if scenario is None else scenario.name,
+            Results(results),
+            origins[0].seed,
+            versions={"avrare": version.__version__},
+            provenance=Provenance(python=platform.python_version(), date=datetime.now(UTC)),
+            definition=None if scenario is None else scenario.definition,
+            scenario_text="" if scenario is None else dump(scenario.definition.resolved),
+        )
+
+    @staticmethod
+    def read(folder: str | os.PathLike[str]) -> Run:
+        """Read a run folder.
+
+        Raises:
+            UsageError: It has no result, or a file in it is damaged.
+        """
+        path = Path(folder)
+        content = _read_result(path)
+        try:
+            stored = _StoredRun.model_validate(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            raise UsageError(
+                f"{path / RESULT}: it cannot be read: {place}: {first['msg']}", RUN_AGAIN
+            ) from None
+        check_seal(path / RESULT, content, f"restore the file, or {RUN_AGAIN}")
+        definition, refusal = _load_definition(path)
+        scenario = None if definition is None else LoadedScenario(definition)
+        failures, samples, call = read_failures(path), read_rollouts(path), _command(path)
+        results = []
+        for entry in stored.estimates:
+            name = entry.specification
+            origin = Origin(partial(_build, scenario, name, refusal), stored.seed, call)
+            results.append(entry.to_result(failures.get(name), samples.get(name), origin))
+        text = _read_scenario_text(path)
+        provenance, damage = Provenance.read(path / PROVENANCE)
+        return Run(
+            stored.scenario,
+            Results(results),
+            stored.seed,
+            stored.fingerprint,
+            stored.versions,
+            provenance,
+            definition,
+            text,
+            path,
+            stored.files,
+            (*_find_changes(path, stored.files, text), *damage),
+            refusal,
+        )
+
+    def write(self, folder: str | os.PathLike[str]) -> Run:
+        """Write a run folder: result, resolved scenario, provenance, rollouts, failures, artifacts.
+
+        Files of an earlier result in the folder that this one does not write are removed.
+
+        Returns:
+            The run with its ``folder``.
+        """
+        path, results = Path(folder), list(self.values())
+        hint = "free some disk space and --resume the run, or choose another --out"
+        with explain_file_errors(f"{path}: cannot write the result", hint):
+            artifacts = _encode_artifacts(results)
+            _remove_stale(path, {SCENARIO, *artifacts})
+            write_text(path / SCENARIO, self.scenario_text)
+            write_text(path / PROVENANCE, json.dumps(self.provenance.to_dict(), indent=2) + "\n")
+            write_failures(path, results)
+            write_rollouts(path, results)
+            for name, text in artifacts.items():
+                write_text(path / name, text)
+            write_text(path / RESULT, json.dumps(self.to_dict(), indent=2) + "\n")
+        return replace(self, folder=path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of result.json, with its checksum."""
+        content = {
+            "schema": 1,
+            "scenario": self.name,
+            "fingerprint": self.fingerprint,
+            "seed": self.seed,
+            "versions": dict(self.versions),
+            "estimates": [result.to_dict() for result in self.values()],
+            "files": dict(self.files),
+        }
+        return seal(content)
+
+    @property
+    def verdict(self) -> str | None:
+        """Worst verdict on the thresholds: "pass", "inconclusive", "fail"; None without any."""
+        return worst_verdict(result.verdict for result in self.values())
+
+    @property
+    def written(self) -> datetime:
+        """Time of the result: as its provenance says, else when the file was last changed."""
+        if self.provenance.date is not None or self.folder is None:
+            return self.provenance.date or datetime.now(UTC)
+        return datetime.fromtimestamp((self.folder / RESULT).stat().st_mtime, UTC)
+
+    @property
+    def reproduction(self) -> str:
+        """Commands or calls that give the numbers again."""
+        if self.folder is None:
+            calls = (result.origin.call for result in self.values() if result.origin is not None)
+            return "\n".join(dict.fromkeys(calls))
+        # scenario.yaml contains the seed, but not the budget
+        budget = ["--budget", self.provenance.budget] if self.provenance.budget else []
+        return shlex.join(["avrare", "run", str(self.folder / SCENARIO), *budget])
+
+    def thresholds(self, specification: str) -> list[Threshold]:
+        """List the thresholds that the scenario sets for a specification."""
+        thresholds = () if self.definition is None else self.definition.thresholds
+        return [threshold for threshold in thresholds if threshold.specification == specification]
+
+    def report(self, path: str | os.PathLike[str] | None = None) -> Path:
+        """Write the report, by default ``report.html`` in the run folder, and return its path.
+
+        Raises:
+            UsageError: The file cannot be written, or there is neither a path nor a folder.
+        """
+        file = path or (self.folder and self.folder / "report.html")
+        if file is None:
+            raise UsageError("the run has no folder for its report", 'run.report("report.html")')
+        return late_import("avrare.report.session.python_report:write_report")(self, file)  # type: ignore[no-any-return]
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Problem of all specifications, with its stack built.
+
+        Raises:
+            AvrareError: It cannot be built here.
+        """
+        first = next(iter(self.values())).require_origin().problem
+        if isinstance(first, ScenarioProblem):
+            return first.scenario.problem(first.scenario.specifications)
+        monitors = {name: result.require_origin().problem.monitor(name) for name, result in self.items()}
+        return Problem(first.system, monitors, first.steps, chunk=first.named_chunk)
+
+    @property
+    def scenario(self) -> LoadedScenario:
+        """The scenario with its stack built.
+
+        Raises:
+            UsageError: It cannot be built here, or there is none.
+        """
+        if self.build_errors:
+            reason, *further = self.build_errors
+            hints = [line.removeprefix("hint: ") for line in further if line.startswith("hint: ")]
+            text = f"{self.folder}: its scenario cannot be built: {reason}"
+            raise UsageError(text, hints[0] if hints else RUN_AGAIN)
+        problem = self.problem
+        if not isinstance(problem, ScenarioProblem):
+            raise UsageError(f"{self.name} is a problem, not a scenario", "run a scenario file")
+        return problem.scenario
+
+    @cached_property
+    def build_errors(self) -> tuple[str, ...]:
+        """Lines that say why ``problem`` cannot be built; empty where it can be."""
+        try:
+            _ = self.problem
+        except AvrareError as error:
+            return tuple(error.lines())
+        return ()
+
+
+def _read_result(path: Path) -> dict[str, Any]:
+    file = path / RESULT
+    if not file.is_file():
+        inside = sorted(entry.parent.name for entry in path.glob(f"*/{RESULT}")) if path.is_dir() else []
+        hint = f"it holds several runs; give one of them: {', '.join(inside)}" if inside else None
+        if (path / "checkpoint" / "checkpoint.json").is_file():
+            hint = f"it is not finished: {resume_hint(path)}"
+        raise UsageError(
+            f"{path}: no {RESULT} in it", hint or "give the folder that `avrare run --out` has written"
+        )
+    content = read_json(file, RUN_AGAIN)
+    if not {"scenario", "estimates", "fingerprint", "seed", "versions"} <= set(content):
+        raise UsageError(f"{file}: this is not a result of avrare run", RUN_AGAIN)
+    return content
+
+
+def _load_definition(path: Path) -> tuple[Scenario | None, AvrareError | None]:
+    try:
+        return load(path / SCENARIO), None
+    except AvrareError as error:
+        return None, error
+
+
+def _build(
+    scenario: LoadedScenario | None, name: str, refusal: AvrareError | None
+) -> tuple[Problem, Estimator]:
+    if scenario is None:
+        assert refusal is not None
+        raise refusal
+    return scenario.problem(name), scenario.estimator()
+
+
+def _command(path: Path) -> str:
+    return shlex.join(["avrare", "run", str(path / SCENARIO)])
+
+
+def _read_scenario_text(path: Path) -> str:
+    if is_outside(path / SCENARIO, path):  # a report would give away a file from elsewhere
+        return ""
+    try:
+        return read_regular(path / SCENARIO, MAX_BYTES).decode()
+    except (OSError, ValueError):
+        return ""
+
+
+def _find_changes(path: Path, files: Mapping[str, str], text: str) -> tuple[str, ...]:
+    if files.get(SCENARIO) in (None, digest(text)):
+        return ()
+    return (f"{path / SCENARIO}: it was changed after the run, or is missing",)
+
+
+def _encode_artifacts(results: Sequence[Result]) -> dict[str, str]:
+    """Return the files that estimators leave, by name: each has an entry by specification."""
+    entries: dict[str, dict[str, Any]] = {}
+    for result in results:
+        for name, artifact in result.artifacts.items():
+            entries.setdefault(name, {})[result.specification] = artifact
+    return {name: json.dumps(entries[name], indent=1) + "\n" for name in sorted(entries)}
+
+
+def _remove_stale(folder: Path, written: Collection[str]) -> None:
+    """Remove the files of an earlier result in ``folder``, but for those that are ``written`` next."""
+    file, files = folder / RESULT, None
+    if not file.exists():
+        return
+    with suppress(UsageError):  # a damaged result names no files
+        files = read_json(file, RUN_AGAIN).get("files")
+    names = [name for name in files if Path(name).name == name] if isinstance(files, dict) else []
+    stale = [folder / name for name in names if name not in written]
+    for path in [*stale, *(path for pattern in _DERIVED for path in folder.glob(pattern))]:
+        if path.is_file():
+            path.unlink()

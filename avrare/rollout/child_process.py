@@ -1,0 +1,159 @@
+"""First runs of a system in a child process, so that a native crash there does not end the program.
+
+A kind of system that has run in this process runs here; any other is tried in a forked child first, which has
+the system without sending it. A child that answers decides. One that raises, hangs on a lock that was held
+when it was forked, or cannot send its answer decides nothing: the function then runs here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import os
+import pickle
+import re
+import signal
+import sys
+import sysconfig
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NoReturn, TypeVar
+
+from avrare.base.errors import AvrareError, ExitCode
+
+_CHILD_SECONDS = 20.0
+"""Time that a child has for its answer."""
+_CAN_FORK = sys.platform == "linux"
+"""Elsewhere a fork is not to be had, or the system's own libraries forbid it."""
+
+_LIBRARIES = tuple(
+    f"{folder}{os.sep}"
+    for folder in (*map(sysconfig.get_path, ("stdlib", "purelib", "platlib")), Path(__file__).parents[1])
+)
+"""Folders of the standard library, of installed packages and of this one."""
+_END_WITH_PARENT = 1
+"""Option of Linux' ``prctl``."""
+
+T = TypeVar("T")
+_KINDS_RUN_HERE: set[frozenset[type]] = set()
+
+
+class SystemCrashed(AvrareError):
+    """A system that ends the process in which it runs."""
+
+    exit_code = ExitCode.ROLLOUT_ERRORS
+
+
+def run_guarded(purpose: str, system: object, function: Callable[[], T]) -> T:
+    """Return what a function that runs a system returns.
+
+    Args:
+        purpose: The run in words, such as "the probe before the estimate".
+        system: The system.
+        function: The function; it may run twice, or in another process.
+
+    Raises:
+        SystemCrashed: The system ends its process.
+    """
+    if not _CAN_FORK or _kind_of(system) in _KINDS_RUN_HERE or sys.gettrace() is not None:  # a debugger
+        return function()
+    with open(os.memfd_create("stack"), "r+b") as stack:
+        answer, exit_code = _fork(function, system, stack.fileno())
+        if exit_code is not None:
+            stack.seek(0)
+            place = _find_place(stack.read().decode(errors="replace"))
+            raise SystemCrashed(
+                f"the system ended its process ({describe_exit(exit_code)}) in {purpose}{place}",
+                "mend that part of the system; `python -X faulthandler` shows the calls that lead there",
+            )
+    if answer:
+        return pickle.loads(answer)  # type: ignore[no-any-return]
+    run_here(system)
+    return function()
+
+
+def run_here(system: object) -> None:
+    """Note that a system runs in this process from now on, whose crash would end it anyway."""
+    _KINDS_RUN_HERE.add(_kind_of(system))
+
+
+def describe_exit(code: int) -> str:
+    """Return the exit code of a process in words: "SIGSEGV", "exit code 1"."""
+    if code == -signal.SIGKILL:
+        return "killed, or out of memory"
+    with suppress(ValueError):
+        if code < 0:
+            return signal.Signals(-code).name
+    return f"exit code {code}"
+
+
+def _kind_of(system: object) -> frozenset[type]:
+    """Return the classes of a system and of its parts."""
+    classes = map(type, (system, *getattr(system, "__dict__", {}).values()))
+    return frozenset(kind for kind in classes if kind.__module__ != "builtins")
+
+
+def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[bytes, int | None]:
+    """Return the answer of a child, empty where it has none, and its exit code where it died without one."""
+    ours, theirs = Pipe(duplex=False)
+    with ours:
+        _flush_output()  # or the child would print it, too
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # there may be threads: a child that misses one hangs
+            try:
+                child = os.fork()
+            except OSError:  # no memory for it, or too many processes
+                return b"", None
+        if child == 0:
+            run_here(system)
+            _answer(function, theirs, stack)
+        theirs.close()
+        try:
+            if ours.poll(_CHILD_SECONDS):
+                return ours.recv_bytes(), None
+            hangs = os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+        except EOFError:
+            hangs = False
+        finally:
+            exit_code = _end(child)
+    return b"", None if hangs else exit_code
+
+
+def _answer(function: Callable[[], object], connection: Connection, stack: int) -> NoReturn:
+    try:
+        os.setpgid(0, 0)  # what the system starts ends with the child, and Ctrl-C is for the parent
+        ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
+        faulthandler.enable(stack, all_threads=False)
+        answer = b""
+        with suppress(BaseException), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # those of the rollouts that count are shown
+            answer = pickle.dumps(function())
+        _flush_output()
+        connection.send_bytes(answer)
+    finally:
+        os._exit(0)
+
+
+def _end(child: int) -> int:
+    """Kill a child and all that it has started; return its exit code, a signal as a negative number."""
+    for kill in (os.killpg, os.kill):
+        with suppress(OSError):
+            kill(child, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def _flush_output() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):  # there is none, or it is closed
+            stream.flush()
+
+
+def _find_place(stack: str) -> str:
+    """Return the newest call of a dumped stack, of the user's own code where that is on it."""
+    calls = re.findall(r'File "(.*)", line (\d+) in (.*)', stack)
+    of_user = [call for call in calls if not call[0].startswith(_LIBRARIES)]
+    return ", at {}:{} in {}".format(*(of_user or calls)[0]) if calls else ""
