@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation import health
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import walk
+from avrare_estimators import health
 from avrare_estimators.config import AmsConfig, EssConfig
 from avrare_estimators.looks import Looks, Pilot
 from benchmarks.studies.run_intervals import interval_of_runs

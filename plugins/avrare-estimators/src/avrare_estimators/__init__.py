@@ -1,6 +1,7 @@
 """Rare-event estimators: multilevel splitting, slice sampling, importance sampling, cross-entropy."""
 
-from avrare.plugin import Component, hookimpl
+from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
+from avrare_estimators.health_messages import WARNINGS
 
 
 @hookimpl
@@ -13,6 +14,9 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:AmsConfig",
             factory="avrare_estimators.ams.splitting:build",
             summary="adaptive multilevel splitting, unbiased for any formula",
+            warnings=WARNINGS,
+            cross_check=CheckRole(order=20, first_for=("ess", "mc")),
+            auto=AutoRole(order=30, with_steps=True),
         ),
         Component(
             kind="estimator",
@@ -20,6 +24,9 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:EssConfig",
             factory="avrare_estimators.ess.estimator:build",
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
+            warnings=WARNINGS,
+            cross_check=CheckRole(order=10),
+            auto=AutoRole(order=40, with_steps=False),
         ),
         Component(
             kind="estimator",
@@ -27,6 +34,10 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:IsConfig",
             factory="avrare_estimators.importance.importance_sampling:build",
             summary="importance sampling from a law of the noise or another perception model",
+            warnings=WARNINGS,
+            auto=AutoRole(
+                order=10, gives_up=True, options="avrare_estimators.importance.auto_options:choose_options"
+            ),
         ),
         Component(
             kind="estimator",
@@ -34,6 +45,7 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:CeConfig",
             factory="avrare_estimators.importance.cross_entropy:build",
             summary="cross-entropy: learns its proposal, Gaussian or (with torch) a network",
+            warnings=WARNINGS,
         ),
         Component(
             kind="estimator",
@@ -41,5 +53,7 @@ def avrare_components() -> list[Component]:
             config="avrare_estimators.config:SmcConfig",
             factory="avrare_estimators.smc.estimator:build",
             summary="sequential Monte Carlo with potentials and a proposal that are learned",
+            warnings=WARNINGS,
+            auto=AutoRole(order=20, with_steps=True),
         ),
     ]

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
-from avrare.estimation import health
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.note import Note, describe_missed_goal, describe_precision
 from avrare.estimation.result import Interval
+from avrare_estimators import health
 
 LEAST_RUNS = 10
 """Runs that must remain after a pilot or growth: the pilot then costs a tenth, and the interval stands."""

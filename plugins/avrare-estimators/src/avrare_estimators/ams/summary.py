@@ -9,12 +9,13 @@ from functools import partial
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
+from avrare_estimators import health
 from avrare_estimators.ams.population import TapeAddresses
 from avrare_estimators.ams.state import AmsState, EndedRuns
 from avrare_estimators.config import AmsConfig

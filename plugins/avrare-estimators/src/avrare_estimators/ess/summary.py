@@ -9,11 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result
 from avrare.estimation.result_builder import build_result
 from avrare.protocols import Floats
+from avrare_estimators import health
 from avrare_estimators.config import EssConfig
 from avrare_estimators.ess.chains import Kernel
 from avrare_estimators.ess.level_pass import LevelPass

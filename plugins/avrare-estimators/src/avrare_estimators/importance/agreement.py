@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from avrare.base.number_format import format_interval, format_probability
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Interval
+from avrare_estimators import health
 from avrare_estimators.importance.cross_check import CrossCheckResult
 
 WIDEST = 3.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from avrare.base.number_format import format_probability
 from avrare.base.special_functions import t_factor
-from avrare.estimation import health
+from avrare_estimators import health
 from avrare_estimators.importance.lessons import Lessons, ratios_of
 from avrare_estimators.importance.sampling import Sample, TapeSource
 from avrare_estimators.weights import effective_size, stratified_variance

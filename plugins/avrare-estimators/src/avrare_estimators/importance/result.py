@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.plan import Info, Plan
 from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
+from avrare_estimators import health
 from avrare_estimators.importance.agreement import find_doubts, missed_probability
 from avrare_estimators.importance.climb import Groups
 from avrare_estimators.importance.cross_check import CrossCheckResult

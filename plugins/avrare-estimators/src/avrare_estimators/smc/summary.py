@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.note import Note
 from avrare.estimation.plan import Info, Plan
@@ -19,6 +19,7 @@ from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
+from avrare_estimators import health
 from avrare_estimators.importance.agreement import find_doubts
 from avrare_estimators.importance.coverage import find_differing
 from avrare_estimators.importance.proposal_file import FILE

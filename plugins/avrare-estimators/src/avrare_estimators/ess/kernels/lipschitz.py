@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation import health
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
+from avrare_estimators import health
 from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, StepOutcome, rotated
 
 _CIRCLE = 2.0 * np.pi
