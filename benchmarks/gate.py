@@ -35,7 +35,7 @@ from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Regression, Threshold
 from avrare.testing.problems import linear, walk
-from avrare_estimators import health
+from avrare_estimators.common import health
 
 Draw = Callable[[float, int], Result]
 """(factor on the probability, share of the budget in eighths) -> an estimate."""

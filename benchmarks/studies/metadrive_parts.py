@@ -13,7 +13,7 @@ import numpy as np
 import avrare
 from avrare.estimation import intervals
 from avrare.rollout.problem import Problem
-from avrare_estimators import health
+from avrare_estimators.common import health
 
 Part = dict[str, Any]
 Clock = Callable[[], float]

@@ -17,7 +17,7 @@ from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
-from avrare_estimators.ess.chains import Draw, Kernel, Points
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Points
 
 _BLOCK = 20_000
 """Number of tapes drawn at once in search of starts."""

@@ -7,13 +7,14 @@ import pytest
 from outlier_systems import outliers
 
 import avrare
-from avrare_estimators.config import IsConfig
-from avrare_estimators.importance import dictionary, learned_sampling
+from avrare_estimators.common.lessons import dictionary
+from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.samples.result import RunOutcome, _pooled_quality
+from avrare_estimators.common.samples.sampling import Sample, Stratum, TapeSource
+from avrare_estimators.common.samples.stages import has_reached, is_worthless
+from avrare_estimators.importance import learned_sampling
+from avrare_estimators.importance.config import IsConfig
 from avrare_estimators.importance.learned_sampling import LearnedSampling, relative_error
-from avrare_estimators.importance.lessons import Lessons
-from avrare_estimators.importance.result import RunOutcome, _pooled_quality
-from avrare_estimators.importance.sampling import Sample, Stratum, TapeSource
-from avrare_estimators.importance.stages import has_reached, is_worthless
 
 
 def test_a_gain_that_no_failure_shows_is_worth_nothing():

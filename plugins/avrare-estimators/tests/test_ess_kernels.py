@@ -10,16 +10,12 @@ from studies.stationarity import drift, exact_starts, rolled_out
 from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.testing.problems import conjunction, four_branch, linear, walk
-from avrare_estimators.ess.chains import Draw, Move, StepOutcome
-from avrare_estimators.ess.kernels.bayesian import BayesianKernel
-from avrare_estimators.ess.kernels.lipschitz import (
-    GrowingLipschitzKernel,
-    LipschitzKernel,
-    _largest_singular_value,
-    free_angle,
-)
-from avrare_estimators.ess.kernels.pcn import PcnKernel
+from avrare_estimators.common.chains.kernel import Draw, Move, StepOutcome
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.ess.kernels.elimination import free_angle
+from avrare_estimators.ess.kernels.lipschitz import LipschitzKernel, _largest_singular_value
 from avrare_estimators.ess.kernels.shrink import ShrinkKernel
+from avrare_estimators.ess.kernels.stl_ess import BayesianKernel, GrowingLipschitzKernel
 from avrare_estimators.ess.kernels.surrogate import Surface, SurrogateKernel
 
 REGIONS = {"two_corners": conjunction(-1.2), "half_space": linear(1.5, 20), "four_branch": four_branch(4.0)}

@@ -16,8 +16,8 @@ from avrare_estimators.ams import learned_score
 from avrare_estimators.ams.gain import promise_gain
 from avrare_estimators.ams.learned_score import ScoreLearning, committor_scores
 from avrare_estimators.ams.splitting import Splitting
-from avrare_estimators.smc.network import sigmoid
-from avrare_estimators.smc.potentials import Paths
+from avrare_estimators.common.committor.network import sigmoid
+from avrare_estimators.common.committor.potentials import Paths
 
 SMALL = {"particles": 50, "discard": 5, "runs": 4, "pilot": 200, "score": "learned"}
 

@@ -12,7 +12,7 @@ from avrare.rollout.request import Past, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
 from avrare.testing.problems import reference_problem
-from avrare_estimators.importance.tape_mixture import NONE, TapeMixture
+from avrare_estimators.common.tapes.tape_mixture import NONE, TapeMixture
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 
 STEPS, AT = 40, 12

@@ -282,8 +282,8 @@ def test_one_specification_at_a_time():
 def test_progress_shows_levels():
     from avrare.estimation.loop import Settings, run
     from avrare.rollout.executors.serial import SerialExecutor
+    from avrare_estimators.ams.config import AmsConfig
     from avrare_estimators.ams.splitting import Splitting
-    from avrare_estimators.config import AmsConfig
 
     seen = []
     estimator = Splitting(AmsConfig(particles=40, discard=8, runs=2))

@@ -1,7 +1,7 @@
 """Linear systems with Gaussian noise: simulator, exact elliptical slices, and synthesis."""
 
 from avrare.plugin import Component, hookimpl
-from avrare_estimators.health_messages import WARNINGS
+from avrare_estimators.common.health_messages import WARNINGS
 
 
 @hookimpl

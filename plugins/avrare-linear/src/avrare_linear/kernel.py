@@ -15,7 +15,7 @@ from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.scored_specifications import FormulaScored, FunctionScored, MarginScored
 from avrare.rollout.scores.term_sizes import ScaledMonitor
-from avrare_estimators.ess.chains import TURN, Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import TURN, Draw, Kernel, Move, Points, rotated
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.predicates import AffineFormula
 
@@ -73,7 +73,7 @@ class ExactKernel(Kernel):
         moves: Slice moves of a chain before each rollout.
     """
 
-    rollouts = 1.0
+    name = "exact"
 
     def __init__(self, slicer: Slicer, threshold: RobustnessLevel, moves: int = 1) -> None:
         self.slicer = slicer

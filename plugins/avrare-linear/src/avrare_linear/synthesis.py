@@ -22,7 +22,7 @@ from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare_estimators.ess.chains import rotated
+from avrare_estimators.common.chains.kernel import rotated
 from avrare_estimators.ess.state import EssState
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.estimator import LinearLevels

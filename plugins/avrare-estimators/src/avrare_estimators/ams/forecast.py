@@ -6,7 +6,7 @@ import math
 
 from avrare.estimation.cost_forecast import CostForecast
 from avrare_estimators.ams.state import AmsState
-from avrare_estimators.looks import LIKELY, RARE, Looks
+from avrare_estimators.common.looks import LIKELY, RARE, Looks
 
 _FALLEN = math.log(0.5)
 """Log of the share of particles left, below which the levels so far tell what further ones cost."""

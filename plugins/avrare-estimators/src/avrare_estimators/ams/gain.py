@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Bools, Floats
-from avrare_estimators.smc.network import sigmoid
-from avrare_estimators.smc.potentials import HELD_OUT, Paths, Potentials
+from avrare_estimators.common.committor.network import sigmoid
+from avrare_estimators.common.committor.potentials import HELD_OUT, Paths, Potentials
 
 _GROUPS = 10
 """Groups of first ancestors that are left out in turn."""

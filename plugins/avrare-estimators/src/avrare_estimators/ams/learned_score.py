@@ -22,8 +22,8 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ams.gain import Promise, promise_gain
 from avrare_estimators.ams.population import Branches, Population
-from avrare_estimators.smc.learned_file import FILE, Learned, LearnedFile
-from avrare_estimators.smc.potentials import Paths, Potentials, learn
+from avrare_estimators.common.committor.learned_file import FILE, Learned, LearnedFile
+from avrare_estimators.common.committor.potentials import Paths, Potentials, learn
 
 LEARNING_RUN = 2**31 + 2**16
 """Address of the noise of runs that only teach, far from those that count and from the pilot."""

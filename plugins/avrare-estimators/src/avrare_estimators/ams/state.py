@@ -18,8 +18,8 @@ from avrare.rollout.request import FROM_START, Integers
 from avrare_estimators.ams.leaps import Leaps
 from avrare_estimators.ams.learned_score import PathTable, ScoreLearning
 from avrare_estimators.ams.population import Branches, Population, TapeAddresses
-from avrare_estimators.in_turn import take_in_turn
-from avrare_estimators.looks import Looks, Pilot
+from avrare_estimators.common.in_turn import take_in_turn
+from avrare_estimators.common.looks import Looks, Pilot
 
 _SLOT, _ENTRY = 200, 34
 """Bytes of a slot at the peak, and of each of its steps: tables, and the scores of a first stage twice."""

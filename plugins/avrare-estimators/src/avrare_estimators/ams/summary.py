@@ -15,12 +15,12 @@ from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators import health
+from avrare_estimators.ams.config import AmsConfig
 from avrare_estimators.ams.population import TapeAddresses
 from avrare_estimators.ams.state import AmsState, EndedRuns
-from avrare_estimators.config import AmsConfig
-from avrare_estimators.in_turn import take_in_turn
-from avrare_estimators.looks import Looks
+from avrare_estimators.common import health
+from avrare_estimators.common.in_turn import take_in_turn
+from avrare_estimators.common.looks import Looks
 
 _STATIC = (
     "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw no "

@@ -13,9 +13,9 @@ from avrare.estimation.result import Failures, Worst
 from avrare.estimation.result_builder import missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Rollouts
-from avrare_estimators.ess.level_pass import LevelPass
-from avrare_estimators.in_turn import far_apart, take_in_turn
-from avrare_estimators.looks import Looks, Pilot
+from avrare_estimators.common.chains.level_pass import LevelPass
+from avrare_estimators.common.in_turn import far_apart, take_in_turn
+from avrare_estimators.common.looks import Looks, Pilot
 
 
 @dataclass(frozen=True)

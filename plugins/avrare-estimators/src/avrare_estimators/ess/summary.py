@@ -14,19 +14,16 @@ from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result
 from avrare.estimation.result_builder import build_result
 from avrare.protocols import Floats
-from avrare_estimators import health
-from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.chains import Kernel
-from avrare_estimators.ess.level_pass import LevelPass
-from avrare_estimators.ess.levels import r_hat
+from avrare_estimators.common import health
+from avrare_estimators.common.chains.kernel import Kernel
+from avrare_estimators.common.chains.level_pass import LevelPass
+from avrare_estimators.common.chains.levels import r_hat
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.weights import effective_size
 from avrare_estimators.ess.state import EssState
-from avrare_estimators.looks import Looks
-from avrare_estimators.weights import effective_size
 
 
-def summarise(
-    name: str, config: EssConfig, kernel: Kernel, state: EssState, notes: Mapping[str, str]
-) -> Result:
+def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, str], grows: bool) -> Result:
     """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
     plan, last, tally = state.plan, state.level_pass, state.tally
     own = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
@@ -59,7 +56,7 @@ def summarise(
         robustness=state.first,
         blind_bound=looks.interval(len(values), fresh.interval)(plan.confidence)[1],
         diagnostics={
-            "kernel": config.kernel,
+            "kernel": kernel.name,
             "levels": _values_per_run(last, "level"),
             "shares": _values_per_run(last, "share"),
             "effective_sizes": _values_per_run(last, "effective"),
@@ -78,11 +75,11 @@ def summarise(
             if last.weighted
             else {}
         )
-        | (state.found.diagnostics(last.shape.chains, "chains") if state.found and config.grow else {})
+        | (state.found.diagnostics(last.shape.chains, "chains") if state.found and grows else {})
         | looks.diagnostics(math.sqrt(relative_variance)),
         notes=(
             *looks.notes(tally.rollouts, probability, math.sqrt(relative_variance)),
-            *(state.found.notes(last.shape.chains, "chains") if state.found and config.grow else ()),
+            *(state.found.notes(last.shape.chains, "chains") if state.found and grows else ()),
         ),
     )
 

@@ -20,14 +20,21 @@ from avrare.estimation.result import Failures, spread
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts
-from avrare_estimators.ess.chains import Points
-from avrare_estimators.ess.kernels.pcn import PcnKernel
-from avrare_estimators.ess.level_pass import LevelPass, PassShape
+from avrare_estimators.common.chains.kernel import Points
+from avrare_estimators.common.chains.level_pass import LevelPass, PassShape
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.sampling import (
+    PartialSample,
+    Sample,
+    Stratum,
+    TapeSource,
+    failing_weights,
+)
+from avrare_estimators.common.weights import mixture_log_weights, resample
 from avrare_estimators.importance.entry import LENGTH, Entry
-from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.route import GroupSize, Route
-from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource, failing_weights
-from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
 _DOUBT, _FLATTERED = 1.5, 3.0
@@ -88,47 +95,6 @@ class ClimbPilot:
         ratio = self.entry.mixture.log_ratio_of(points.tape[points.violated])
         weight = np.exp(mixture_log_weights(ratio, defensive))
         return route.cost() < _FLATTERED * (float(weight.mean()) / route.reached - 1.0)
-
-
-@dataclass(frozen=True)
-class Groups:
-    """Groups that are done.
-
-    Attributes:
-        values: (R,) estimate of each.
-        entered: (R,) probability to enter of each.
-        roots: Rows of the sample that each group's failures descend from.
-        errors: (R,) weight of the rollouts that broke down.
-        rollouts: Rollouts of the chains.
-        failures: Some failures of each group that has any.
-    """
-
-    values: Floats = field(default_factory=lambda: np.zeros(0))
-    entered: Floats = field(default_factory=lambda: np.zeros(0))
-    roots: tuple[int, ...] = ()
-    errors: Floats = field(default_factory=lambda: np.zeros(0))
-    rollouts: int = 0
-    failures: tuple[Failures, ...] = ()
-
-    def __add__(self, other: Groups) -> Groups:
-        """Pool the groups of two batches."""
-        return Groups(
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.entered, other.entered]),
-            (*self.roots, *other.roots),
-            np.concatenate([self.errors, other.errors]),
-            self.rollouts + other.rollouts,
-            (*self.failures, *other.failures),
-        )
-
-    @property
-    def mean(self) -> float:
-        """Estimate of the failure probability."""
-        return float(self.values.mean())
-
-    def variance(self, unit: float) -> float:
-        """Return the variance of the mean in units of ``unit``."""
-        return float((self.values / unit).var(ddof=1)) / len(self.values)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
-from avrare_estimators.ess.level_pass import LevelPass, LevelRecord
+from avrare_estimators.common.chains.level_pass import LevelPass, LevelRecord
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.entry import LENGTH, Entry, climb_cost, start_variance
-from avrare_estimators.importance.tape_mixture import TapeMixture
 
 PILOT_CHAINS = 100
 """Chains of a pilot where they are affordable: a few starts have offspring two factors of ten away."""

@@ -17,13 +17,14 @@ from avrare.protocols import Floats
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare_estimators.config import LEAST_PILOT, SmcConfig
-from avrare_estimators.feature_count import FEATURES, count_features
-from avrare_estimators.importance.dictionary import dictionary_bytes
-from avrare_estimators.importance.sampling import PartialSample, wave_bytes
-from avrare_estimators.importance.words import NoiseNames
-from avrare_estimators.looks import Looks
-from avrare_estimators.smc.learned_file import Learned, LearnedFile
+from avrare_estimators.common.committor.learned_file import Learned, LearnedFile
+from avrare_estimators.common.config import LEAST_PILOT
+from avrare_estimators.common.feature_count import FEATURES, count_features
+from avrare_estimators.common.lessons.dictionary import dictionary_bytes
+from avrare_estimators.common.lessons.words import NoiseNames
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.samples.sampling import PartialSample, wave_bytes
+from avrare_estimators.smc.config import SmcConfig
 from avrare_estimators.smc.learning import Learning, law_of
 from avrare_estimators.smc.particles import Course, Particles
 from avrare_estimators.smc.summary import Counted, summarise

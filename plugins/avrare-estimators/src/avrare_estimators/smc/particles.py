@@ -20,8 +20,8 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widened
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
-from avrare_estimators.smc.potentials import Paths, Potentials
-from avrare_estimators.weights import effective_size, resample
+from avrare_estimators.common.committor.potentials import Paths, Potentials
+from avrare_estimators.common.weights import effective_size, resample
 
 _LEAST_EFFECTIVE = 0.7
 """Share of a run's particles below whose effective number they are resampled."""

@@ -19,19 +19,19 @@ from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators import health
-from avrare_estimators.importance.agreement import find_doubts
-from avrare_estimators.importance.coverage import find_differing
-from avrare_estimators.importance.proposal_file import FILE
-from avrare_estimators.importance.result import DISTRUST, for_any_weights, is_even
-from avrare_estimators.importance.words import Cause, NoiseNames, describe_tapes
-from avrare_estimators.looks import Looks
+from avrare_estimators.common import health
+from avrare_estimators.common.committor.learned_file import Learned
+from avrare_estimators.common.committor.potentials import Potentials
+from avrare_estimators.common.lessons.coverage import find_differing
+from avrare_estimators.common.lessons.stored_proposal import FILE
+from avrare_estimators.common.lessons.words import Cause, NoiseNames, describe_tapes
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.samples.agreement import find_doubts
+from avrare_estimators.common.samples.result import DISTRUST, for_any_weights, is_even
+from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.defended_mixture import DefendedMixture
-from avrare_estimators.smc.learned_file import Learned
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
-from avrare_estimators.smc.potentials import Potentials
-from avrare_estimators.weights import effective_size, resample
 
 _KEPT, _MOST_TOLD = 40, 300
 """Failures of each run that are kept, and of all runs together that the words are about."""

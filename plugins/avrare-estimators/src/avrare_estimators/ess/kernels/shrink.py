@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotated
 
 _MOST_TURNS = 100
 """By then a bracket is 2^-100 of the ellipse: the proposal is the chain's own tape."""
@@ -45,6 +45,7 @@ class ShrinkKernel(Kernel):
             around the chain's own tape (Neal 2003), which saves rollouts where the set is narrow.
     """
 
+    name = "shrink"
     rollouts = 4.0
 
     def __init__(self, width: float = 2.0 * np.pi) -> None:

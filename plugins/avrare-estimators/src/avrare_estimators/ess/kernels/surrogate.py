@@ -19,7 +19,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotated
 
 _FLOOR = 0.02
 """Least likelihood: no tape is excluded."""
@@ -56,6 +56,8 @@ class Surface:
 
 class SurrogateKernel(Kernel):
     """Valid: the surface is frozen, and the acceptance corrects for it."""
+
+    name = "surrogate"
 
     def init(self, runs: int) -> Surface | None:
         return None  # the surface of a level is fitted when it begins
