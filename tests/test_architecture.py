@@ -115,10 +115,11 @@ def test_the_core_names_no_component_of_a_plugin():
     assert named == set(OTHER_MEANINGS)
 
 
-def test_no_modules_import_each_other_circularly():
+@pytest.mark.parametrize("package", ["avrare", "avrare_estimators"])
+def test_no_modules_import_each_other_circularly(package):
     import grimp
 
-    graph = grimp.build_graph("avrare", exclude_type_checking_imports=False)
+    graph = grimp.build_graph(package, exclude_type_checking_imports=False)
     for module in graph.modules:
         for imported_module in graph.find_modules_directly_imported_by(module):
             assert not graph.chain_exists(imported_module, module), (module, imported_module)
