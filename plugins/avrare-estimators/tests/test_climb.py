@@ -15,7 +15,8 @@ from avrare.base.errors import UsageError
 from avrare_estimators.common.lessons.lessons import LEAST_ELITE, Lessons
 from avrare_estimators.common.lessons.stored_proposal import FILE
 from avrare_estimators.common.samples.groups import Groups
-from avrare_estimators.common.samples.sampling import Sample, Stratum, TapeSource
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import Stratum, TapeSource
 from avrare_estimators.importance import climbing_sampling, learned_sampling
 from avrare_estimators.importance.entry import LENGTH, Entry, best_entry, start_variance
 from avrare_estimators.importance.proposal_file import ProposalFile

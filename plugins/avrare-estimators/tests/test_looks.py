@@ -25,9 +25,11 @@ SIZE = {"ams": "particles", "ess": "chains"}
 def problem(limit=0.9, lives=None, chunk=64):
     system = systems.Walk()
     return avrare.Problem(
-        systems.Mortal(system, lives) if lives else system, avrare.stl(f"always (x < {limit})"), 20,
+        systems.Mortal(system, lives) if lives else system,
+        avrare.stl(f"always (x < {limit})"),
+        20,
         chunk=chunk,
-    )  # fmt: skip
+    )
 
 
 def estimate(name, limit=0.9, **options):
@@ -118,12 +120,17 @@ def test_few_roots_are_fewer_than_fifteen(roots):
 @pytest.mark.parametrize(
     ("config", "grows"),
     [
-        (AmsConfig(), True), (AmsConfig(runs=20), True), (AmsConfig(particles=250), False),
-        (AmsConfig(particles=100, grow=True), True), (AmsConfig(grow=False), False),
-        (AmsConfig(variant="published"), False), (EssConfig(), True), (EssConfig(chains=50), False),
+        (AmsConfig(), True),
+        (AmsConfig(runs=20), True),
+        (AmsConfig(particles=250), False),
+        (AmsConfig(particles=100, grow=True), True),
+        (AmsConfig(grow=False), False),
+        (AmsConfig(variant="published"), False),
+        (EssConfig(), True),
+        (EssConfig(chains=50), False),
         (EssConfig(second_pass=False), False),
     ],
-)  # fmt: skip
+)
 def test_a_given_size_is_kept(config, grows):
     assert config.grows is grows
     again = type(config)(**config.model_dump())  # a run folder holds all defaults

@@ -41,9 +41,16 @@ def second(first, **fields):
     assert np.array_equal(rows, alive)
     zeros = np.zeros(len(alive), dtype=np.int64)
     return alive, Request(
-        zeros, zeros + 1, alive, zeros + AT, ((AT, carry),), tape_law=LAW,
-        evidence=first.evidence[alive], stop_failed=True, **fields,
-    )  # fmt: skip
+        zeros,
+        zeros + 1,
+        alive,
+        zeros + AT,
+        ((AT, carry),),
+        tape_law=LAW,
+        evidence=first.evidence[alive],
+        stop_failed=True,
+        **fields,
+    )
 
 
 def segment(problem, rows):

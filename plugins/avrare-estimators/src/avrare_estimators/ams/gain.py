@@ -71,9 +71,10 @@ def promise_gain(potentials: Potentials, paths: Paths, steps: int) -> Promise:
     odds = potentials.log_odds(times, features.reshape(len(times), -1)).reshape(features.shape[:2])
     learned = np.maximum.accumulate(odds, axis=1)
     common: dict[str, Any] = {
-        "committor": sigmoid(odds), "left": np.append(1.0 - potentials.schedule / steps, 0.0),
+        "committor": sigmoid(odds),
+        "left": np.append(1.0 - potentials.schedule / steps, 0.0),
         "violated": violated,
-    }  # fmt: skip
+    }
     scores = [
         (features[:, :, -1], np.where(violated, np.inf, paths.score[held])),
         (learned, np.where(violated, np.inf, learned[:, -1])),

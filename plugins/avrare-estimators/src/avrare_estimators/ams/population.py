@@ -110,9 +110,14 @@ class Population:
         self.since[slots[~given]] = _NEVER
 
     def inherit(
-        self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers,
+        self,
+        children: Integers,
+        parents: Integers,
+        start: Integers,
+        stage: Integers,
+        own: Integers,
         every: int = 1,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Give ``children`` the past of ``parents`` up to and including ``start``, new noise after it.
 
         Where only the carries of every so many steps are stored, the newest before ``start`` is handed on.

@@ -104,9 +104,15 @@ class Splitting:
         run, particle = np.divmod(pending.slots, state.particles)
         stage = np.full(len(pending.slots), state.stage)
         request = Request(
-            run + state.first_run, stage, particle, pending.start, keep_carries=True, every=state.every,
-            stop_early=self.config.early_stop, observe=state.learning.observed if state.learning else (),
-        )  # fmt: skip
+            run + state.first_run,
+            stage,
+            particle,
+            pending.start,
+            keep_carries=True,
+            every=state.every,
+            stop_early=self.config.early_stop,
+            observe=state.learning.observed if state.learning else (),
+        )
         if not state.stage:
             return replace(request, most_bytes=self._bytes_per_slot(state))
         branch = pending.parents, pending.start, state.every
@@ -259,9 +265,13 @@ class Splitting:
         """
         particles, most = self.config.particles, self.config.most
         paid = affordable_runs(
-            plan, most, "splitting", _ROLLOUTS_OF_RUN * particles, _STEPS_OF_RUN * particles,
+            plan,
+            most,
+            "splitting",
+            _ROLLOUTS_OF_RUN * particles,
+            _STEPS_OF_RUN * particles,
             f"{particles} particles",
-        )  # fmt: skip
+        )
         if plan.budget is None:
             return most
         if spent is not None:

@@ -66,9 +66,12 @@ class EndedRuns:
             for name in ("failing", "retired_failures", "worst")
         )
         return EndedRuns(
-            **arrays, levels=self.levels + other.levels, failing=thin(failing, most),
-            retired_failures=thin(retired, most), worst=_least_robust(worst),
-        )  # fmt: skip
+            **arrays,
+            levels=self.levels + other.levels,
+            failing=thin(failing, most),
+            retired_failures=thin(retired, most),
+            worst=_least_robust(worst),
+        )
 
     @property
     def runs(self) -> int:
@@ -152,21 +155,38 @@ class AmsState:
         """Return the state before the first rollout."""
         slots = np.arange(runs * particles)
         return AmsState(
-            plan, runs, Population.empty(len(slots), particles, plan.steps),
-            weight=np.ones(runs), pairs=np.full(runs, 1.0 / (particles * (particles - 1))),
-            retired=np.zeros(runs), error_weight=np.zeros(runs), active=np.ones(runs, dtype=bool),
+            plan,
+            runs,
+            Population.empty(len(slots), particles, plan.steps),
+            weight=np.ones(runs),
+            pairs=np.full(runs, 1.0 / (particles * (particles - 1))),
+            retired=np.zeros(runs),
+            error_weight=np.zeros(runs),
+            active=np.ones(runs, dtype=bool),
             pending=Branches(slots, slots, np.full(len(slots), FROM_START)),
-            levels=tuple([] for _ in range(runs)), **fields,
-        )  # fmt: skip
+            levels=tuple([] for _ in range(runs)),
+            **fields,
+        )
 
     def next_batch(self, runs: int) -> AmsState:
         """Begin further runs; what these have found stays."""
         ended = self.finished()
         return AmsState.begin(
-            self.plan, runs, self.particles, first=self.first, fresh=self.fresh, tally=self.tally,
-            first_run=ended.runs, growth=self.growth, looks=self.looks, pilot=self.pilot, ended=ended,
-            saved=self.saved, leaps=self.leaps, learning=self.learning,
-        )  # fmt: skip
+            self.plan,
+            runs,
+            self.particles,
+            first=self.first,
+            fresh=self.fresh,
+            tally=self.tally,
+            first_run=ended.runs,
+            growth=self.growth,
+            looks=self.looks,
+            pilot=self.pilot,
+            ended=ended,
+            saved=self.saved,
+            leaps=self.leaps,
+            learning=self.learning,
+        )
 
     @property
     def probabilities(self) -> Floats:
@@ -186,12 +206,18 @@ class AmsState:
         failing = np.flatnonzero(population.violated)
         failing = failing[take_in_turn(failing // self.particles, most)]
         found = EndedRuns(
-            self.weight, self.pairs, self.retired, self.error_weight, self.levels,
-            population.violated.reshape(shape), population.error.reshape(shape),
+            self.weight,
+            self.pairs,
+            self.retired,
+            self.error_weight,
+            self.levels,
+            population.violated.reshape(shape),
+            population.error.reshape(shape),
             population.root.reshape(shape),
-            population.addresses(failing, self.particles, self.first_run), retired,
+            population.addresses(failing, self.particles, self.first_run),
+            retired,
             _least_robust(batch.concatenate([own, retired])),
-        )  # fmt: skip
+        )
         return found if self.ended is None else self.ended.joined(found, most)
 
     @property

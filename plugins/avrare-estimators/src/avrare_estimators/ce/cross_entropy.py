@@ -22,7 +22,8 @@ from avrare.rollout.request import Integers
 from avrare_estimators.ce.config import CeConfig, GaussianFamilyConfig, NetworkFamilyConfig
 from avrare_estimators.ce.gaussian_family import GaussianFamily
 from avrare_estimators.common.cost import affordable_rollouts
-from avrare_estimators.common.samples.sampling import PartialSample, Sample, Source, wave_rows
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_rows
+from avrare_estimators.common.samples.sources import Source
 from avrare_estimators.common.samples.weighted_sampler import SamplingState, WeightedSampler
 from avrare_estimators.common.weights import annealed, effective_size
 

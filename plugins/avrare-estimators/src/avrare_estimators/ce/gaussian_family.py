@@ -10,7 +10,8 @@ from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
 from avrare_estimators.ce.config import GaussianFamilyConfig
-from avrare_estimators.common.samples.sampling import LatentSource, Sample, Source
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import LatentSource, Source
 from avrare_estimators.common.tapes.gaussian_mixture import GaussianMixture
 from avrare_estimators.common.weights import effective_size
 

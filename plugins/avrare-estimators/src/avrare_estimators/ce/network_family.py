@@ -23,7 +23,8 @@ from avrare_estimators.ce.tilted_perception import (
     network_inputs,
     residuals,
 )
-from avrare_estimators.common.samples.sampling import PerceptionSource, Sample, Source
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import PerceptionSource, Source
 
 
 def _training_batch(sample: Sample, rows: Integers, weights: Floats, target: Any) -> TrainingBatch:

@@ -31,9 +31,15 @@ def network_inputs(world: Any, scene: Any) -> Floats:
     left = np.cos(heading) * dy - np.sin(heading) * dx
     turned = others.heading - heading
     columns = (
-        forward, left, np.sqrt(forward * forward + left * left), np.cos(turned), np.sin(turned),
-        others.speed * np.cos(turned) - ego.speed[:, None], scene.lengths, scene.widths,
-    )  # fmt: skip
+        forward,
+        left,
+        np.sqrt(forward * forward + left * left),
+        np.cos(turned),
+        np.sin(turned),
+        others.speed * np.cos(turned) - ego.speed[:, None],
+        scene.lengths,
+        scene.widths,
+    )
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
@@ -117,9 +123,12 @@ class TiltedPerception:
         odds = law.detect * np.exp(tilt[..., 0])
         total = odds + law.miss
         return replace(
-            law, detect=odds / total, miss=law.miss / total,
-            location=law.location + law.scale * tilt[..., 1:3], scale=law.scale * np.exp(tilt[..., 3:5]),
-        )  # fmt: skip
+            law,
+            detect=odds / total,
+            miss=law.miss / total,
+            location=law.location + law.scale * tilt[..., 1:3],
+            scale=law.scale * np.exp(tilt[..., 3:5]),
+        )
 
     def observe(self, world: Any, noise: Floats) -> Observation:
         """Draw one observation of every other vehicle."""

@@ -129,9 +129,13 @@ class Pilot:
         return min(most, max(least, math.ceil(self.relative_variance / self.growth / goal**2 / 2.0)))
 
     def forecast(
-        self, kind: Literal["rollouts", "steps"], looks: Looks, done: int, spent: float = 0.0,
+        self,
+        kind: Literal["rollouts", "steps"],
+        looks: Looks,
+        done: int,
+        spent: float = 0.0,
         pilots: float = 0.0,
-    ) -> CostForecast:  # fmt: skip
+    ) -> CostForecast:
         """Return the cost of an estimate that has begun ``done`` runs.
 
         ``spent`` went before all runs; ``pilots`` is what the own pilot of each run costs.

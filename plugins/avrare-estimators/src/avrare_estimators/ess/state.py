@@ -86,9 +86,13 @@ class EssState:
     def next_batch(self, level_pass: LevelPass, counting: bool) -> EssState:
         """Set the ended runs aside and begin further ones."""
         return replace(
-            self, level_pass=level_pass, counting=counting, begun=self.tally.rollouts,
-            ended=self.level_pass.without_tapes(), kept=self.failures,
-        )  # fmt: skip
+            self,
+            level_pass=level_pass,
+            counting=counting,
+            begun=self.tally.rollouts,
+            ended=self.level_pass.without_tapes(),
+            kept=self.failures,
+        )
 
     def tell(self, rollouts: Rollouts) -> EssState:
         """Return the state after the rollouts asked for."""
@@ -97,9 +101,13 @@ class EssState:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
         fresh = self.fresh.plus(rollouts) if self.level_pass.fresh is not None else self.fresh
         return replace(
-            self, tally=self.tally.plus(rollouts), worst=self._worst(rollouts), first=first,
-            fresh=fresh, level_pass=self.level_pass.tell(rollouts),
-        )  # fmt: skip
+            self,
+            tally=self.tally.plus(rollouts),
+            worst=self._worst(rollouts),
+            first=first,
+            fresh=fresh,
+            level_pass=self.level_pass.tell(rollouts),
+        )
 
     def _worst(self, rollouts: Rollouts) -> Worst:
         robustness = np.where(rollouts.error, np.inf, rollouts.robustness[:, 0])

@@ -160,9 +160,13 @@ def _interval(
         failed, trials = int(last.points.violated.sum()), len(last.points.score)
         return partial(intervals.clopper_pearson, failed, trials, errors=round(error_weight * trials))
     return partial(
-        intervals.log_normal, float(values.mean()), relative_variance, freedom=len(values) - 1,
-        errors=error_weight, logs=intervals.cox(values),
-    )  # fmt: skip
+        intervals.log_normal,
+        float(values.mean()),
+        relative_variance,
+        freedom=len(values) - 1,
+        errors=error_weight,
+        logs=intervals.cox(values),
+    )
 
 
 def _values_per_run(last: LevelPass, name: str) -> list[list[float]]:

@@ -8,7 +8,7 @@ from avrare.estimation.plan import Info, Plan
 from avrare.rollout.problem import Problem
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.common.cost import affordable_rollouts
-from avrare_estimators.common.samples.sampling import LatentSource, PerceptionSource, Source
+from avrare_estimators.common.samples.sources import LatentSource, PerceptionSource, Source
 from avrare_estimators.common.samples.weighted_sampler import SamplingState, WeightedSampler
 from avrare_estimators.common.tapes.gaussian_mixture import GaussianMixture
 from avrare_estimators.importance.config import GaussianProposal, IsConfig, is_perception

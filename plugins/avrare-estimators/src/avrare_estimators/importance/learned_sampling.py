@@ -26,11 +26,11 @@ from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import (
     PartialSample,
     Sample,
-    TapeSource,
     failing_weights,
     variance_of_sum,
     wave_rows,
 )
+from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import (
     LEAST_GAIN,
     gain_nothing,

@@ -115,9 +115,12 @@ class SequentialMonteCarlo:
         if pilot < LEAST_PILOT:
             return None
         sized = SmcConfig(
-            runs=1, particles=max(_LEAST_PARTICLES, int(rollouts) - learning), pilot=pilot,
-            stages=_SCALED_STAGES, memory=self.config.memory,
-        )  # fmt: skip
+            runs=1,
+            particles=max(_LEAST_PARTICLES, int(rollouts) - learning),
+            pilot=pilot,
+            stages=_SCALED_STAGES,
+            memory=self.config.memory,
+        )
         return SequentialMonteCarlo(sized)
 
     def ask(self, state: SmcState) -> Request | None:
@@ -142,9 +145,17 @@ class SequentialMonteCarlo:
         assert state.looks is not None
         assert self.problem is not None
         result = summarise(
-            self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
-            state.tally, state.first, state.plan.seen + state.fresh, self.names,
-        )  # fmt: skip
+            self.name,
+            state.plan,
+            state.learned,
+            state.counted,
+            state.looks,
+            state.learning,
+            state.tally,
+            state.first,
+            state.plan.seen + state.fresh,
+            self.names,
+        )
         kept, worst = result.failures, result.worst
         robustness = _complete(self.problem, kept.noise, kept.robustness)
         (least,) = _complete(self.problem, worst.noise[None], np.array([worst.robustness])).tolist()

@@ -145,10 +145,18 @@ class LevelPass:
         run, own = np.divmod(np.arange(shape.runs * shape.samples), shape.samples)
         draw = Draw(plan.noise, plan.steps, run, shape.stage, own)
         return LevelPass(
-            plan, shape, kernel, schedule, weight=np.ones(shape.runs),
-            active=np.ones(shape.runs, dtype=bool), error_weight=np.zeros(shape.runs),
-            known=kernel.init(shape.runs), rollouts=zeros, errors=zeros, fresh=draw.tapes(),
-        )  # fmt: skip
+            plan,
+            shape,
+            kernel,
+            schedule,
+            weight=np.ones(shape.runs),
+            active=np.ones(shape.runs, dtype=bool),
+            error_weight=np.zeros(shape.runs),
+            known=kernel.init(shape.runs),
+            rollouts=zeros,
+            errors=zeros,
+            fresh=draw.tapes(),
+        )
 
     def without_tapes(self) -> LevelPass:
         """Return this ended pass without its tapes, which may be large."""
@@ -163,23 +171,32 @@ class LevelPass:
             name: np.concatenate([getattr(one, name) for one in both]) for name in names
         }
         return replace(
-            self, **arrays, shape=replace(self.shape, runs=self.shape.runs + other.shape.runs),
+            self,
+            **arrays,
+            shape=replace(self.shape, runs=self.shape.runs + other.shape.runs),
             known=batch.concatenate(known) if known else None,
             population=batch.concatenate([one.points for one in both]),
             levels=tuple(
-                batch.concatenate([
-                    replace(record, known=()) if record else LevelRecord.missing(one.shape.runs)
-                    for record, one in zip(pair, both, strict=True)
-                ])
+                batch.concatenate(
+                    [
+                        replace(record, known=()) if record else LevelRecord.missing(one.shape.runs)
+                        for record, one in zip(pair, both, strict=True)
+                    ]
+                )
                 for pair in records
             ),
-        )  # fmt: skip
+        )
 
     @staticmethod
     def begin_from(
-        plan: Plan, shape: PassShape, kernel: Kernel, points: Points, share: Floats,
-        schedule: tuple[LevelRecord, ...] | None = None, first: float | None = None,
-    ) -> LevelPass:  # fmt: skip
+        plan: Plan,
+        shape: PassShape,
+        kernel: Kernel,
+        points: Points,
+        share: Floats,
+        schedule: tuple[LevelRecord, ...] | None = None,
+        first: float | None = None,
+    ) -> LevelPass:
         """Begin at given points (R N), which lie above levels of probability ``share`` (R,).
 
         Args:
@@ -193,10 +210,19 @@ class LevelPass:
         """
         zeros = np.zeros(shape.runs, dtype=np.int64)
         return LevelPass(
-            plan, shape, kernel, schedule, weight=share, active=share > 0.0,
-            error_weight=np.zeros(shape.runs), known=kernel.init(shape.runs), rollouts=zeros, errors=zeros,
-            population=points, first=first,
-        )._next_level()  # fmt: skip
+            plan,
+            shape,
+            kernel,
+            schedule,
+            weight=share,
+            active=share > 0.0,
+            error_weight=np.zeros(shape.runs),
+            known=kernel.init(shape.runs),
+            rollouts=zeros,
+            errors=zeros,
+            population=points,
+            first=first,
+        )._next_level()
 
     @property
     def proposal(self) -> Floats | None:
@@ -284,18 +310,28 @@ class LevelPass:
         weight = np.where(passed, self.weight * share, self.weight)
         weight[weight < shape.floor] = 0.0
         record = LevelRecord(
-            np.where(passed, level, np.nan), passed, np.where(passed, share, np.nan),
-            self.effective(above), self.known,
+            np.where(passed, level, np.nan),
+            passed,
+            np.where(passed, share, np.nan),
+            self.effective(above),
+            self.known,
             weights.sum(axis=1) ** 2 / np.maximum((weights**2).sum(axis=1), 1e-300),
             weights.max(axis=1) / shape.samples,
             self.lasting(above),
-        )  # fmt: skip
+        )
         active = passed & (weight > 0.0)
         zeros = np.zeros_like(self.rollouts)
         after = replace(
-            self, weight=weight, error_weight=error_weight, active=active, rollouts=zeros, errors=zeros,
-            steps=0, move=None, levels=(*self.levels, record) if passed.any() else self.levels,
-        )  # fmt: skip
+            self,
+            weight=weight,
+            error_weight=error_weight,
+            active=active,
+            rollouts=zeros,
+            errors=zeros,
+            steps=0,
+            move=None,
+            levels=(*self.levels, record) if passed.any() else self.levels,
+        )
         return after._seed(level, above) if active.any() else after
 
     def _level(self, population: Points) -> tuple[Floats, Bools]:

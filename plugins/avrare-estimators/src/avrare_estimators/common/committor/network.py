@@ -97,18 +97,21 @@ class Network:
     def to_dict(self) -> dict[str, Any]:
         """Return JSON data."""
         return {
-            "centre": self.centre.tolist(), "spread": self.spread.tolist(),
-            "layers": [layer.tolist() for layer in self.layers], "offset": self.offset.tolist(),
-        }  # fmt: skip
+            "centre": self.centre.tolist(),
+            "spread": self.spread.tolist(),
+            "layers": [layer.tolist() for layer in self.layers],
+            "offset": self.offset.tolist(),
+        }
 
     @staticmethod
     def from_dict(content: Mapping[str, Any]) -> Network:
         """Return the network of JSON data; ValueError where they do not fit each other."""
         found = Network(
-            np.array(content["centre"], dtype=np.float64), np.array(content["spread"], dtype=np.float64),
+            np.array(content["centre"], dtype=np.float64),
+            np.array(content["spread"], dtype=np.float64),
             tuple(np.array(layer, dtype=np.float64) for layer in content["layers"]),
             np.array(content["offset"], dtype=np.float64),
-        )  # fmt: skip
+        )
         numbers = (found.centre, found.spread, *found.layers, found.offset)
         if len(found.layers) != 6 or not all(np.isfinite(part).all() for part in numbers):
             raise ValueError("a network has three layers of finite numbers")
@@ -238,9 +241,13 @@ def _gradients(layers: list[Floats], batch: _Batch) -> list[Floats]:
     back = (out @ layers[4].T) * (1.0 - second**2)
     deep = (back @ layers[2].T) * (1.0 - first**2)
     return [
-        batch.inputs.T @ deep, deep.sum(axis=0), first.T @ back, back.sum(axis=0), second.T @ out,
+        batch.inputs.T @ deep,
+        deep.sum(axis=0),
+        first.T @ back,
+        back.sum(axis=0),
+        second.T @ out,
         out.sum(axis=0),
-    ]  # fmt: skip
+    ]
 
 
 def _adam(

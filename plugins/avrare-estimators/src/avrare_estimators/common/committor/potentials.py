@@ -60,10 +60,12 @@ class Paths:
             share * total / len(one.score) * one.weights for share, one in zip(shares, stages, strict=True)
         ]
         return Paths(
-            np.concatenate([one.features for one in stages]), np.concatenate([one.score for one in stages]),
-            np.concatenate([one.violated for one in stages]), np.concatenate(weights),
+            np.concatenate([one.features for one in stages]),
+            np.concatenate([one.score for one in stages]),
+            np.concatenate([one.violated for one in stages]),
+            np.concatenate(weights),
             np.concatenate([one.root for one in stages]),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -109,19 +111,24 @@ class Potentials:
         """Return JSON data."""
         levels = [None if np.isinf(level) else level for level in self.levels.tolist()]
         return {
-            "schedule": self.schedule.tolist(), "gains": self.gains.tolist(), "levels": levels,
-            "chances": self.chances.tolist(), "network": self.network.to_dict(),
-        }  # fmt: skip
+            "schedule": self.schedule.tolist(),
+            "gains": self.gains.tolist(),
+            "levels": levels,
+            "chances": self.chances.tolist(),
+            "network": self.network.to_dict(),
+        }
 
     @staticmethod
     def from_dict(content: Mapping[str, Any]) -> Potentials:
         """Return the potentials of JSON data; KeyError, TypeError or ValueError where they are damaged."""
         levels = [np.inf if level is None else float(level) for level in content["levels"]]
         found = Potentials(
-            Network.from_dict(content["network"]), np.array(content["schedule"], dtype=np.int64),
-            np.array(content["gains"], dtype=np.float64), np.array(levels),
+            Network.from_dict(content["network"]),
+            np.array(content["schedule"], dtype=np.int64),
+            np.array(content["gains"], dtype=np.float64),
+            np.array(levels),
             np.array(content["chances"], dtype=np.float64),
-        )  # fmt: skip
+        )
         steps, count = found.schedule, len(found.levels)
         if not len(steps) == len(found.gains) == len(found.network.centre) or (np.diff(steps) <= 0).any():
             raise ValueError("the steps of the potentials do not ascend, or are not those of the network")

@@ -16,7 +16,8 @@ from avrare.base.number_format import format_probability
 from avrare.base.special_functions import t_factor
 from avrare_estimators.common import health
 from avrare_estimators.common.lessons.lessons import Lessons, ratios_of
-from avrare_estimators.common.samples.sampling import Sample, TapeSource
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.weights import effective_size, stratified_variance
 
 _NEAR = 0.5

@@ -18,7 +18,8 @@ from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
 from avrare.stack.noise_names import find_noise_names, find_time_step
-from avrare_estimators.common.samples.sampling import Sample, TapeSource
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.tapes.atoms import Atoms, along_atoms
 from avrare_estimators.common.tapes.tape_mixture import NONE, TapeMixture
 from avrare_estimators.common.weights import resample

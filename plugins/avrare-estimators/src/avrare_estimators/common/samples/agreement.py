@@ -19,9 +19,13 @@ MOST_UNSEEN = 0.5
 
 
 def find_doubts(
-    mean: float, own: Interval, missed: float, fresh: FreshRows,
-    checks: Sequence[CrossCheckResult | None], confidence: float,
-) -> dict[str, str]:  # fmt: skip
+    mean: float,
+    own: Interval,
+    missed: float,
+    fresh: FreshRows,
+    checks: Sequence[CrossCheckResult | None],
+    confidence: float,
+) -> dict[str, str]:
     """Return the warning that the estimate is contradicted, or that nothing vouches for it.
 
     Args:

@@ -93,9 +93,12 @@ class CrossCheck:
 
     @staticmethod
     def begin(
-        samples: Sequence[Sample], budget: int, most: int, estimate: float | None = None,
+        samples: Sequence[Sample],
+        budget: int,
+        most: int,
+        estimate: float | None = None,
         level: float = math.inf,
-    ) -> CrossCheck | None:  # fmt: skip
+    ) -> CrossCheck | None:
         """Begin the cross-check of the last of a run's samples.
 
         Args:

@@ -27,9 +27,15 @@ from avrare_estimators.common.samples.stages import has_reached
 from avrare_estimators.common.weights import Quality, effective_size, quality
 
 DISTRUST = {
-    "no_failures", "weight_degenerate", "cross_check", "unchecked", "unreached", "uncovered",
-    "stages_disagree", "extinct",
-}  # fmt: skip
+    "no_failures",
+    "weight_degenerate",
+    "cross_check",
+    "unchecked",
+    "unreached",
+    "uncovered",
+    "stages_disagree",
+    "extinct",
+}
 """Warnings under which the interval does not rest on the weights."""
 
 
@@ -110,9 +116,14 @@ class RunOutcome:
 
 
 def summarise(
-    name: str, plan: Plan, runs: Sequence[RunOutcome], tally: Info, first: Floats | None,
-    fresh: FreshRows, noise_size: int | None,
-) -> Result:  # fmt: skip
+    name: str,
+    plan: Plan,
+    runs: Sequence[RunOutcome],
+    tally: Info,
+    first: Floats | None,
+    fresh: FreshRows,
+    noise_size: int | None,
+) -> Result:
     """Return the result of finished runs.
 
     Args:

@@ -18,7 +18,8 @@ from avrare_estimators.common.config import WeightedConfig
 from avrare_estimators.common.samples.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
 from avrare_estimators.common.samples.groups import Groups
 from avrare_estimators.common.samples.result import RunOutcome, summarise
-from avrare_estimators.common.samples.sampling import PartialSample, Sample, Source, wave_bytes, wave_rows
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes, wave_rows
+from avrare_estimators.common.samples.sources import Source
 
 _ROW = 150
 """Bytes of a row that is kept, at the peak."""
