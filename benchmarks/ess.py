@@ -139,9 +139,9 @@ class DriftBlock:
         reference: ReferenceProblem = REGIONS[self.region][0]
         problem, many = reference.problem(chunk=STARTS), SLOW.get(self.kernel, STARTS)
         starts = exact_starts(problem, 0.0, many, seed=zlib.crc32(self.region.encode()))
-        kernel, known = _drifting(self.kernel, problem.noise_size)
+        kernel, tuning = _drifting(self.kernel, problem.noise_size)
         seed = zlib.crc32(self.cell.encode())
-        return vars(drift(problem, kernel, known, starts, 0.0, STEPS, seed))
+        return vars(drift(problem, kernel, tuning, starts, 0.0, STEPS, seed))
 
 
 def _drifting(name: str, size: int) -> tuple[Any, Any]:

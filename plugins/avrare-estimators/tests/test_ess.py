@@ -216,7 +216,7 @@ class ExactHalfSpace(Kernel):
     def __init__(self, problem):
         self.problem = problem
 
-    def start(self, known, state, level, draw):
+    def start(self, tuning, state, level, draw):
         fresh, size = draw.tapes(), self.problem.noise_size
         total = fresh.sum(axis=(1, 2)) / np.sqrt(size)
         uniforms = draw.uniforms(np.arange(len(level)), 0)

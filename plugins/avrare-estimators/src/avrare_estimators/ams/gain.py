@@ -116,8 +116,8 @@ def _entrance(ways: _Ways, level: float) -> tuple[float, float, float]:
     above = ways.score[rows] > level
     step = np.where(above.any(axis=1), above.argmax(axis=1), above.shape[1])
     weights, failed = ways.weights[rows], ways.violated[rows]
-    known = np.append(ways.committor[rows], failed[:, None], axis=1)  # at the end it is known
-    committor = known[np.arange(len(rows)), step]
+    committors = np.append(ways.committor[rows], failed[:, None], axis=1)  # at the end it is known
+    committor = committors[np.arange(len(rows)), step]
     hit, joint = float(weights @ failed), float((weights * failed) @ committor)
     square = float(weights @ committor**2)
     share = float(weights.sum())

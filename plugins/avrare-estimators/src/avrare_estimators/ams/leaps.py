@@ -56,7 +56,7 @@ class Leaps:
 
     def __add__(self, other: Leaps) -> Leaps:
         """Return both together."""
-        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
+        pairs = ((getattr(self, array.name), getattr(other, array.name)) for array in fields(self))
         return Leaps(*map(np.concatenate, pairs))
 
     @cached_property

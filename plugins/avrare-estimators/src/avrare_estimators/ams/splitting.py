@@ -159,11 +159,11 @@ class Splitting:
         return state.next_batch(min(more, self._batch(state.plan, state.particles))) if more else state
 
     def _after_pilot(self, state: AmsState) -> AmsState:
-        found, plan = summarise(self.name, self.config, state), state.plan
-        roots = found.diagnostics["roots"][0] if found.probability else 0
+        result, plan = summarise(self.name, self.config, state), state.plan
+        roots = result.diagnostics["roots"][0] if result.probability else 0
         before = state.learning.spent if state.learning is not None else Info()
         rollouts, steps = (getattr(state.tally, n) - getattr(before, n) for n in ("rollouts", "steps"))
-        pilot = Pilot(rollouts, roots, found.relative_error**2, cost=steps)
+        pilot = Pilot(rollouts, roots, result.relative_error**2, cost=steps)
         # With a budget, larger runs are fewer.
         growth = pilot.wanted_growth
         while growth > 1 and not self._affords(plan, growth, before):
@@ -331,14 +331,16 @@ class Splitting:
 
     def _branch(self, state: AmsState, discarded: Bools, eligible: Bools, level: Floats) -> Branches:
         children = np.flatnonzero(discarded)
-        run, own = np.divmod(children, state.particles)
+        run, number = np.divmod(children, state.particles)
         stage = np.full(len(children), state.stage)
-        parents = choose_parents(eligible, run, state.plan.noise.choices(run + state.first_run, stage, own))
+        parents = choose_parents(
+            eligible, run, state.plan.noise.choices(run + state.first_run, stage, number)
+        )
         start = first_above(state.population.scores[parents], level[run])
         order = np.argsort(start, kind="stable")
         branches = Branches(children[order], parents[order], start[order])
         state.population.inherit(
-            branches.slots, branches.parents, branches.start, stage, own[order], state.every
+            branches.slots, branches.parents, branches.start, stage, number[order], state.every
         )
         if table := state.table:
             table.inherit(branches)

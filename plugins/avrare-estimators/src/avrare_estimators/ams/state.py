@@ -192,8 +192,10 @@ class AmsState:
     def probabilities(self) -> Floats:
         """Estimates of all runs so far; unbiased at every stage."""
         share = self.population.violated.reshape(self.runs, -1).mean(axis=1)
-        own = np.asarray(self.retired + self.weight * share)
-        return own if self.ended is None else np.concatenate([self.ended.probabilities, own])
+        probabilities = np.asarray(self.retired + self.weight * share)
+        return (
+            probabilities if self.ended is None else np.concatenate([self.ended.probabilities, probabilities])
+        )
 
     def finished(self) -> EndedRuns:
         """Return all runs so far, these included, as they would be if they ended now."""
@@ -202,10 +204,10 @@ class AmsState:
         retired = batch.concatenate([none, *self.discarded_failures])
         alive = np.flatnonzero(~population.error)
         best = alive[np.argsort(population.robustness[alive], kind="stable")[:1]]
-        own = population.addresses(best, self.particles, self.first_run)
+        least_robust = population.addresses(best, self.particles, self.first_run)
         failing = np.flatnonzero(population.violated)
         failing = failing[take_in_turn(failing // self.particles, most)]
-        found = EndedRuns(
+        runs = EndedRuns(
             self.weight,
             self.pairs,
             self.retired,
@@ -216,9 +218,9 @@ class AmsState:
             population.root.reshape(shape),
             population.addresses(failing, self.particles, self.first_run),
             retired,
-            _least_robust(batch.concatenate([own, retired])),
+            _least_robust(batch.concatenate([least_robust, retired])),
         )
-        return found if self.ended is None else self.ended.joined(found, most)
+        return runs if self.ended is None else self.ended.joined(runs, most)
 
     @property
     def table(self) -> PathTable | None:

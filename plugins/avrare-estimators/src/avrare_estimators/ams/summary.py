@@ -162,8 +162,8 @@ def _failures(state: AmsState, ended: EndedRuns) -> Failures:
 
 def _divide(mass: Floats, run: Integers) -> Floats:
     """Divide the mass (R,) of each run among its kept tapes, whose runs are ``run`` (F,)."""
-    kept = np.bincount(run, minlength=len(mass))
-    return np.asarray(mass[run] / kept[run])
+    count = np.bincount(run, minlength=len(mass))
+    return np.asarray(mass[run] / count[run])
 
 
 def _worst(state: AmsState, ended: EndedRuns) -> Worst:

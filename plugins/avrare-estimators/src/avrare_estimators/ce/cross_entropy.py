@@ -85,7 +85,7 @@ class CrossEntropy(WeightedSampler):
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the samples and of what a stage learns from."""
-        found, rollouts = super().demand(plan, carry), self._rollouts(plan)
+        demand, rollouts = super().demand(plan, carry), self._rollouts(plan)
         learnt = (
             min(math.ceil(self.config.elite * rollouts), self._most_learnt(plan)) * _TAPES * plan.tape_bytes
         )
@@ -93,7 +93,7 @@ class CrossEntropy(WeightedSampler):
             learnt = rollouts * (plan.steps + 1) * carry
             if self.config.memory is not None:
                 learnt = min(learnt, allowance(self.config.memory) // 2)
-        return replace(found, bytes=found.bytes + learnt)
+        return replace(demand, bytes=demand.bytes + learnt)
 
     def _rollouts(self, plan: Plan) -> int:
         config = self.config

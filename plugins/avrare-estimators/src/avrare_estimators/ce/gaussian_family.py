@@ -83,9 +83,9 @@ def _fit_components(tapes: Floats, weights: Floats, belongs: Floats, floor: floa
     shares, means, stds = [], [], []
     for row_weights in (belongs * weights[:, None]).T:
         total = max(float(row_weights.sum()), 1e-12)
-        part = row_weights / total
-        mean = np.einsum("e,etc->tc", part, tapes)
-        variance = np.einsum("e,etc->tc", part, (tapes - mean) ** 2)
+        normed = row_weights / total
+        mean = np.einsum("e,etc->tc", normed, tapes)
+        variance = np.einsum("e,etc->tc", normed, (tapes - mean) ** 2)
         size = max(effective_size(row_weights), 1.0)
         shares.append(total)
         means.append(_shrink_to_zero(mean, variance / size))

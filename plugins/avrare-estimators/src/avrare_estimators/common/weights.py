@@ -71,8 +71,8 @@ def quality(weights: Floats, failing: Bools, target_rows: int) -> Quality:
 
 def stratified_variance(values: Floats, target_rows: int) -> float:
     """Return the variance of the mean of ``values``; the first ``target_rows`` are one stratum."""
-    parts = [part for part in (values[:target_rows], values[target_rows:]) if len(part) > 1]
-    return sum(len(part) * float(part.var(ddof=1)) for part in parts) / len(values) ** 2
+    strata = [stratum for stratum in (values[:target_rows], values[target_rows:]) if len(stratum) > 1]
+    return sum(len(stratum) * float(stratum.var(ddof=1)) for stratum in strata) / len(values) ** 2
 
 
 def annealed(log_weights: Floats, least: float) -> Floats:

@@ -143,20 +143,22 @@ class NestedLevels:
         return replace(state, counting=True, level_pass=second, pilot=spent)
 
     def _plan_runs(self, state: EssState) -> EssState:
-        config, told, runs = self.config, self._summary(state), state.level_pass.shape.runs
+        config, result, runs = self.config, self._summary(state), state.level_pass.shape.runs
         larger = config.chains / state.level_pass.shape.chains
         # A run keeps one root at least, so that few of them promise fewer still among more chains.
-        roots = (statistics.median(told.diagnostics["roots"]) - 0.5) * larger if told.probability else 0.0
+        roots = (statistics.median(result.diagnostics["roots"]) - 0.5) * larger if result.probability else 0.0
         rollouts = state.tally.rollouts
-        found = Pilot(rollouts, roots, told.relative_error**2 * runs / larger, cost=rollouts * larger / runs)
+        pilot = Pilot(
+            rollouts, roots, result.relative_error**2 * runs / larger, cost=rollouts * larger / runs
+        )
         # With a budget, larger runs are fewer.
         wanted = self._first_runs(state.plan)
-        growth = min(found.wanted_growth, self._most_growth(state.plan))
+        growth = min(pilot.wanted_growth, self._most_growth(state.plan))
         while growth > 1 and self._most_runs(state.plan, growth) < wanted:
             growth -= 1
-        found, most = replace(found, growth=growth), self._most_runs(state.plan, growth)
-        first = found.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
-        return replace(state, found=found, looks=Looks.until(config.relative_error, first, most))
+        pilot, most = replace(pilot, growth=growth), self._most_runs(state.plan, growth)
+        first = pilot.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
+        return replace(state, found=pilot, looks=Looks.until(config.relative_error, first, most))
 
     def _continue(self, state: EssState) -> EssState:
         """Begin a batch of further runs where they are wanted."""
@@ -178,7 +180,7 @@ class NestedLevels:
         return min(config.runs, most) if config.relative_error or config.grows else most
 
     def _most_growth(self, plan: Plan) -> int:
-        fits = [one for one in range(2, MOST_GROWTH + 1) if self._batch(plan, one, least=0)]
+        fits = [growth for growth in range(2, MOST_GROWTH + 1) if self._batch(plan, growth, least=0)]
         return max(fits, default=1) if self.config.grows else 1
 
     def _batch(self, plan: Plan, growth: int, least: int = 1) -> int:

@@ -26,8 +26,8 @@ from avrare_estimators.ess.state import EssState
 def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, str], grows: bool) -> Result:
     """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
     plan, last, tally = state.plan, state.level_pass, state.tally
-    own = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
-    fresh = plan.seen + own
+    drawn = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
+    fresh = plan.seen + drawn
     values = last.probabilities
     looks = state.looks or Looks((len(values),))
     probability = float(values.mean())
@@ -39,7 +39,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, st
         warnings |= health.warn("all_failed")
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
-    warnings |= {**kernel.warnings(last.known), **_weight_warnings(last), **notes}
+    warnings |= {**kernel.warnings(last.tuning), **_weight_warnings(last), **notes}
     interval_at = looks.interval(len(values), _interval(last, fresh, values, relative_variance))
     if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
         warnings.pop("few_roots", None)
@@ -114,9 +114,9 @@ def _variance_over_levels(last: LevelPass) -> Floats:
     shares = [(record.share, record.effective) for record in last.levels]
     total = np.zeros(last.shape.runs)
     for share, effective in [*shares, _share_of_failures(last)]:
-        known = np.isfinite(share) & (share > 0.0)
-        part = (1.0 - share) / np.where(known, share * effective, 1.0)
-        total += np.where(known, part, 0.0)
+        passed = np.isfinite(share) & (share > 0.0)
+        variance = (1.0 - share) / np.where(passed, share * effective, 1.0)
+        total += np.where(passed, variance, 0.0)
     return total
 
 

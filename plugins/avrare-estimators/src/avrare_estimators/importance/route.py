@@ -60,7 +60,7 @@ class Route:
                 lasting *= 1.0 + float(own)
                 chance += pilot.shape.chains * float((1.0 - share) / (share * effective))
         levels = tuple(float(record.level[0]) for record in pilot.levels)
-        angles = tuple(float(record.known[0]) for record in pilot.levels)
+        angles = tuple(float(record.tuning[0]) for record in pilot.levels)
         return Route(entry, levels, angles, lasting - 1.0, chance, float(pilot.probabilities[0]))
 
     @property

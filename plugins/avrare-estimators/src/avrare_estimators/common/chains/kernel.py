@@ -63,13 +63,13 @@ class Points:
         """Return a copy with ``rows`` replaced by the points ``new``; roots stay."""
         return replace(self.replaced([rows], [new]), root=self.root)
 
-    def replaced(self, places: Sequence[Integers], parts: Sequence[Points]) -> Points:
-        """Return a copy with the rows of each of ``places`` replaced by a part, roots included."""
+    def replaced(self, places: Sequence[Integers], replacements: Sequence[Points]) -> Points:
+        """Return a copy with the rows of each of ``places`` replaced, roots included."""
         values = {}
-        for one in fields(self):
-            values[one.name] = getattr(self, one.name).copy()
-            for rows, part in zip(places, parts, strict=True):
-                values[one.name][rows] = getattr(part, one.name)
+        for array in fields(self):
+            values[array.name] = getattr(self, array.name).copy()
+            for rows, replacement in zip(places, replacements, strict=True):
+                values[array.name][rows] = getattr(replacement, array.name)
         return Points(**values)
 
 
@@ -131,12 +131,12 @@ class Move:
         chains = len(level)
         return Move(state, level, draw, np.arange(chains), proposal, 1, np.zeros(chains, dtype=bool), work)
 
-    def accept(self, good: Bools, found: Points) -> Move:
-        """Move the waiting chains that are ``good`` (W,) to their points of ``found``: they are done."""
+    def accept(self, good: Bools, points: Points) -> Move:
+        """Move the waiting chains that are ``good`` (W,) to ``points`` (W,): they are done."""
         rows = self.waiting[good]
         accepted = self.accepted.copy()
         accepted[rows] = True
-        state = self.state.updated(rows, batch.take(found, good))
+        state = self.state.updated(rows, batch.take(points, good))
         rest = ~good
         return replace(
             self, state=state, accepted=accepted, waiting=self.waiting[rest], proposal=self.proposal[rest]
@@ -165,8 +165,8 @@ class StepOutcome:
 class Kernel:
     """A Markov kernel that leaves the law of a level's set invariant; by default it learns nothing.
 
-    What it learns is a batch with leading axis R, one row a run; it learns in the pilot only, and each level
-    stores what had been learnt there for the pass that counts.
+    What it learns, its tuning, is a batch with leading axis R, one row a run. It learns in the pilot, and
+    each level stores the tuning for the pass that counts.
 
     Attributes:
         name: Its name in a result.
@@ -179,37 +179,37 @@ class Kernel:
     rollouts = 1.0
 
     def init(self, runs: int) -> Any:
-        """Return what is known before the first level."""
+        """Return the tuning before the first level."""
         return ()
 
-    def learn(self, known: Any, runs: Integers, points: Points, level: Floats) -> Any:
-        """Return what is known of a new level.
+    def learn(self, tuning: Any, runs: Integers, points: Points, level: Floats) -> Any:
+        """Return the tuning for a new level.
 
         Args:
-            known: What was known before.
+            tuning: The one before.
             runs: (A,) runs that go on.
             points: Their A N samples, run by run.
             level: (A,) their next levels.
         """
-        return known
+        return tuning
 
-    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
-        """Begin a step; ``known`` has a row for each chain."""
+    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
+        """Begin a step; ``tuning`` has a row for each chain."""
         raise NotImplementedError
 
-    def tell(self, move: Move, found: Points) -> Move:
-        """Continue the step; ``found`` are the proposals of the waiting chains."""
+    def tell(self, move: Move, points: Points) -> Move:
+        """Continue the step; ``points`` are the proposals of the waiting chains."""
         raise NotImplementedError
 
-    def adapt(self, known: Any, outcome: StepOutcome) -> Any:
-        """Return what is known after a finished step; called in the pilot only."""
-        return known
+    def adapt(self, tuning: Any, outcome: StepOutcome) -> Any:
+        """Return the tuning after a finished step; called in the pilot only."""
+        return tuning
 
-    def watch(self, known: Any, outcome: StepOutcome) -> Any:
-        """Return what is known after a step of either pass (in the one that counts, chains ignore it)."""
-        return known
+    def watch(self, tuning: Any, outcome: StepOutcome) -> Any:
+        """Return the tuning after a step of either pass (in the one that counts, chains ignore it)."""
+        return tuning
 
-    def warnings(self, known: Any) -> dict[str, str]:
+    def warnings(self, tuning: Any) -> dict[str, str]:
         """Return health warnings by name, where the kernel's assumptions do not hold."""
         return {}
 

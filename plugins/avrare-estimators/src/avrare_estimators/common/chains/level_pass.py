@@ -72,7 +72,7 @@ class LevelRecord:
         passed: (R,) the run passed it.
         share: (R,) share of the samples that lay above.
         effective: (R,) independent samples that would give the share as accurately.
-        known: What the kernel had learnt when the level was done.
+        tuning: What the kernel had learnt when the level was done.
         weight_size: (R,) effective size of the samples' weights; N where all are equal.
         largest_weight: (R,) share of the largest weight.
         lasting: (R,) relative covariance of hits far apart in a chain; 0 where the samples form no chains.
@@ -82,7 +82,7 @@ class LevelRecord:
     passed: Bools
     share: Floats
     effective: Floats
-    known: Any
+    tuning: Any
     weight_size: Floats
     largest_weight: Floats
     lasting: Floats
@@ -106,7 +106,7 @@ class LevelPass:
         weight: (R,) product of the shares.
         active: (R,) runs that go on.
         error_weight: (R,) weight of rollouts that broke down.
-        known: What the kernel has learnt, and what it has seen on the way.
+        tuning: What the kernel has learnt, and what it has seen on the way.
         rollouts: (R,) rollouts of this level.
         errors: (R,) rollouts of this level that broke down.
         levels: Levels passed.
@@ -125,7 +125,7 @@ class LevelPass:
     weight: Floats
     active: Bools
     error_weight: Floats
-    known: Any
+    tuning: Any
     rollouts: Integers
     errors: Integers
     levels: tuple[LevelRecord, ...] = ()
@@ -142,8 +142,8 @@ class LevelPass:
     ) -> LevelPass:
         """Draw the first tapes (step 1 of ``_next_level``)."""
         zeros = np.zeros(shape.runs, dtype=np.int64)
-        run, own = np.divmod(np.arange(shape.runs * shape.samples), shape.samples)
-        draw = Draw(plan.noise, plan.steps, run, shape.stage, own)
+        run, sample = np.divmod(np.arange(shape.runs * shape.samples), shape.samples)
+        draw = Draw(plan.noise, plan.steps, run, shape.stage, sample)
         return LevelPass(
             plan,
             shape,
@@ -152,7 +152,7 @@ class LevelPass:
             weight=np.ones(shape.runs),
             active=np.ones(shape.runs, dtype=bool),
             error_weight=np.zeros(shape.runs),
-            known=kernel.init(shape.runs),
+            tuning=kernel.init(shape.runs),
             rollouts=zeros,
             errors=zeros,
             fresh=draw.tapes(),
@@ -164,23 +164,23 @@ class LevelPass:
 
     def joined(self, other: LevelPass) -> LevelPass:
         """Return the runs of this ended pass and then those of another, both without tapes."""
-        both, known = (self, other), [one.known for one in (self, other) if one.known is not None]
+        both, tunings = (self, other), [half.tuning for half in (self, other) if half.tuning is not None]
         records = zip_longest(self.levels, other.levels)
         names = ("weight", "active", "error_weight", "rollouts", "errors")
         arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(one, name) for one in both]) for name in names
+            name: np.concatenate([getattr(half, name) for half in both]) for name in names
         }
         return replace(
             self,
             **arrays,
             shape=replace(self.shape, runs=self.shape.runs + other.shape.runs),
-            known=batch.concatenate(known) if known else None,
-            population=batch.concatenate([one.points for one in both]),
+            tuning=batch.concatenate(tunings) if tunings else None,
+            population=batch.concatenate([half.points for half in both]),
             levels=tuple(
                 batch.concatenate(
                     [
-                        replace(record, known=()) if record else LevelRecord.missing(one.shape.runs)
-                        for record, one in zip(pair, both, strict=True)
+                        replace(record, tuning=()) if record else LevelRecord.missing(half.shape.runs)
+                        for record, half in zip(pair, both, strict=True)
                     ]
                 )
                 for pair in records
@@ -217,7 +217,7 @@ class LevelPass:
             weight=share,
             active=share > 0.0,
             error_weight=np.zeros(shape.runs),
-            known=kernel.init(shape.runs),
+            tuning=kernel.init(shape.runs),
             rollouts=zeros,
             errors=zeros,
             population=points,
@@ -280,15 +280,15 @@ class LevelPass:
     def tell(self, rollouts: Rollouts) -> LevelPass:
         """Continue until further rollouts are wanted or all runs have ended."""
         if self.fresh is not None:
-            run, own = np.divmod(np.arange(len(self.fresh)), self.shape.samples)
-            drawn = Points.of(self.fresh, rollouts, own)
+            run, sample = np.divmod(np.arange(len(self.fresh)), self.shape.samples)
+            drawn = Points.of(self.fresh, rollouts, sample)
             after = replace(self._counted(run, rollouts.error), population=drawn, fresh=None)._next_level()
         else:
             assert self.move is not None
             waiting = self.move.waiting
-            found = Points.of(self.move.proposal, rollouts, self.move.state.root[waiting])
+            points = Points.of(self.move.proposal, rollouts, self.move.state.root[waiting])
             after = self._counted(self.move.draw.run[waiting], rollouts.error)
-            after = replace(after, move=self.kernel.tell(self.move, found))
+            after = replace(after, move=self.kernel.tell(self.move, points))
         while after.move is not None and not len(after.move.waiting):
             after = after._step_done()
         return after
@@ -314,7 +314,7 @@ class LevelPass:
             passed,
             np.where(passed, share, np.nan),
             self.effective(above),
-            self.known,
+            self.tuning,
             weights.sum(axis=1) ** 2 / np.maximum((weights**2).sum(axis=1), 1e-300),
             weights.max(axis=1) / shape.samples,
             self.lasting(above),
@@ -357,9 +357,9 @@ class LevelPass:
         after = replace(self, samples=(seeds,))
         # 5. In the pilot the kernel learns from the samples of the last level.
         if self.schedule is None:
-            own = np.repeat(self.active, shape.samples)
-            known = self.kernel.learn(self.known, runs, batch.take(self.points, own), level[runs])
-            after = replace(after, known=known)
+            rows = np.repeat(self.active, shape.samples)
+            tuning = self.kernel.learn(self.tuning, runs, batch.take(self.points, rows), level[runs])
+            after = replace(after, tuning=tuning)
         return after._begin_step(seeds, np.repeat(level[runs], shape.chains))
 
     def _begin_step(self, state: Points, level: Floats) -> LevelPass:
@@ -369,19 +369,19 @@ class LevelPass:
         stage = shape.stage + len(self.levels) * _STAGES_PER_LEVEL + self.steps + 1
         chain = np.tile(np.arange(shape.chains), len(runs))
         draw = Draw(self.plan.noise, self.plan.steps, run, stage, chain)
-        known = self.schedule[len(self.levels) - 1].known if self.schedule is not None else self.known
-        return replace(self, move=self.kernel.start(batch.take(known, run), state, level, draw))
+        tuning = self.schedule[len(self.levels) - 1].tuning if self.schedule is not None else self.tuning
+        return replace(self, move=self.kernel.start(batch.take(tuning, run), state, level, draw))
 
     def _step_done(self) -> LevelPass:
         assert self.move is not None
-        move, shape, known = self.move, self.shape, self.known
+        move, shape, tuning = self.move, self.shape, self.tuning
         outcome = StepOutcome(move.draw.run, move.accepted, move.work)
         if self.schedule is None:
-            known = self.kernel.adapt(known, outcome)
-        known = self.kernel.watch(known, outcome)
+            tuning = self.kernel.adapt(tuning, outcome)
+        tuning = self.kernel.watch(tuning, outcome)
         steps = self.steps + 1
         samples = (*self.samples, move.state) if steps % (shape.skip + 1) == 0 else self.samples
-        after = replace(self, known=known, steps=steps, samples=samples)
+        after = replace(self, tuning=tuning, steps=steps, samples=samples)
         if steps == (shape.length - 1) * (shape.skip + 1):
             return after._level_done()
         return after._begin_step(move.state, move.level)
@@ -394,5 +394,5 @@ class LevelPass:
         population = self.points.replaced(places, self.samples)
         levels = self.levels
         if self.schedule is None:
-            levels = (*levels[:-1], replace(levels[-1], known=self.known))
+            levels = (*levels[:-1], replace(levels[-1], tuning=self.tuning))
         return replace(self, population=population, levels=levels, samples=())._next_level()

@@ -20,22 +20,22 @@ _GAIN = 0.7
 
 
 class PcnKernel(Kernel):
-    """Valid once the step size is frozen: ``known`` is the angle (R,) in radians."""
+    """Valid once the step size is frozen: the tuning is the angle (R,) in radians."""
 
     name = "pcn"
 
     def init(self, runs: int) -> Floats:
         return np.full(runs, _FIRST)
 
-    def start(self, known: Floats, state: Points, level: Floats, draw: Draw) -> Move:
-        return Move.begin(state, level, draw, rotated(state.tape, draw.tapes(), known), ())
+    def start(self, tuning: Floats, state: Points, level: Floats, draw: Draw) -> Move:
+        return Move.begin(state, level, draw, rotated(state.tape, draw.tapes(), tuning), ())
 
-    def tell(self, move: Move, found: Points) -> Move:
-        return move.accept(found.above(move.level[move.waiting]), found).stay()
+    def tell(self, move: Move, points: Points) -> Move:
+        return move.accept(points.above(move.level[move.waiting]), points).stay()
 
-    def adapt(self, known: Floats, outcome: StepOutcome) -> Floats:
+    def adapt(self, tuning: Floats, outcome: StepOutcome) -> Floats:
         # Lengthen the step of runs that accept often, shorten that of the others.
-        chains = np.bincount(outcome.run, minlength=len(known))
-        accepted = np.bincount(outcome.run, outcome.accepted, minlength=len(known))
+        chains = np.bincount(outcome.run, minlength=len(tuning))
+        accepted = np.bincount(outcome.run, outcome.accepted, minlength=len(tuning))
         factor = np.exp(_GAIN * (accepted / np.maximum(chains, 1) - _ACCEPTANCE))
-        return np.clip(known * np.where(chains > 0, factor, 1.0), _LEAST, np.pi / 2.0)
+        return np.clip(tuning * np.where(chains > 0, factor, 1.0), _LEAST, np.pi / 2.0)

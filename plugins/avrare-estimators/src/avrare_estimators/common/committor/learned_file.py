@@ -44,15 +44,15 @@ class Learned:
 
     def to_dict(self, names: NoiseNames | None) -> dict[str, Any]:
         """Return JSON data, with the names of the noise for people."""
-        known = described(self.mixture, names) if self.mixture is not None and names is not None else {}
-        return {**known, **self._content(), "digest": self.digest}
+        proposal = described(self.mixture, names) if self.mixture is not None and names is not None else {}
+        return {**proposal, **self._content(), "digest": self.digest}
 
     def _content(self) -> dict[str, Any]:
-        own: dict[str, Any] = {"steps": self.shape[0] - 1, "noise_size": self.shape[1]}
+        content: dict[str, Any] = {"steps": self.shape[0] - 1, "noise_size": self.shape[1]}
         if self.mixture is not None:
-            own = {**self.mixture.to_dict()}
-        own[_POTENTIALS] = self.potentials.to_dict() if self.potentials is not None else None
-        return {**own, _CURVE: list(self.curve)}
+            content = {**self.mixture.to_dict()}
+        content[_POTENTIALS] = self.potentials.to_dict() if self.potentials is not None else None
+        return {**content, _CURVE: list(self.curve)}
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class LearnedFile:
         mixture = TapeMixture.from_dict(entry) if "atoms" in entry else None
         try:
             shape = (int(entry["steps"]) + 1, int(entry["noise_size"]))
-            known = entry[_POTENTIALS]
-            potentials = Potentials.from_dict(known) if known is not None else None
+            stored = entry[_POTENTIALS]
+            potentials = Potentials.from_dict(stored) if stored is not None else None
             curve = tuple(float(level) for level in entry[_CURVE])
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise UsageError(
@@ -113,15 +113,15 @@ class LearnedFile:
         return learned
 
     def _check_potentials(self, potentials: Potentials, plan: Plan, features: int | None) -> None:
-        schedule, known = potentials.schedule, potentials.network.centre.shape[1]
+        schedule, width = potentials.schedule, potentials.network.centre.shape[1]
         what = f"learned: {self.path}: {plan.names[0]} has potentials"
         if schedule[0] < 0 or schedule[-1] >= plan.steps:
             raise UsageError(
                 f"{what} at steps {schedule[0]} to {schedule[-1]}, but a rollout's last step is {plan.steps}",
                 AGAIN,
             )
-        if features not in (None, known):
-            raise UsageError(f"{what} of {known} features, but the system has {features}", AGAIN)
+        if features not in (None, width):
+            raise UsageError(f"{what} of {width} features, but the system has {features}", AGAIN)
 
 
 __all__ = ["FILE", "Learned", "LearnedFile"]

@@ -57,14 +57,15 @@ class Paths:
         shares = counts / counts.sum()
         total = sum(len(stage.score) for stage in stages)
         weights = [
-            share * total / len(one.score) * one.weights for share, one in zip(shares, stages, strict=True)
+            share * total / len(stage.score) * stage.weights
+            for share, stage in zip(shares, stages, strict=True)
         ]
         return Paths(
-            np.concatenate([one.features for one in stages]),
-            np.concatenate([one.score for one in stages]),
-            np.concatenate([one.violated for one in stages]),
+            np.concatenate([stage.features for stage in stages]),
+            np.concatenate([stage.score for stage in stages]),
+            np.concatenate([stage.violated for stage in stages]),
             np.concatenate(weights),
-            np.concatenate([one.root for one in stages]),
+            np.concatenate([stage.root for stage in stages]),
         )
 
 
@@ -98,10 +99,10 @@ class Potentials:
 
     def __call__(self, step: int, features: Floats) -> tuple[Floats, Floats]:
         """Return h (n,) at scheduled step number ``step``, and the probability (n,) of the deepest level."""
-        found = self.network.probabilities(step, features)
-        found = np.where(features[:, -1:] >= self.levels, 1.0, found)
-        value = FLOOR + (1.0 - FLOOR) * (found / self.chances).mean(axis=1)
-        return value, found[:, -1]
+        reached = self.network.probabilities(step, features)
+        reached = np.where(features[:, -1:] >= self.levels, 1.0, reached)
+        value = FLOOR + (1.0 - FLOOR) * (reached / self.chances).mean(axis=1)
+        return value, reached[:, -1]
 
     def log_odds(self, step: int | Integers, features: Floats) -> Floats:
         """Return the log odds (n,) of reaching the deepest level at scheduled step number ``step``."""
@@ -122,19 +123,25 @@ class Potentials:
     def from_dict(content: Mapping[str, Any]) -> Potentials:
         """Return the potentials of JSON data; KeyError, TypeError or ValueError where they are damaged."""
         levels = [np.inf if level is None else float(level) for level in content["levels"]]
-        found = Potentials(
+        potentials = Potentials(
             Network.from_dict(content["network"]),
             np.array(content["schedule"], dtype=np.int64),
             np.array(content["gains"], dtype=np.float64),
             np.array(levels),
             np.array(content["chances"], dtype=np.float64),
         )
-        steps, count = found.schedule, len(found.levels)
-        if not len(steps) == len(found.gains) == len(found.network.centre) or (np.diff(steps) <= 0).any():
+        steps, count = potentials.schedule, len(potentials.levels)
+        if (
+            not len(steps) == len(potentials.gains) == len(potentials.network.centre)
+            or (np.diff(steps) <= 0).any()
+        ):
             raise ValueError("the steps of the potentials do not ascend, or are not those of the network")
-        if not 0 < count == len(found.chances) == len(found.network.offset) or (found.chances <= 0.0).any():
+        if (
+            not 0 < count == len(potentials.chances) == len(potentials.network.offset)
+            or (potentials.chances <= 0.0).any()
+        ):
             raise ValueError("the levels of the potentials are not those of the network")
-        return found
+        return potentials
 
 
 def learn(
@@ -159,8 +166,8 @@ def learn(
     if not all(reached[part].any(axis=0).all() for part in (examples.held_out, ~examples.held_out)):
         return None
     network = fit(examples, seed, most_steps)
-    found = Potentials(network, schedule, np.zeros(len(schedule)), levels, chances)
-    gains = np.array([_gain(found, examples, k) for k in range(len(schedule))])
+    potentials = Potentials(network, schedule, np.zeros(len(schedule)), levels, chances)
+    gains = np.array([_gain(potentials, examples, k) for k in range(len(schedule))])
     return Potentials(network, schedule, np.round(gains, 4), levels, chances)
 
 
@@ -195,11 +202,11 @@ def _gain(potentials: Potentials, examples: Examples, step: int) -> float:
     The rollouts were held out. It is what the potential knows of them, and falls below 0 for one that is sure
     of what is wrong.
     """
-    own = examples.held_out & ~np.isnan(examples.features[:, step, -1])
-    weights, hit = examples.weights[own], examples.reached[own, -1]
+    rows = examples.held_out & ~np.isnan(examples.features[:, step, -1])
+    weights, hit = examples.weights[rows], examples.reached[rows, -1]
     if effective_size(weights[hit]) < 2.0:
         return 0.0
-    h, _ = potentials(step, examples.features[own, step].astype(np.float64))
+    h, _ = potentials(step, examples.features[rows, step].astype(np.float64))
     nats = np.log(h / np.average(h, weights=weights))[hit]
     mean = float(np.average(nats, weights=weights[hit]))
     spread = float(np.average((nats - mean) ** 2, weights=weights[hit]))

@@ -82,13 +82,15 @@ class Atoms:
 
     def vectors(self, steps: int) -> Floats:
         """Return the directions (D, steps + 1) of unit length."""
-        own = self.take(self.directions[0])
-        first, last, decay, start = (part[:, None] for part in (own.first, own.last, own.decay, own.start))
+        atoms = self.take(self.directions[0])
+        first, last, decay, start = (
+            column[:, None] for column in (atoms.first, atoms.last, atoms.decay, atoms.start)
+        )
         t = np.arange(steps + 1)
-        found = np.where((t >= first) & (t <= last), decay ** np.maximum(last - t, 0), 0.0)
-        found *= np.sqrt((1.0 - start) / (found * found).sum(axis=1, keepdims=True))
-        found[:, 0] += np.sqrt(own.start)
-        return np.asarray(found)
+        vectors = np.where((t >= first) & (t <= last), decay ** np.maximum(last - t, 0), 0.0)
+        vectors *= np.sqrt((1.0 - start) / (vectors * vectors).sum(axis=1, keepdims=True))
+        vectors[:, 0] += np.sqrt(atoms.start)
+        return np.asarray(vectors)
 
     def logs(self, along: Floats, length: Floats) -> Floats:
         """Return log g/p from x and n of each atom, arrays whose last axis is A."""
@@ -114,6 +116,6 @@ def along_atoms(atoms: Atoms, tapes: Floats) -> Floats:
     channels = atoms.channel[index]
     along = np.empty((len(tapes), len(index)))
     for channel in np.unique(channels):
-        own = np.flatnonzero(channels == channel)
-        along[:, own] = tapes[:, :, channel] @ vectors[own].T
+        here = np.flatnonzero(channels == channel)
+        along[:, here] = tapes[:, :, channel] @ vectors[here].T
     return along[:, direction]

@@ -69,15 +69,15 @@ class Elimination(Kernel):
 
     rollouts = 4.0
 
-    def tell(self, move: Move, found: Points) -> Move:
+    def tell(self, move: Move, points: Points) -> Move:
         # 1. Rejected angles rule out all within short / bound of them.
         rows, work = move.waiting, move.work
-        good = found.above(move.level[rows])
+        good = points.above(move.level[rows])
         short = np.zeros((len(move.level), 1))
-        known = ~good & np.isfinite(found.score) & np.isfinite(move.level[rows])
-        short[rows[known], 0] = (move.level[rows] - found.score)[known]
+        finite = ~good & np.isfinite(points.score) & np.isfinite(move.level[rows])
+        short[rows[finite], 0] = (move.level[rows] - points.score)[finite]
         work = replace(work, short=np.concatenate([work.short, short], axis=1))
-        move, rows = move.accept(good, found), rows[~good]
+        move, rows = move.accept(good, points), rows[~good]
         if move.turn >= _MOST_TURNS or not len(rows):
             return replace(move.stay(), work=work)
         # 2. Draw the next angle uniformly on what is left of the circle.

@@ -22,7 +22,7 @@ class LipschitzKernel(Elimination):
     """Valid where ``slope`` bounds the score's slope per unit of Euclidean length of the tape.
 
     On an ellipse with axes a and b the tape moves by at most the largest singular value of (a, b) per radian.
-    No sample proves a bound, but a pair of tapes can refute one: ``known`` are the slopes met.
+    No sample proves a bound, but a pair of tapes can refute one: the tuning are the slopes met.
     """
 
     name = "lipschitz"
@@ -33,38 +33,38 @@ class LipschitzKernel(Elimination):
     def init(self, runs: int) -> SlopeStatistics:
         return SlopeStatistics.empty(runs)
 
-    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
         other = draw.tapes()
         return self.begin(state, level, draw, other, self.slope * _largest_singular_value(state.tape, other))
 
-    def tell(self, move: Move, found: Points) -> Move:
-        rows, own, old = move.waiting, move.state, move.work.slopes
-        apart = found.tape - own.tape[rows]
+    def tell(self, move: Move, points: Points) -> Move:
+        rows, state, old = move.waiting, move.state, move.work.slopes
+        apart = points.tape - state.tape[rows]
         length = np.sqrt(_dot(apart, apart))
-        known = (length > 0.0) & np.isfinite(found.score) & np.isfinite(own.score[rows])
-        new, here = np.where(known, found.score, 0.0), np.where(known, own.score[rows], 0.0)
+        comparable = (length > 0.0) & np.isfinite(points.score) & np.isfinite(state.score[rows])
+        new, here = np.where(comparable, points.score, 0.0), np.where(comparable, state.score[rows], 0.0)
         rise = np.maximum(np.abs(new - here) - _ROUNDING * (np.abs(new) + np.abs(here)), 0.0)
-        slope = rise / np.where(known, length, 1.0)
+        slope = rise / np.where(comparable, length, 1.0)
         pairs, steep, most = old.pairs.copy(), old.steep.copy(), old.most.copy()
-        pairs[rows] += known
+        pairs[rows] += comparable
         steep[rows] += slope > self.slope
         most[rows] = np.maximum(most[rows], slope)
         work = replace(move.work, slopes=SlopeStatistics(pairs, steep, most))
-        return super().tell(replace(move, work=work), found)
+        return super().tell(replace(move, work=work), points)
 
-    def watch(self, known: SlopeStatistics, outcome: StepOutcome) -> SlopeStatistics:
-        pairs, steep, most = known.pairs.copy(), known.steep.copy(), known.most.copy()
+    def watch(self, tuning: SlopeStatistics, outcome: StepOutcome) -> SlopeStatistics:
+        pairs, steep, most = tuning.pairs.copy(), tuning.steep.copy(), tuning.most.copy()
         np.add.at(pairs, outcome.run, outcome.work.slopes.pairs)
         np.add.at(steep, outcome.run, outcome.work.slopes.steep)
         np.maximum.at(most, outcome.run, outcome.work.slopes.most)
         return SlopeStatistics(pairs, steep, most)
 
-    def warnings(self, known: SlopeStatistics) -> dict[str, str]:
-        steep, pairs = int(known.steep.sum()), int(known.pairs.sum())
+    def warnings(self, tuning: SlopeStatistics) -> dict[str, str]:
+        steep, pairs = int(tuning.steep.sum()), int(tuning.pairs.sum())
         if not steep:
             return {}
         return health.warn(
-            "lipschitz_exceeded", steep=steep, pairs=pairs, slope=self.slope, most=known.most.max()
+            "lipschitz_exceeded", steep=steep, pairs=pairs, slope=self.slope, most=tuning.most.max()
         )
 
 

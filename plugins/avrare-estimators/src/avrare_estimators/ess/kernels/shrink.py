@@ -51,7 +51,7 @@ class ShrinkKernel(Kernel):
     def __init__(self, width: float = 2.0 * np.pi) -> None:
         self.width = width
 
-    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
         # 1. The second axis of the ellipse.
         other, rows = draw.tapes(), np.arange(len(level))
         # 2. A bracket of the given width that holds angle 0, and an angle uniform on it.
@@ -63,11 +63,11 @@ class ShrinkKernel(Kernel):
         bracket = _Bracket(other, angle, high - self.width, high)
         return Move.begin(state, level, draw, rotated(state.tape, other, angle), bracket)
 
-    def tell(self, move: Move, found: Points) -> Move:
+    def tell(self, move: Move, points: Points) -> Move:
         # 3. Accept a proposal inside the level's set.
         rows = move.waiting
-        good = found.above(move.level[rows])
-        move, rows = move.accept(good, found), rows[~good]
+        good = points.above(move.level[rows])
+        move, rows = move.accept(good, points), rows[~good]
         if move.turn >= _MOST_TURNS:
             return move.stay()
         # 4. Otherwise the rejected angle becomes the end of the bracket on its side of 0.

@@ -111,39 +111,40 @@ class BayesianKernel(Kernel):
         self.points, self.uncertainty = points, uncertainty
         self.rollouts = points + 1.0
 
-    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
         # The chain's own score is known at 0 and 2 pi (lines 1-6).
-        own = np.repeat(np.where(np.isfinite(state.score), state.score, 0.0)[:, None], 2, axis=1)
+        score = np.repeat(np.where(np.isfinite(state.score), state.score, 0.0)[:, None], 2, axis=1)
         angle = np.tile([0.0, _CIRCLE], (len(level), 1))
         none, zeros = np.zeros(len(level), dtype=bool), np.zeros(len(level), dtype=np.int64)
-        search = _Search(draw.tapes(), angle, own, none, zeros, zeros)
+        search = _Search(draw.tapes(), angle, score, none, zeros, zeros)
         move = Move.begin(state, level, draw, state.tape, search)
-        found = Posterior.of(angle, own)
-        return self._propose(move, found.most_promising(self.acquisition), none)
+        posterior = Posterior.of(angle, score)
+        return self._propose(move, posterior.most_promising(self.acquisition), none)
 
-    def tell(self, move: Move, found: Points) -> Move:
+    def tell(self, move: Move, points: Points) -> Move:
         # Learn from the proposals, or go there; a round ends with a draw where the mean is high.
         work, rows = move.work, move.waiting
-        score = np.where(np.isfinite(found.score), found.score, work.score[rows].min(axis=1))
+        score = np.where(np.isfinite(points.score), points.score, work.score[rows].min(axis=1))
         column = np.zeros((len(move.level), 1))
         column[rows, 0] = score
         work = replace(work, score=np.concatenate([work.score, column], axis=1))
-        going = work.last[rows] & (found.violated | np.isfinite(found.score))
+        going = work.last[rows] & (points.violated | np.isfinite(points.score))
         ended = work.last[rows]
         rows = rows[~ended]
-        move = replace(move.accept(going, found), work=work, waiting=rows)
+        move = replace(move.accept(going, points), work=work, waiting=rows)
         return self._next(move) if len(rows) else move.stay()
 
     def _next(self, move: Move) -> Move:
         work, rows = move.work, move.waiting
-        found = Posterior.of(work.angle[rows], work.score[rows])
-        active = found.mean >= found.standard(move.level[rows])[:, None]
+        posterior = Posterior.of(work.angle[rows], work.score[rows])
+        active = posterior.mean >= posterior.standard(move.level[rows])[:, None]
         valid = active.any(axis=1)  # line 15
         full = move.turn - work.begun[rows] >= self.points  # line 8
-        ends = full | (valid & (found.spread.max(axis=1) <= self.uncertainty))
+        ends = full | (valid & (posterior.spread.max(axis=1) <= self.uncertainty))
         rounds = work.round[rows] + ends
         first, later = (
-            found.most_promising(one) for one in (self.acquisition, self.acquisition.exploiting())
+            posterior.most_promising(acquisition)
+            for acquisition in (self.acquisition, self.acquisition.exploiting())
         )
         last = ends & (valid | (rounds >= _MOST_ROUNDS))
         uniforms = move.draw.uniforms(rows, move.turn)
@@ -220,7 +221,7 @@ def _matern_52(distance: Floats) -> Floats:
 class GrowingLipschitzKernel(Elimination):
     """Algorithm 2: one slope per radian for all ellipses of a run, a guess that grows.
 
-    ``known`` is the bound (R,) on the slope, score per radian.
+    The tuning is the bound (R,) on the slope, score per radian.
     """
 
     name = "lipschitz_growing"
@@ -235,10 +236,10 @@ class GrowingLipschitzKernel(Elimination):
     def init(self, runs: int) -> Floats:
         return np.full(runs, self.guess)
 
-    def start(self, known: Floats, state: Points, level: Floats, draw: Draw) -> Move:
-        return self.begin(state, level, draw, draw.tapes(), known)
+    def start(self, tuning: Floats, state: Points, level: Floats, draw: Draw) -> Move:
+        return self.begin(state, level, draw, draw.tapes(), tuning)
 
-    def adapt(self, known: Floats, outcome: StepOutcome) -> Floats:
-        bound = known.copy()
+    def adapt(self, tuning: Floats, outcome: StepOutcome) -> Floats:
+        bound = tuning.copy()
         np.maximum.at(bound, outcome.run, outcome.work.bound)
         return bound
