@@ -153,3 +153,19 @@ def test_defaults_that_depend_on_other_options_do_not_count_as_given(options, ro
     dumped = config.model_dump()
     assert (dumped["rollouts"], dumped["defensive"]) == (rollouts, share)
     assert set(config.model_dump(exclude_unset=True)) == set(options)
+
+
+def test_the_schema_has_the_names_that_may_stand_alone_and_all_branches():
+    names, branches = EssConfig.model_json_schema()["properties"]["kernel"]["anyOf"]
+    assert names["enum"] == ["pcn", "shrink", "surrogate", "lipschitz_growing", "bayesian"]
+    assert set(branches["discriminator"]["mapping"]) == {*names["enum"], "lipschitz"}
+
+
+def test_the_schema_tells_the_kinds_of_a_proposal_apart():
+    schema = IsConfig.model_json_schema()
+    learned, gaussian, plugin, python = schema["properties"]["proposal"]["oneOf"]
+    assert learned["const"] == "learned"
+    fields = schema["$defs"][gaussian["$ref"].rpartition("/")[2]]
+    assert (set(fields["properties"]), fields["additionalProperties"]) == ({"name", "mean", "std"}, False)
+    assert plugin["required"] == ["plugin"]
+    assert python == {"not": {}}

@@ -78,10 +78,11 @@ def _find_kind(proposal: object) -> str:
     return "plugin" if isinstance(proposal, Mapping) and "plugin" in proposal else "object"
 
 
+_NAMES_A_PLUGIN = {"type": "object", "properties": {"plugin": {"type": "string"}}, "required": ["plugin"]}
 ProposalConfig = Annotated[
     Annotated[Literal["learned"], Tag(LEARNED)]
     | Annotated[GaussianProposal, Tag("gaussian")]
-    | Annotated[dict[str, Any], AfterValidator(_check_plugin), Tag("plugin")]
+    | Annotated[dict[str, Any], AfterValidator(_check_plugin), WithJsonSchema(_NAMES_A_PLUGIN), Tag("plugin")]
     | Annotated[Any, AfterValidator(_check_object), WithJsonSchema({"not": {}}), Tag("object")],
     Discriminator(_find_kind),
 ]
