@@ -73,9 +73,11 @@ def _check_object(proposal: Any) -> Any:
 def _find_kind(proposal: object) -> str:
     if isinstance(proposal, str):
         return LEARNED
+    if isinstance(proposal, Mapping) and "plugin" in proposal:
+        return "plugin"
     if isinstance(proposal, GaussianProposal) or (isinstance(proposal, Mapping) and "name" in proposal):
         return "gaussian"
-    return "plugin" if isinstance(proposal, Mapping) and "plugin" in proposal else "object"
+    return "object"
 
 
 _NAMES_A_PLUGIN = {"type": "object", "properties": {"plugin": {"type": "string"}}, "required": ["plugin"]}
