@@ -91,7 +91,7 @@ class PathTable:
 
 @dataclass(frozen=True)
 class ScoreLearning:
-    """Learned score, or what is there of it while it is learnt.
+    """Learned score, or the state of its learning.
 
     Attributes:
         schedule: (K,) steps at which the committor is looked up.

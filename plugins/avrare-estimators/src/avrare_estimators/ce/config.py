@@ -14,7 +14,7 @@ class GaussianFamilyConfig(Options):
 
     name: Literal["gaussian"] = "gaussian"
     smoothing: float = Field(
-        default=0.8, gt=0.0, le=1.0, description="weight of what a stage learns over what was known"
+        default=0.8, gt=0.0, le=1.0, description="weight of a stage's fit over the law before it"
     )
     floor: float = Field(
         default=0.7, gt=0.0, le=1.0, description="least standard deviation of a learnt number; target: 1"
@@ -51,7 +51,7 @@ class CeConfig(WeightedConfig):
     elite: float = Field(default=0.1, gt=0.0, le=0.5, description="share of a stage's rollouts to learn from")
     family: FamilyConfig = Field(
         default=GaussianFamilyConfig(),
-        description="what is learnt: a Gaussian law of the noise, or a network from the visible state of a "
+        description="law to learn: Gaussian in the noise, or a network from the visible state of a "
         "vehicle to how it is perceived (needs torch). A name, or {name: NAME, OPTION: VALUE}",
     )
 

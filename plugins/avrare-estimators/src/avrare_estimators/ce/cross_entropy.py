@@ -84,7 +84,7 @@ class CrossEntropy(WeightedSampler):
         return self._begin_run(replace(state, tally=Info(forecast=forecast))), Info(forecast=forecast)
 
     def demand(self, plan: Plan, carry: int) -> Demand:
-        """Return the memory of the samples and of what a stage learns from."""
+        """Return the memory of the samples and of the rows that a stage learns from."""
         demand, rollouts = super().demand(plan, carry), self._rollouts(plan)
         learnt = (
             min(math.ceil(self.config.elite * rollouts), self._most_learnt(plan)) * _TAPES * plan.tape_bytes

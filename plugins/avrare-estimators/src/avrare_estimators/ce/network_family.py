@@ -85,7 +85,7 @@ class NetworkFamily:
         return replace(source, keep_carries=True, most_bytes=most)
 
     def fit(self, sample: Sample, rows: Integers, weights: Floats) -> Source:
-        """Fit the network that makes the rows' observations likeliest, starting from the present one."""
+        """Fit the network to the rows' observations by maximum likelihood, starting from the present one."""
         from avrare_estimators.ce.training import train
 
         source, stratum = sample.source, sample.strata[0]

@@ -11,7 +11,7 @@ from avrare.estimation.plan import Plan
 def affordable_runs(plan: Plan, runs: int, method: str, rollouts: int, stages: float, size: str) -> int:
     """Return the number of runs that the budget pays for, at the cost of a run that goes down to 1e-4.
 
-    The true cost is known only afterwards; stopping by it would drop runs because of what they found.
+    The true cost is known only afterwards; stopping by it would drop runs because of their findings.
 
     Args:
         plan: Task with the budget.

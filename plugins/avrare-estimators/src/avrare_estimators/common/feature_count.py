@@ -12,9 +12,9 @@ FEATURES = 32
 
 
 def count_features(problem: Problem) -> int | None:
-    """Return the number of features of a state; None where it cannot be told without error."""
+    """Return the number of features of a state; None where the system raises an error."""
     try:
         state = problem.system.initial(np.zeros((1, problem.noise_size)))
         return int(system_features(problem.system, state).shape[1]) + 3
-    except Exception:  # it is told where it matters: at the first rollout
+    except Exception:  # the first rollout reports it
         return None

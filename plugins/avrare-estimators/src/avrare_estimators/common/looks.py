@@ -138,7 +138,7 @@ class Pilot:
     ) -> CostForecast:
         """Return the cost of an estimate that has begun ``done`` runs.
 
-        ``spent`` went before all runs; ``pilots`` is what the own pilot of each run costs.
+        ``spent`` went before all runs; ``pilots`` is the cost of the pilot of each run.
         """
         run = pilots + self.growth * self.cost
         wanted = next((look for look in looks.runs if look >= done), done)

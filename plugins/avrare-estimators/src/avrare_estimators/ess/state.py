@@ -1,4 +1,4 @@
-"""State of an estimate by nested levels: pilots, the passes that count, and what they have found."""
+"""State of an estimate by nested levels: pilots, the passes that count, and their findings."""
 
 from __future__ import annotations
 

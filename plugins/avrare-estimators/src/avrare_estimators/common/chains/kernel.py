@@ -2,7 +2,7 @@
 
 A chain's law at a level is the noise's own, N(0, I), restricted to the tapes of the level's set: those that
 fail and those whose score lies strictly above the level. A kernel moves M chains by one step. It owns no
-loop: it hands out proposals that want a rollout, is told their outcome, and so on until no chain waits. A
+loop: it hands out proposals that want a rollout and takes in their outcomes, until no chain waits. A
 kernel that solves a step in closed form returns a move in which no chain waits.
 """
 

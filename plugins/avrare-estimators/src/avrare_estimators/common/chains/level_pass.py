@@ -72,7 +72,7 @@ class LevelRecord:
         passed: (R,) the run passed it.
         share: (R,) share of the samples that lay above.
         effective: (R,) independent samples that would give the share as accurately.
-        tuning: What the kernel had learnt when the level was done.
+        tuning: Tuning of the kernel when the level was done.
         weight_size: (R,) effective size of the samples' weights; N where all are equal.
         largest_weight: (R,) share of the largest weight.
         lasting: (R,) relative covariance of hits far apart in a chain; 0 where the samples form no chains.
@@ -106,7 +106,7 @@ class LevelPass:
         weight: (R,) product of the shares.
         active: (R,) runs that go on.
         error_weight: (R,) weight of rollouts that broke down.
-        tuning: What the kernel has learnt, and what it has seen on the way.
+        tuning: Tuning of the kernel, with statistics of its steps so far.
         rollouts: (R,) rollouts of this level.
         errors: (R,) rollouts of this level that broke down.
         levels: Levels passed.

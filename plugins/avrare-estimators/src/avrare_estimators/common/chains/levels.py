@@ -1,6 +1,6 @@
 """Nested levels: the next level, the seeds of its chains, and the accuracy of a level's share.
 
-A level's set holds the failures and what lies strictly above the level. The level itself is an order
+A level's set holds the failures and the tapes that lie strictly above the level. The level itself is an order
 statistic of a run's samples, the largest of those that shall not survive; the factor is the share that
 really survives, ties included. Sets are nested by construction, whatever the scores of failures are.
 """

@@ -78,7 +78,7 @@ class LearnedFile:
         return LearnedFile(content, str(path))
 
     def find(self, plan: Plan, features: int | None) -> Learned:
-        """Return what was learnt of a plan's specification, whose states have so many ``features``.
+        """Return the entry of a plan's specification, whose states have so many ``features``.
 
         Raises:
             UsageError: There is nothing, it is for other tapes, steps or features, was left by ``is``, or is

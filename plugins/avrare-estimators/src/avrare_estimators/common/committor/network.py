@@ -81,14 +81,14 @@ class Network:
         return sigmoid(self.log_odds(step, features))
 
     def inputs(self, steps: Integers, features: Floats) -> Floats:
-        """Return what the first layer reads (n, I), of features (n, F) at scheduled steps (n,).
+        """Return the inputs (n, I) of the first layer from features (n, F) at scheduled steps (n,).
 
         Raises:
             UsageError: It was taught other features.
         """
-        known, found = self.centre.shape[1], features.shape[1]
-        if known != found:
-            text = f"learned: it has potentials of {known} features, but the system has {found}"
+        learnt, given = self.centre.shape[1], features.shape[1]
+        if learnt != given:
+            text = f"learned: it has potentials of {learnt} features, but the system has {given}"
             raise UsageError(text, "give the learned.json of this scenario, or leave `learned` out")
         standard = (features - self.centre[steps]) / self.spread[steps]
         standard = np.clip(np.nan_to_num(standard, nan=0.0, posinf=_LIMIT, neginf=-_LIMIT), -_LIMIT, _LIMIT)

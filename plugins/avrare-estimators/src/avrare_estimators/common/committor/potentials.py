@@ -19,7 +19,7 @@ from avrare_estimators.common.committor.network import MOST_STEPS, Examples, Net
 from avrare_estimators.common.weights import effective_size
 
 FLOOR = 0.2
-"""a0: share that does not depend on what was learnt."""
+"""a0: share that does not depend on learning."""
 _LEAST_HITS = 15.0
 """Effective rollouts beyond a level that is learnt."""
 _MOST_LEVELS = 6
@@ -199,8 +199,8 @@ def _choose_levels(paths: Paths) -> tuple[Floats, Floats]:
 def _gain(potentials: Potentials, examples: Examples, step: int) -> float:
     """Return the mean of log h / E h over rollouts that reach the deepest level, less its standard error.
 
-    The rollouts were held out. It is what the potential knows of them, and falls below 0 for one that is sure
-    of what is wrong.
+    The rollouts were held out: the mean is the potential's knowledge of them, and falls below 0 where it is
+    sure and wrong.
     """
     rows = examples.held_out & ~np.isnan(examples.features[:, step, -1])
     weights, hit = examples.weights[rows], examples.reached[rows, -1]

@@ -1,4 +1,4 @@
-"""Entry of a learned proposal in learned.json: its text, and what a reader refuses."""
+"""Entry of a learned proposal in learned.json: its content, and the checks of a reader."""
 
 from __future__ import annotations
 
