@@ -195,8 +195,11 @@ def test_breakdowns_near_failure_show_in_the_upper_end():
     [
         ({"kernel": "lipschitz"}, "'kernel.bound' of estimator 'ess': required, but missing"),
         ({"kernel": {"name": "pcn", "bound": 1.0}}, "unknown option 'kernel.bound'"),
-        ({"kernel": "metropolis"}, "name should be one of pcn, shrink, .* found 'metropolis'"),
-        ({"kernel": {"bound": 1.0}}, "name is missing"),
+        (
+            {"kernel": "metropolis"},
+            "'kernel.name' of .* should be one of pcn, shrink, .* found the string 'metropolis'",
+        ),
+        ({"kernel": {"bound": 1.0}}, "'kernel.name' of estimator 'ess': required, but missing"),
         ({"kernel": 3}, "should be a mapping"),
         ({"level_probability": 0.7}, "level_probability"),
         ({"budget": "seconds=3"}, "clock"),

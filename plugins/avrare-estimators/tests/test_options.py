@@ -37,8 +37,8 @@ estimator:
             "ess",
             "kernel: bayesan",
             [
-                "9:11: estimator.kernel: name should be one of pcn, shrink, lipschitz, surrogate, "
-                "lipschitz_growing, bayesian, found 'bayesan'",
+                "9:11: estimator.kernel.name: should be one of pcn, shrink, lipschitz, surrogate, "
+                "lipschitz_growing, bayesian, found the string 'bayesan'",
                 "hint: did you mean 'bayesian'?",
             ],
         ),
